@@ -27,7 +27,7 @@ from scipy.io import loadmat, savemat
 
 from cavirheo import infer_many, read_curves
 from cavirheo.app import steps
-from cavirheo.app.server import running
+from cavirheo.app.server import running_server
 from cavirheo.app.session import PageSettings
 
 SHOTS = 20
@@ -78,9 +78,9 @@ def click_to_answer(page: Page, file: Path, shots: int) -> tuple[float, float]:
     """s from the click to the table of all shots as the network has them, and to the verified ones."""
     page.get_by_role("tab", name="1 Data").click()
     page.click("#clear")
-    page.wait_for_selector("#found table", state="detached")
+    page.wait_for_selector("#shots-table table", state="detached")
     page.set_input_files("#upload input[type=file]", str(file))
-    page.wait_for_selector("#found table")
+    page.wait_for_selector("#shots-table table")
     page.wait_for_selector("#overview svg")
     page.wait_for_timeout(1000)
     began = time.perf_counter()
@@ -88,7 +88,7 @@ def click_to_answer(page: Page, file: Path, shots: int) -> tuple[float, float]:
     last = f"document.querySelector('#answers')?.textContent.includes('{file.stem}[{shots}]')"
     page.wait_for_function(f"{last} && document.querySelectorAll('#answers .curves .badge').length === {shots}")
     first = time.perf_counter() - began
-    page.wait_for_function(f"{last} && !document.querySelector('#answers .soon')")
+    page.wait_for_function(f"{last} && !document.querySelector('#answers .busy')")
     return first, time.perf_counter() - began
 
 
@@ -102,7 +102,7 @@ def processor_time(tasks: CDPSession) -> float:
 def main(repeats: int) -> None:
     starts = [start_up() for _ in range(3)]
     few, answers, alone, processor, moves, calls, trials = [], [], [], [], [], [], []
-    with TemporaryDirectory() as name, running() as (address, visitors), sync_playwright() as driver:
+    with TemporaryDirectory() as name, running_server() as (address, visitors), sync_playwright() as driver:
         infer_many(read_curves(many(Path(name), 0, SHOTS))[:2])  # loads network and solver
         sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=sandbox)
@@ -120,7 +120,7 @@ def main(repeats: int) -> None:
         page.click("#to-check")
         page.wait_for_selector("#facts article")
         page.wait_for_timeout(1000)
-        session = visitors.of("benchmark")
+        session = visitors.session_for("benchmark")
         session.add([steps.examples()["stiff_gel.mat"]], PageSettings(), copy=True)
         steps.infer(session, [session.curves[0].name])
         tasks = page.context.new_cdp_session(page)

@@ -14,7 +14,7 @@ from playwright.sync_api import sync_playwright
 
 from cavirheo import infer, read_curves
 from cavirheo.app import steps
-from cavirheo.app.server import running
+from cavirheo.app.server import running_server
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.pictures import curve_svg
@@ -52,5 +52,5 @@ def answer(path: Path) -> None:
 
 if __name__ == "__main__":
     answer(ANSWER)
-    with running() as (address, _):
+    with running_server() as (address, _):
         check(address, ROOT / "docs" / "app.png")

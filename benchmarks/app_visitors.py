@@ -84,22 +84,22 @@ class Visitor:
         (kept,) = self.web.post("upload", files={"files": (file.name, file.read_bytes())}).json()
         sent = [{"path": kept, "orig_name": file.name, "meta": {"_type": "gradio.FileData"}}]
         self.call("upload", ("upload",), upload=sent)
-        answer = self.call("medium", ("found", "chosen"))
-        event = self.event("medium", "found", "chosen")
-        boxes = answer[event["outputs"].index(self.ids["chosen"])]
+        answer = self.call("medium", ("shots-table", "chosen-shots"))
+        event = self.event("medium", "shots-table", "chosen-shots")
+        boxes = answer[event["outputs"].index(self.ids["chosen-shots"])]
         return [name for name, _ in boxes["choices"]]
 
     def glance(self, shots: list[str]) -> None:
         """Until the network's own intervals are there."""
-        self.call("chosen", ("answers", "steps"), chosen=shots)
-        (told, _) = self.call("chosen", ("answers",), chosen=shots)
+        self.call("chosen-shots", ("answers", "steps"), chosen_shots=shots)
+        (told, _) = self.call("chosen-shots", ("answers",), chosen_shots=shots)
         if "simulations verify them now" not in str(told):
             raise RuntimeError("no answer of the network")
 
     def infer(self, shots: list[str], verify: str = "auto") -> None:
         material = "nhkv" if verify == "none" else "auto"
-        self.call("chosen", ("answers", "steps"), chosen=shots, verify=verify, material=material)
-        self.call("chosen", ("answers", "checked"), chosen=shots)
+        self.call("chosen-shots", ("answers", "steps"), chosen_shots=shots, verify=verify, material=material)
+        self.call("chosen-shots", ("answers", "checked-shot"), chosen_shots=shots)
 
 
 def resident(server: subprocess.Popen[bytes]) -> str:
@@ -134,7 +134,7 @@ def at_once(visitors: list[Visitor], work: Callable[[Visitor], Any]) -> str:
 
 
 def main(visitors: int, after: int, idle: float, absent: float) -> None:
-    limits = f"VisitorLimits(absent={absent})"
+    limits = f"VisitorLimits(absent_seconds={absent})"
     imports = "from cavirheo.app.server import serve; from cavirheo.app.session import VisitorLimits"
     served = f"{imports}; serve('127.0.0.1', {PORT}, browser=False, limits={limits})"
     command = [sys.executable, "-c", served]
@@ -157,7 +157,7 @@ def main(visitors: int, after: int, idle: float, absent: float) -> None:
             rows.append((f"{visitors} at once: load the same file", at_once(crowd, lambda one: one.load(OTHER))))
             rows.append((f"{visitors} at once: 5 shots by the network", at_once(crowd, lambda one: one.glance(theirs))))
             rows.append((f"{visitors} at once: verify them, too", at_once(crowd, lambda one: one.infer(theirs))))
-            zipped = at_once(crowd, lambda one: one.call("make", ("files", "download")))
+            zipped = at_once(crowd, lambda one: one.call("make-zip", ("result-files", "download")))
             rows.append((f"{visitors} at once: zip of 5 shots", zipped))
             with ThreadPoolExecutor(1) as pool:
                 full = pool.submit(crowd[0].infer, theirs, "full")

@@ -20,7 +20,7 @@ import numpy as np
 
 from cavirheo import InputError, SolverError, infer_many, population
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.design import NORMAL_90, Draws, Setting, expected, shared, shots_wanted
+from cavirheo.inference.design import NORMAL_90, Draws, Setting, compute_expectation, material_information, shots_wanted
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
 from cavirheo.reporting.material import population_record
@@ -58,7 +58,7 @@ def predicted(setting: Setting, count: int, seed: int) -> np.ndarray:
     widths = np.full((count, 2), np.nan)
     for k, pair in recordings(setting, count, seed).items():
         with suppress(InputError, SolverError):
-            widths[k] = expected(*pair, FAMILY).half_width
+            widths[k] = compute_expectation(*pair, FAMILY).half_width
     return widths
 
 
@@ -76,7 +76,7 @@ def reached(setting: Setting, count: int, seed: int) -> tuple[np.ndarray, list[s
 @cache
 def expected_shots(setting: Setting) -> float:
     """That `design` names, from recordings of its own."""
-    (found,) = Draws(FAMILY, *drawn(DRAWS, 0)).expected([setting])
+    (found,) = Draws(FAMILY, *drawn(DRAWS, 0)).compute_expectations([setting])
     read, known = [one.information for one in found if one], 1e6 * np.eye(2)
     counts = [shots_wanted(len(read) / DRAWS * one, known, WANTED) or np.inf for one in read]
     return float(np.sort(counts or [np.inf])[len(counts) // 2])
@@ -166,7 +166,7 @@ def halves(setting: Setting, count: int) -> Halves | None:
     law, stretch = drawn(3 * count, 1)
     both = []
     for k, part in enumerate((slice(count), slice(count, None))):
-        told, got = Draws(FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k).reached(setting)
+        told, got = Draws(FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k).check_widths(setting)
         both.append((middle(told), middle(got), len(got)))
     (told, checked, n), (expects, got, others) = both
     if n < 0.8 * count or others < 1.6 * count:
@@ -237,7 +237,7 @@ the scatter is taken for 0. Reached: half of the 90 % interval after as many ove
             first = shots(count, spread, rng)
             _, known, scatter = population_record(population(first)).log_moments(NAMES)
             one = np.eye(2) / WIDTH**2
-            more = shots_wanted(shared(one, scatter), known, TOLD_FOR)
+            more = shots_wanted(material_information(one, scatter), known, TOLD_FOR)
             told.append(count + more)
             without.append(count + shots_wanted(one, known, TOLD_FOR))
             if 1 <= more <= 70:

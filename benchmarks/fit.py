@@ -21,10 +21,11 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
+from cavirheo.arrays import even_points
 from cavirheo.inference import fit
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.search import LeastSquares, spread_starts
+from cavirheo.inference.search import LeastSquares
 from cavirheo.io.shots import read_shots
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.media import WATER
@@ -47,7 +48,7 @@ class Case:
 
 
 def cases(count: int, seed: int) -> list[Case]:
-    return [made(truth) for truth in spread_starts(BOX, count + seed)[seed:]]
+    return [made(BOX[:, 0] + point * np.ptp(BOX, axis=1)) for point in even_points(count + seed, len(BOX))[seed:]]
 
 
 def made(truth: np.ndarray) -> Case:

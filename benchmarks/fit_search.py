@@ -19,10 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
+from cavirheo.arrays import even_points
 from cavirheo.inference import fit
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.search import LeastSquares, spread_starts
+from cavirheo.inference.search import LeastSquares
 from cavirheo.physics.accuracy import PRECISE
 
 NOISE, CLOSE_G, CLOSE_MU = 1e-3, 0.01, 0.03
@@ -33,7 +34,7 @@ def determined() -> Iterator[tuple[np.ndarray, RadiusCurve]]:
     """log10 of G, mu, stretch, and the curve, of the shots that count, without end."""
     family, first = Family("nhkv"), 0
     while True:
-        for *log10, duration in spread_starts(BOX, first + 500)[first:]:
+        for *log10, duration in BOX[:, 0] + even_points(first + 500, len(BOX))[first:] * np.ptp(BOX, axis=1):
             G, mu, stretch, R_max = 10 ** np.array(log10)
             time_ = np.arange(0.0, duration, 1e-6)
             law = NeoHookeanKelvinVoigt(G, mu)

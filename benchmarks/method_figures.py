@@ -204,7 +204,7 @@ def material() -> Any:
     for axes in (left, right):
         axes.set(xscale="log", yscale="log", xlim=(3.5, 60.0), ylim=(0.029, 0.095))
         ticks(axes.xaxis, (5, 10, 20, 50)), ticks(axes.yaxis, (0.03, 0.04, 0.05, 0.06, 0.08))
-    for logs, answer, tone in zip(truths, answers, style.shades(np.linspace(0.0, 1.0, len(truths))), strict=True):
+    for logs, answer, tone in zip(truths, answers, style.tone_colours(np.linspace(0.0, 1.0, len(truths))), strict=True):
         outline(left, answer, colors=[tone], linewidths=1.0)
         left.plot(10.0 ** (logs[0] - 3.0), 10.0 ** logs[1], "x", color=tone, ms=5)
     left.plot([], [], color=style.INK, lw=1.0, label="90 % of a shot's draws")

@@ -313,7 +313,7 @@ def real(groups: int, seed: int) -> None:
             )
         for only in (True, False):
             found = population(answers, names=[curve.name for curve in curves], only_trusted=only)
-            print(file, "trusted" if only else "all", found, found.to_dict(), f"{took:.0f} s", flush=True)
+            print(file, "trusted" if only else "all", found, f"{took:.0f} s", flush=True)
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from cavirheo import RadiusCurve, infer
 from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.posterior_network import COORDINATES, network_of, used, z_index
+from cavirheo.inference.posterior_network import COORDINATES, coordinate_indices, network_of, z_index
 from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate_many
@@ -117,7 +117,7 @@ def distances(recordings: int) -> list[Distance]:
         z = model.sample(shown.inputs[i : i + 1], int(shown.kind[i]), 400, rng, {})
         below = np.mean(z < shown.z[i], axis=0)
         about = float(shown.noise[i]), bool(shown.discrepancy[i])
-        found += [Distance(k, *about, abs(2 * below[k] - 1)) for k in used(*kinds[shown.kind[i]][:2])]
+        found += [Distance(k, *about, abs(2 * below[k] - 1)) for k in coordinate_indices(*kinds[shown.kind[i]][:2])]
     return found
 
 

@@ -204,10 +204,10 @@ def ahead(curve: RadiusCurve, material: str, bubble: Bubble) -> dict[str, Any]:
     if not answer.best:
         return {"verdict": "failed", "message": answer.checks.message}
     shot = Experiment(curve, Family(answer.material), options=Options(bubble=answer.bubble))
-    later = shot.counted & (shot.since > shot.cut_to(1).since[-1])
+    later = shot.counted & (shot.time_since_max > shot.cut_to(1).time_since_max[-1])
     mean = np.nan
     with suppress(InputError, SolverError):  # a point, or what cannot be simulated so far
-        predicted = predict_radius(curve, answer, shot.since[later] + curve.time_of_max).mean
+        predicted = predict_radius(curve, answer, shot.time_since_max[later] + curve.time_of_max).mean
         mean = rms(shot.measured[later] - predicted / curve.max_radius)
     return {
         "frames": int(np.sum(later)),

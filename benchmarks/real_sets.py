@@ -61,7 +61,7 @@ def row(answers: list[Posterior]) -> list[str]:
     bounds = Counter(name for a in done for name in a.diagnostics.at_bound)
     rmse = np.median([a.checks.rmse_over_rmax for a in done]) if done else np.nan
     return [
-        *cells, f"{100 * rmse:.2g}", ", ".join(f"{digits.VERDICTS[v]} {n}" for v, n in verdicts.items() if n),
+        *cells, f"{100 * rmse:.2g}", ", ".join(f"{digits.VERDICT_WORDS[v]} {n}" for v, n in verdicts.items() if n),
         ", ".join(f"{name} {n}" for name, n in bounds.items()),
     ]  # fmt: skip
 

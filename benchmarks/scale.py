@@ -23,10 +23,10 @@ from distributed import Client, LocalCluster
 
 from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
-from cavirheo.training.dataset import SHARD, fill, generate, layout_of
+from cavirheo.training.dataset import SHARD, fill_files, generate, layout_of
 from cavirheo.training.recipe import read_recipe
 from cavirheo.training.recordings import Columns
-from cavirheo.workflow.cluster import AHEAD, Workers, identity, seconds_for
+from cavirheo.workflow.cluster import BATCHES_PER_THREAD, Workers, batch_duration, identity
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"
 
@@ -61,10 +61,10 @@ def rate(executor: Executor, n: int, client: Client | None) -> tuple[float, floa
 def overhead(workers: Workers, seconds: float, count: int) -> float:
     """Part of the workers' time that is lost between units of so many s."""
     hands = len(workers.client.scheduler_info()["workers"])
-    with closing(workers.flow(nothing, [seconds] * 3)) as flow:
+    with closing(workers.map_unordered(nothing, [seconds] * 3)) as flow:
         list(flow)
     began = time.perf_counter()
-    with closing(workers.flow(nothing, [seconds] * count)) as flow:
+    with closing(workers.map_unordered(nothing, [seconds] * count)) as flow:
         list(flow)
     return (time.perf_counter() - began) * hands / (count * seconds) - 1.0
 
@@ -72,7 +72,7 @@ def overhead(workers: Workers, seconds: float, count: int) -> float:
 def driver_cost(workers: Workers, count: int) -> float:
     """s of processor of this process (driver and scheduler) for a batch, whatever it brings."""
     began = processor()
-    with closing(workers.flow(slept, [0.1] * count)) as flow:
+    with closing(workers.map_unordered(slept, [0.1] * count)) as flow:
         list(flow)
     return (processor() - began) / count
 
@@ -91,7 +91,7 @@ class Simulated:
 
 
 def simulate(cores: int, seconds: float, cost: float, batches: int, spread: float = 0.2) -> Simulated:
-    """`AHEAD` batches for each core, about `seconds` long; the driver takes `cost` for each, one after the other."""
+    """`BATCHES_PER_THREAD` batches for each core, about `seconds` long; the driver takes `cost` for each in turn."""
     rng = np.random.default_rng(0)
     length = seconds * np.exp(spread * rng.standard_normal(batches))
     events: list[tuple[float, int]] = []  # (when a batch ends, its core)
@@ -106,7 +106,7 @@ def simulate(cores: int, seconds: float, cost: float, batches: int, spread: floa
             heapq.heappush(events, (free[core], core))
             sent += 1
 
-    for _ in range(AHEAD):
+    for _ in range(BATCHES_PER_THREAD):
         for core in range(cores):
             send(core)
     half = None
@@ -140,7 +140,7 @@ def main() -> None:
     how = {"n_workers": given.workers, "threads_per_worker": 1, "dashboard_address": None}
     with LocalCluster(**how) as cluster, Client(cluster) as client:
         workers = Workers(client, identity())
-        list(workers.flow(nothing, [0.0]))
+        list(workers.map_unordered(nothing, [0.0]))
         found = {"thread": [], "dask": []}
         for _ in range(given.repeats):
             found["thread"].append(rate(Threads(given.workers), given.n, None))
@@ -164,7 +164,7 @@ def main() -> None:
     print(f"driver: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3:.0f} MB at most")
     print("cores | batch s | cores at work | driver at work")
     for cores in (100, 250, 500, 1000, 10_000):
-        for seconds in (0.5, 2.0, 20.0, seconds_for(cores)):
+        for seconds in (0.5, 2.0, 20.0, batch_duration(cores)):
             made = simulate(cores, seconds, cost + curve * per_hour / 3600 * seconds, 20 * cores)
             print(f"{cores} | {seconds:g} | {made.busy:.0%} | {made.driver:.0%}")
 
@@ -187,7 +187,7 @@ def million(workers: Workers) -> float:
             layout.write({}, path, block, parts)
             times.append(time.perf_counter())
 
-        fill(blocks, filled, write, workers, lambda _: None)
+        fill_files(blocks, filled, write, workers, lambda _: None)
         cost = (processor() - began) / 100_000
     first, last = np.diff(times)[20:100].mean(), np.diff(times)[100:180].mean()
     print(f"100,000 curves through the driver in {times[-1] - times[0]:.1f} s, {1e6 * cost:.1f} us of processor each; "

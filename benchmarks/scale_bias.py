@@ -18,9 +18,9 @@ from scipy.optimize import least_squares
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference import infer_many
-from cavirheo.inference.network_answer import for_shot, shot_values
+from cavirheo.inference.network_answer import scaled_values, shot_values
 from cavirheo.inference.posterior_network import network_of
-from cavirheo.parameters import LOG10, natural_name, scaled
+from cavirheo.parameters import LOG10, natural_name, to_prior_scale
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate
@@ -110,10 +110,12 @@ def main() -> None:
         if way == "default answer":
             how = {"material": problem.material_name, "medium": problem.medium, "bubble": "field", "trust_input": True}
             answers = infer_many(curves, **how)
-            found = np.array([[scaled(name, a.median(natural_name(name))) for name in model.outputs] for a in answers])
+            found = np.array(
+                [[to_prior_scale(name, a.median(natural_name(name))) for name in model.outputs] for a in answers]
+            )
         else:
             answers, medium = [], problem.medium
-            found = np.array([for_shot(model, shot_values(model, curve, medium)[1]) for curve in curves])
+            found = np.array([scaled_values(model, shot_values(model, curve, medium)[1]) for curve in curves])
         failed = [a for a in answers if a.checks.verdict in ("failed", "no_interval")]
         error = found - of_outputs
         print(f"\n{way}, {len(failed)} failed or without an interval\n")

@@ -9,7 +9,7 @@ one core; those of the batch call and of a fresh process are wall times.
 
 The first `--peers` cases are also solved the field's standard way, 500 uniform nodes, mass fractions, scipy's BDF with
 a sparse Jacobian at rtol 1e-6 (validation/field_standard.py), and by PyIMR where it can be imported (Python 3.12 or
-newer; benchmarks/pyimr_peer.py). Where the time of one curve goes is in benchmarks/solver_profile.py.
+newer; benchmarks/pyimr_peer.py).
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python -m validation.last_run [TARGET ...]
 
-Without targets: all that `make test` and .ci/run do not run. A target that fails does not stop the others; the exit status is 1
-if one failed. A target that is not run keeps its entry. `fuzz` takes a seed that no run had: the seconds since 1970.
+Without targets: all that `make test` and .ci/run do not run. A target that fails does not stop the others; the exit
+status is 1 if one failed. A target that is not run keeps its entry. `fuzz` takes the seconds since 1970 as its seed.
 """
 
 from __future__ import annotations

@@ -52,7 +52,12 @@ def python(page: names.Page) -> Iterator[str]:
 def parameters() -> Iterator[str]:
     """The parameters of all laws and shots."""
     rows = (
-        (f"`{name}`", escaped(one.symbol), escaped(one.unit), "" if one.searched is None else span(*one.searched))
+        (
+            f"`{name}`",
+            escaped(one.symbol),
+            escaped(one.unit),
+            "" if one.search_range is None else span(*one.search_range),
+        )
         for name, one in PARAMETERS.items()
     )
     yield table(("name", "symbol", "unit", "searched by a fit, prior of a posterior"), rows)

@@ -60,7 +60,7 @@ from cavirheo.parameters import PARAMETERS, Parameter
 from cavirheo.physics.materials import LAWS
 
 LAWS["logarithmic"] = Logarithmic
-PARAMETERS["softening"] = Parameter("c", "1", searched=(-1.0, 4.0), started=(0.5, 2.5))
+PARAMETERS["softening"] = Parameter("c", "1", search_range=(-1.0, 4.0), start_range=(0.5, 2.5))
 
 # %% [markdown]
 # Here is a shot whose truth is known: the simulation above with 1 µm of noise.

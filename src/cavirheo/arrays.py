@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-def unscaled(log_weight: Floats) -> Floats:
+def relative_weights(log_weight: Floats) -> Floats:
     """Weights exp(log_weight), scaled so that the largest is 1."""
     return np.asarray(np.exp(log_weight - np.max(log_weight)))
 

@@ -16,7 +16,7 @@ import numpy as np
 from cavirheo import landmarks
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, printable, require
-from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, drift, fit_maximum, plateau, spikes, turning_points
+from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.messages import Message
 from cavirheo.parameters import INTERVAL, RADIUS
 from cavirheo.writing import export, style
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _FEWEST_FRAMES = 5  # with fewer measured frames no maximum is fitted
-_DRIFT = 0.05  # of R_max: a larger late rise of the radius is a drift
-_SPIKE = 0.2  # of R_max: a frame so far above both neighbours is wrong (below them, it may be a collapse)
+_LEAST_DRIFT = 0.05  # of R_max: a larger late rise of the radius is a drift
+_LEAST_SPIKE = 0.2  # of R_max: a frame so far above both neighbours is wrong (below them, it may be a collapse)
 
 
-class _Stated(Generic[T]):
+class _MetaEntry(Generic[T]):
     """Descriptor: an entry of `meta` as an attribute of the curve."""
 
     def __init__(self, key: str, default: T) -> None:
@@ -58,7 +58,7 @@ def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
     return labels | {"name": str(labels["name"]), "notes": tuple(map(printable, labels["notes"]))}
 
 
-def several(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
+def as_curves(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
     """The curves as a list. Raises InputError: not a list of RadiusCurves (the message says how to get one)."""
     advice = "read_curves(path) reads the curves of a file; infer and fit take one, infer_many and fit_many a list"
     expect(curves, Iterable, f"a list of RadiusCurves ({advice})")
@@ -108,16 +108,16 @@ class RadiusCurve:
     warnings: tuple[Message, ...] = ()
     unusable: str = ""
 
-    name: ClassVar[_Stated[str]] = _Stated("name", "curve")
-    column: ClassVar[_Stated[Mapping[str, float]]] = _Stated("column", {})
-    notes: ClassVar[_Stated[tuple[str, ...]]] = _Stated("notes", ())
-    hints: ClassVar[_Stated[tuple[str, ...]]] = _Stated("hints", ())
-    source: ClassVar[_Stated[str]] = _Stated("source", "")
-    source_sha256: ClassVar[_Stated[str | None]] = _Stated("source_sha256", None)
-    stretch: ClassVar[_Stated[float | None]] = _Stated("stretch", None)
-    stretch_std: ClassVar[_Stated[float | None]] = _Stated("stretch_std", None)
-    frame_rate: ClassVar[_Stated[float | None]] = _Stated("frame_rate_hz", None)
-    exposure: ClassVar[_Stated[float]] = _Stated("exposure_s", 0.0)  # centred on the time of the frame
+    name: ClassVar[_MetaEntry[str]] = _MetaEntry("name", "curve")
+    column: ClassVar[_MetaEntry[Mapping[str, float]]] = _MetaEntry("column", {})
+    notes: ClassVar[_MetaEntry[tuple[str, ...]]] = _MetaEntry("notes", ())
+    hints: ClassVar[_MetaEntry[tuple[str, ...]]] = _MetaEntry("hints", ())
+    source: ClassVar[_MetaEntry[str]] = _MetaEntry("source", "")
+    source_sha256: ClassVar[_MetaEntry[str | None]] = _MetaEntry("source_sha256", None)
+    stretch: ClassVar[_MetaEntry[float | None]] = _MetaEntry("stretch", None)
+    stretch_std: ClassVar[_MetaEntry[float | None]] = _MetaEntry("stretch_std", None)
+    frame_rate: ClassVar[_MetaEntry[float | None]] = _MetaEntry("frame_rate_hz", None)
+    exposure: ClassVar[_MetaEntry[float]] = _MetaEntry("exposure_s", 0.0)  # centred on the time of the frame
 
     def __post_init__(self) -> None:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
@@ -174,7 +174,7 @@ class RadiusCurve:
         if self.maximum is not None:
             return self.maximum
         self._require(not self.unusable, self.unusable, "unusable")
-        time, radius = self._finite
+        time, radius = self._measured
         few = f"{len(time)} of {len(self.time)} frames have a radius; at least {_FEWEST_FRAMES} are needed"
         self._require(len(time) >= _FEWEST_FRAMES, few, "few_frames")
         try:
@@ -183,14 +183,14 @@ class RadiusCurve:
             raise error.within(self.name) from None
 
     @cached_property
-    def _finite(self) -> tuple[Floats, Floats]:
+    def _measured(self) -> tuple[Floats, Floats]:
         measured = np.isfinite(self.radius)
         return self.time[measured], self.radius[measured]
 
     @cached_property
     def _after_max(self) -> tuple[Floats, Floats]:
         """(time, radius) of the measured samples after the maximum, with the maximum itself as the first sample."""
-        time, radius = self._finite
+        time, radius = self._measured
         start, top = self._maximum
         later = time > start
         return np.append(start, time[later]), np.append(top, radius[later])
@@ -199,18 +199,18 @@ class RadiusCurve:
     def _turning_points(self) -> tuple[list[int], list[int]]:
         """Indices into `_after_max` of the collapses and of the rebound maxima between them."""
         radius = self._after_max[1].copy()
-        for i in spikes(radius, _SPIKE * radius[0]):
+        for i in spikes(radius, _LEAST_SPIKE * radius[0]):
             radius[i] = max(radius[i - 1], radius[i + 1])
-        return turning_points(radius, landmarks.rebound(float(radius[0]), self.noise))
+        return turning_points(radius, landmarks.least_rebound(float(radius[0]), self.noise))
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of the radius noise from frame to frame after R_max, m: `landmarks.scatter` (0 for fewer
-        than 8 frames), but at least the standard deviation of the rounding of the radii."""
-        return max(landmarks.scatter(self._after_max[1][1:]), landmarks.rounding(self._finite[1]) / sqrt(12.0))
+        """Standard deviation of the radius noise from frame to frame after R_max, m: `landmarks.noise_std` (0 for
+        fewer than 8 frames), but at least the standard deviation of the rounding of the radii."""
+        return max(landmarks.noise_std(self._after_max[1][1:]), landmarks.rounding_step(self._measured[1]) / sqrt(12.0))
 
-    def _require(self, fine: bool, message: str, code: str) -> None:
-        require(fine, message, f"curve.{code}", self.name)
+    def _require(self, condition: bool, message: str, code: str) -> None:
+        require(condition, message, f"curve.{code}", self.name)
 
     def labelled(self, *, warnings: tuple[Message, ...] | None = None, **meta: Any) -> RadiusCurve:
         """A copy of the curve with these entries of `meta` or these warnings; computed properties are kept."""
@@ -244,7 +244,7 @@ class RadiusCurve:
 
     def normalised(self, medium: Medium) -> tuple[Floats, Floats]:
         """(m,) t* = (t - t_max)/t_c and (m,) R* = R/R_max of the measured frames, growth (t* < 0) included."""
-        time, radius = self._finite
+        time, radius = self._measured
         return (time - self.time_of_max) / medium.time_scale(self.max_radius), radius / self.max_radius
 
     def resampled(self, step: float, count: int = 100, *, allow_short: bool = False) -> Floats:
@@ -273,7 +273,7 @@ class RadiusCurve:
         """Frames (indices into `time`) whose radius exceeds that of both measured neighbours by 20 % of R_max: wrong
         measurements. They stay in the curve; only the search for collapses ignores them."""
         measured = np.flatnonzero(np.isfinite(self.radius))
-        return [int(measured[i]) for i in spikes(self.radius[measured], _SPIKE * self.max_radius)]
+        return [int(measured[i]) for i in spikes(self.radius[measured], _LEAST_SPIKE * self.max_radius)]
 
     def collapse_times(self) -> Floats:
         """(k,) s: ascending times of the collapses on the clock of `time`; empty if there is none."""
@@ -310,9 +310,10 @@ class RadiusCurve:
 
     @cached_property
     def drifts_from(self) -> float | None:
-        """Time, s, from which the radius drifts upwards as no single bubble does (landmarks.drift); None: no drift."""
+        """Time, s, from which the radius drifts upwards as no single bubble does (landmarks.py); None: no drift."""
         time, radius = self._after_max
-        first = drift(time, radius, *self._turning_points, max(_DRIFT * radius[0], 6.0 * self.noise))
+        rise = max(_LEAST_DRIFT * radius[0], 6.0 * self.noise)
+        first = landmarks.drift_start(time, radius, *self._turning_points, rise)
         return None if first is None else float(time[first])
 
     def strain_rate(self) -> float:
@@ -336,18 +337,18 @@ class RadiusCurve:
         itself or relative to the sixth of the time before it. The standard deviation combines scatter and drift.
         """
         collapses = self.collapse_times()
-        return plateau(*self._after_max, collapses[0] if len(collapses) else None)
+        return landmarks.plateau_stretch(*self._after_max, collapses[0] if len(collapses) else None)
 
     @property
     def begins_late(self) -> bool:
         """Whether R_max may be before the first frame: `late`; if None, no growth is recorded and no R_max is given."""
         if self.late is not None or self.maximum or self.stated_time_of_max is not None:
             return bool(self.late)
-        return not self._grows()
+        return not self._shows_growth()
 
-    def _grows(self) -> bool:
+    def _shows_growth(self) -> bool:
         """Whether frames before R_max show the growth."""
-        (time, radius), (start, top) = self._finite, self._maximum
+        (time, radius), (start, top) = self._measured, self._maximum
         return bool(radius[time < start].min(initial=np.inf) <= AT_MAXIMUM * top)
 
     @cached_property
@@ -356,15 +357,15 @@ class RadiusCurve:
         both are equal if `maximum` is given, or if `stated_time_of_max` is given and no growth is recorded. Raises
         InputError: the curve has no R_max."""
         start, top = self._maximum
-        if self.late is None and (self.maximum or (self.stated_time_of_max is not None and not self._grows())):
+        if self.late is None and (self.maximum or (self.stated_time_of_max is not None and not self._shows_growth())):
             return start, start
-        return landmarks.maximum_span(*self._finite, (start, top), self.noise)
+        return landmarks.maximum_span(*self._measured, (start, top), self.noise)
 
     @cached_property
     def frames_missed(self) -> float:
         """Number of frames from R_max to the first frame, if the first radii show clearly that it is more than the one
         frame that the fit of the clock allows; else 0. Raises InputError: the curve has no R_max."""
-        time, radius = self._finite
+        time, radius = self._measured
         return landmarks.frames_missed(time, radius, self.noise) if self.begins_late and not self.maximum else 0.0
 
     def rayleigh_ratio(self, density: float = 998.0, pressure: float = 101325.0) -> float | None:

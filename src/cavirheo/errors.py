@@ -25,7 +25,7 @@ _INVISIBLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
 )
 _INVISIBLE_IN_LINES = re.compile(rf"(?![\t\r\n]){_INVISIBLE.pattern}")
-_LONGEST = 2000  # most characters of a message
+_MAX_CHARACTERS = 2000  # most characters of a message
 # the start of a cell that a spreadsheet would compute as a formula, with full-width signs and quotes before it
 _FORMULA = re.compile("'*[=+@\uff1d\uff0b\uff0d\uff20-]")
 
@@ -41,7 +41,7 @@ def printable(text: str) -> str:
     return _INVISIBLE.sub(escape, text)
 
 
-def without_unseen(text: str) -> tuple[str, int]:
+def without_invisible(text: str) -> tuple[str, int]:
     """(the text without the characters that `printable` escapes, except tabs and line ends; how many were removed)."""
     return _INVISIBLE_IN_LINES.subn("", text)
 
@@ -55,9 +55,9 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str, code: str = "input", where: str = "") -> None:
-        self.message: str = _line(message)
+        self.message: str = _one_line(message)
         self.code: str = code
-        self.where: str = _line(where)
+        self.where: str = _one_line(where)
         super().__init__(f"{self.where}: {self.message}" if where else self.message)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
@@ -68,25 +68,25 @@ class InputError(ValueError):
         return type(self)(self.message, self.code, f"{where}: {self.where}" if self.where else where)
 
 
-def _line(text: str) -> str:
+def _one_line(text: str) -> str:
     line = printable(re.sub(r"\s*[\r\n]\s*", " ", text))
-    return line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…"
+    return line if len(line) <= _MAX_CHARACTERS else line[: _MAX_CHARACTERS - 1] + "…"
 
 
 class SolverError(RuntimeError):
     """A simulation did not reach its end time; the message is the status of the solve."""
 
 
-def require(fine: bool, message: str, code: str = "input", where: str = "") -> None:
-    """Raise InputError with this message, code and place unless `fine`."""
-    if not fine:
+def require(condition: bool, message: str, code: str = "input", where: str = "") -> None:
+    """Raise InputError with this message, code and place unless `condition`."""
+    if not condition:
         raise InputError(message, code, where)
 
 
-def expect(value: object, kind: type, what: str) -> None:
-    """Raise InputError unless the value is of this kind; `what` says what was expected, and how to get it."""
+def expect(value: object, kind: type, expected: str) -> None:
+    """Raise InputError unless the value is of this kind; `expected` says what was expected, and how to get it."""
     if not isinstance(value, kind):  # brief(value) may take long, so only an error computes it
-        raise InputError(f"expected {what}; got {type(value).__name__} {brief(value)}", "input.type")
+        raise InputError(f"expected {expected}; got {type(value).__name__} {brief(value)}", "input.type")
 
 
 def expect_whole(value: object, name: str, least: int, code: str = "input.whole") -> None:
@@ -95,10 +95,12 @@ def expect_whole(value: object, name: str, least: int, code: str = "input.whole"
     require(fine, f"{name} must be a whole number from {least} up, got {brief(value)}", code)
 
 
-def numbered(numbers: str | Iterable[int], what: str, code: str, first: int = 1, last: int | None = None) -> list[int]:
+def parse_number_list(
+    numbers: str | Iterable[int], name: str, code: str, first: int = 1, last: int | None = None
+) -> list[int]:
     """Sorted distinct numbers of "1,4-7" or [1, 4, 5, 6, 7]. Raises InputError: no such list, or out of range."""
     ends, like = f"{first} up" if last is None else f"{first} to {last}", f"{first},{first + 3}-{first + 6}"
-    message = f'{what} must be numbers from {ends} and ranges of them, such as "{like}", got {numbers!r}'
+    message = f'{name} must be numbers from {ends} and ranges of them, such as "{like}", got {numbers!r}'
     chosen: set[int] = set()
     for part in numbers.split(",") if isinstance(numbers, str) else map(str, numbers):
         match = re.fullmatch(r"\s*(\d{1,6})\s*(?:[-–]\s*(\d{1,6})\s*)?", part)
@@ -109,15 +111,15 @@ def numbered(numbers: str | Iterable[int], what: str, code: str, first: int = 1,
     return sorted(chosen)
 
 
-def number_of(text: str | None, what: str) -> float | None:
+def parse_number(text: str | None, name: str) -> float | None:
     """The number that was typed; None for an empty text. Raises InputError: no number, or an ambiguous one (1,234)."""
     number = (text or "").strip()
-    two = f"{what} {number} can be read in two ways: type it without the comma, or with a point"
+    two = f"{name} {number} can be read in two ways: type it without the comma, or with a point"
     require(not re.fullmatch(r"[+-]?[1-9]\d{0,2}(,\d{3})+", number), two, "input.which_number")
     try:
         return float(number.replace(",", ".")) if number else None
     except ValueError:
-        raise InputError(f"{what} must be a number, got {number!r}", "input.not_a_number") from None
+        raise InputError(f"{name} must be a number, got {number!r}", "input.not_a_number") from None
 
 
 def as_path(path: str | PathLike[str]) -> Path:
@@ -171,21 +173,21 @@ def is_float(text: str) -> bool:
     return "_" not in text  # Python's 1_000
 
 
-def read_bytes(path: str | Path, most: int) -> bytes:
-    """The content of a regular file of at most `most` bytes. Raises InputError: "files.unreadable", "files.kind" (a
+def read_bytes(path: str | Path, max_bytes: int) -> bytes:
+    """The content of a regular file of at most `max_bytes`. Raises InputError: "files.unreadable", "files.kind" (a
     folder, a pipe, a device), "files.size"."""
     content, size = b"", 0
     try:
         state = Path(path).stat()
-        if (regular := S_ISREG(state.st_mode)) and (size := state.st_size) <= most:
+        if (regular := S_ISREG(state.st_mode)) and (size := state.st_size) <= max_bytes:
             with Path(path).open("rb") as file:
-                content = file.read(most + 1)  # some files show their size only when they are read
+                content = file.read(max_bytes + 1)  # some files show their size only when they are read
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{str(path)[:200]!r} cannot be read: {reason}", "files.unreadable") from None
     require(regular, f"{path} is a folder, a pipe or a device; name a file", "files.kind")
-    large = f"{path} is larger than the {most / 1e6:g} MB that are read; is it the right file?"
-    require(max(size, len(content)) <= most, large, "files.size")
+    large = f"{path} is larger than the {max_bytes / 1e6:g} MB that are read; is it the right file?"
+    require(max(size, len(content)) <= max_bytes, large, "files.size")
     return content
 
 
@@ -195,9 +197,9 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_object(path: str | Path, most: int) -> dict[str, Any]:
+def read_object(path: str | Path, max_bytes: int) -> dict[str, Any]:
     """The object in a JSON file. Raises InputError as `read_bytes`, and "files.json"."""
-    content, reason = read_bytes(path, most), "it holds no object"
+    content, reason = read_bytes(path, max_bytes), "it holds no object"
     try:
         if isinstance(value := json.loads(content.decode("utf-8-sig")), dict):
             return value

@@ -5,9 +5,9 @@
   pressure P. (R_max, t_max, a) are fitted to the samples above 0.9 R_max. Samples with residuals above 0.5 % of R_max
   have less weight. Viscosity makes growth and collapse asymmetric: a term k s^3 is added where the noise is low enough
   to resolve it.
-- *Collapses.* A minimum is a collapse if the radius rises by more than `rebound` after it. R^(5/2) is linear in time
-  on either side of an inertial collapse: the time of the collapse is where the two lines through the neighbours of the
-  smallest sample cross.
+- *Collapses.* A minimum is a collapse if the radius rises by more than `least_rebound` after it. R^(5/2) is linear in
+  time on either side of an inertial collapse: the time of the collapse is where the two lines through the neighbours of
+  the smallest sample cross.
 
 tests/io/test_curve.py measures the accuracy on simulated shots.
 """
@@ -23,16 +23,16 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
-_JUMP, _REPEATED = 0.01, 2  # least jump of a moving radius, of the largest radius; repeats that are tolerated
-_KNEE = 0.005  # of R_max: larger residuals have less weight in the fit of the maximum
-_STEEP, _FEWEST = 0.7, 6  # of the first radii: samples before the fall below it are fitted; least number of them
-_SERIES = 0.004  # of R_max: error of the series for a fall in a viscous material
-_SKEW = 0.5  # of the time of the fall to _STEEP: least shift that counts; agarose recorded from R_max shows up to 0.36
-_PARAMETERS = 3  # number of parameters of the series of a maximum
-_SPAN = 9.0  # squared standard deviations: times of the maximum within them are possible
-_CENTRES = 13  # number of times of the maximum that are tried first
-_RESOLVED = 0.005  # of the time span of the samples: tolerance of the earliest and latest time of the maximum
-_EVIDENCE = 12.0  # least excess of chi-square of a maximum one frame before the first sample over the best fit
+_LEAST_JUMP, _TOLERATED_REPEATS = 0.01, 2  # least jump of a moving radius, over the largest radius; tolerated repeats
+_RESIDUAL_SCALE = 0.005  # of R_max: larger residuals have less weight in the fit of the maximum
+_FALL_LEVEL, _FEWEST_SAMPLES = 0.7, 6  # of the first radii: samples before the fall below it are fitted; least number
+_SERIES_ERROR = 0.004  # of R_max: error of the series for a fall in a viscous material
+_LEAST_SHIFT = 0.5  # of the time of the fall to _FALL_LEVEL: least shift that counts; agarose from R_max: up to 0.36
+_SERIES_PARAMETERS = 3  # number of parameters of the series of a maximum
+_SPAN_VARIANCES = 9.0  # squared standard deviations: times of the maximum within them are possible
+_TRIAL_CENTRES = 13  # number of times of the maximum that are tried first
+_SPAN_TOLERANCE = 0.005  # of the time span of the samples: tolerance of the earliest and latest time of the maximum
+_LEAST_CHI_SQUARE = 12.0  # least excess of chi-square of a maximum one frame before the first sample over the best fit
 _SMALLEST_REBOUND = 0.03  # of R_max: least rise after a minimum that is a collapse
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
 AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growth
@@ -44,14 +44,14 @@ def _median_of_three(values: Floats) -> Floats:
     return np.asarray(np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0))
 
 
-def _near_maximum(smooth: Floats, peak: int, top: float) -> tuple[int, int]:
+def _range_near_maximum(smooth: Floats, peak: int, top: float) -> tuple[int, int]:
     """(first index, index after the last) of the smoothed samples (n,) around the peak that are near the top."""
     below = np.flatnonzero(smooth <= _NEAR_MAXIMUM * top)
     return int(below[below < peak].max(initial=-1)) + 1, int(below[below > peak].min(initial=len(smooth)))
 
 
-def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[float, float]:
-    """(t_max, R_max) of measured samples (n,). `stated` is the time of the maximum that the file gives, or None.
+def fit_maximum(time: Floats, radius: Floats, stated_time: float | None) -> tuple[float, float]:
+    """(t_max, R_max) of measured samples (n,). `stated_time` is the time of the maximum that the file gives, or None.
 
     Raises InputError: no fall after the maximum, or too much scatter near it."""
     smooth = _median_of_three(radius)
@@ -60,7 +60,7 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     fallen = (smooth < 0.6 * highest) & (highest > 0.5 * smooth.max())
     end = int(np.argmax(fallen)) if fallen.any() else len(smooth)
     peak = int(np.argmax(smooth[:end]))
-    first, last_index = _near_maximum(smooth, peak, smooth[peak])
+    first, last_index = _range_near_maximum(smooth, peak, smooth[peak])
     if last_index == len(smooth):
         grows = peak >= len(smooth) - 2
         what, code = ("still grows at the end", "grows") if grows else ("never collapses", "never_falls")
@@ -78,11 +78,11 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
                 centre, top, _ = skewed
     else:
         # the stated time or the first frame, unless the data clearly show a maximum more than two frames away
-        at = x[0] if stated is None else (stated - time[peak]) / unit
+        at = x[0] if stated_time is None else (stated_time - time[peak]) / unit
         centre, top, _ = _fit_series(x, y, centre=at)
-        knee = max(_KNEE, 3.0 * scatter(radius) / smooth[peak])
-        fixed = _fit_series(x, y, centre=at, knee=knee)
-        free = _fit_series(x, y, knee=knee) if n > 4 else fixed
+        residual_scale = max(_RESIDUAL_SCALE, 3.0 * noise_std(radius) / smooth[peak])
+        fixed = _fit_series(x, y, centre=at, residual_scale=residual_scale)
+        free = _fit_series(x, y, residual_scale=residual_scale) if n > 4 else fixed
         if _clearly_better(free[2], fixed[2], n - 3) and abs(free[0] - at) > 2.0 * frame and x[0] <= free[0] <= x[-1]:
             centre, top, _ = free
     if not (x[0] - 2.0 * frame <= centre <= x[-1] and 0.9 < top < 1.15):  # noise spoiled the fit: keep the time
@@ -97,37 +97,37 @@ def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noi
     the squared residuals of the series exceed the least ones by more than _SPAN variances. noise: of the radius, m."""
     start, top = maximum
     peak = int(np.argmin(np.abs(time - start)))
-    first, last = _near_maximum(_median_of_three(radius), peak, top)
+    first, last = _range_near_maximum(_median_of_three(radius), peak, top)
     frame = float(np.median(np.diff(time)))
-    if last - first <= _PARAMETERS:  # too few samples for a fit: up to the samples beyond them
+    if last - first <= _SERIES_PARAMETERS:  # too few samples for a fit: up to the samples beyond them
         return float(time[first]) - frame, float(time[min(last, len(time) - 1)])
     unit = time[last - 1] - time[first]
     x, y, deviation = (time[first:last] - start) / unit, radius[first:last] / top, noise / top
-    knee = max(_KNEE, 3.0 * deviation)
+    residual_scale = max(_RESIDUAL_SCALE, 3.0 * deviation)
 
     def cost(centre: float) -> float:
-        return _fit_series(x, y, centre=centre, knee=knee)[2]
+        return _fit_series(x, y, centre=centre, residual_scale=residual_scale)[2]
 
-    centres = np.linspace(x[0] - frame / unit, x[-1], _CENTRES)
+    centres = np.linspace(x[0] - frame / unit, x[-1], _TRIAL_CENTRES)
     costs = [cost(centre) for centre in centres]
     best = int(np.argmin(costs))
-    limit = costs[best] + _SPAN * max(costs[best] / (len(x) - _PARAMETERS), deviation**2)
+    limit = costs[best] + _SPAN_VARIANCES * max(costs[best] / (len(x) - _SERIES_PARAMETERS), deviation**2)
     from scipy.optimize import brentq  # the import takes a third of a second
 
     ends = [
-        end if value < limit else brentq(lambda centre: cost(centre) - limit, centres[best], end, xtol=_RESOLVED)
+        end if value < limit else brentq(lambda centre: cost(centre) - limit, centres[best], end, xtol=_SPAN_TOLERANCE)
         for end, value in ((centres[0], costs[0]), (centres[-1], costs[-1]))
     ]
     return float(start + ends[0] * unit), float(start + ends[1] * unit)
 
 
-def scatter(radius: Floats) -> float:
+def noise_std(radius: Floats) -> float:
     """Standard deviation of the noise of samples (n,), from the median absolute third difference: third differences
     cancel the motion except at the few collapses. 0 for fewer than 8 samples."""
     return float(1.4826 * np.median(np.abs(np.diff(radius, 3))) / np.sqrt(20.0)) if len(radius) > 7 else 0.0
 
 
-def rounding(radius: Floats) -> float:
+def rounding_step(radius: Floats) -> float:
     """Rounding step of radii (n,), m: the number of which all are multiples; 0 if there is none."""
     steps = np.diff(np.unique(radius))
     if not len(steps):
@@ -136,19 +136,19 @@ def rounding(radius: Floats) -> float:
     return float(np.min(steps)) if np.all(np.abs(multiples - np.round(multiples)) < 1e-2) else 0.0
 
 
-def repeated(radius: Floats) -> tuple[int, int] | None:
+def repeated_samples(radius: Floats) -> tuple[int, int] | None:
     """(number of samples equal to the one before, how often each value occurs or 0 if that varies) of samples (n,) with
     more repeats than rounding explains, else None. Only values within a fast motion in one direction are examined:
     there, rounding makes two samples equal with a probability of at most about its step over the jump around them."""
     start = np.flatnonzero(np.diff(radius, prepend=np.nan) != 0)
     value, length = radius[start], np.diff(start, append=len(radius))
-    step, before, after = rounding(radius), np.diff(value)[:-1], np.diff(value)[1:]
+    step, before, after = rounding_step(radius), np.diff(value)[:-1], np.diff(value)[1:]
     slowest, whole = np.minimum(np.abs(before), np.abs(after)), np.abs(before + after)
-    same_sign, jump = np.sign(before) == np.sign(after), _JUMP * float(np.max(radius, initial=0.0))
+    same_sign, jump = np.sign(before) == np.sign(after), _LEAST_JUMP * float(np.max(radius, initial=0.0))
     moves = same_sign & (slowest > max(1.5 * step, jump))
     lengths, by_chance = length[1:-1][moves], float(np.sum(step / whole[moves]))
     held = lengths[lengths > 1]
-    if len(held) <= _REPEATED + 3.0 * by_chance:
+    if len(held) <= _TOLERATED_REPEATS + 3.0 * by_chance:
         return None
     times = int(np.median(held))
     return len(radius) - len(value), times if np.mean(lengths == times) > 0.9 else 0
@@ -158,28 +158,28 @@ def frames_missed(time: Floats, radius: Floats, noise: float) -> float:
     """Number of frames from the maximum to the first of samples (n,) that fall from their start; 0 unless it is more
     than one by the chi-square _EVIDENCE, and more than the shift _SKEW of real falls. noise: of the radius, m."""
     top = float(radius[:3].max())
-    fallen = radius < _STEEP * top
+    fallen = radius < _FALL_LEVEL * top
     count = int(np.argmax(fallen)) if fallen.any() else len(radius)
-    if count < _FEWEST:
+    if count < _FEWEST_SAMPLES:
         return 0.0
     x, y = (time[:count] - time[0]) / (time[count - 1] - time[0]), radius[:count] / top
-    frame, deviation = float(np.median(np.diff(x))), max(noise / top, _SERIES)
-    free, at_most = (_fit_series(x, y, centre=at, knee=4.0 * deviation) for at in (None, -frame))
-    clear = free[0] < -max(frame, _SKEW) and at_most[2] - free[2] > _EVIDENCE * deviation**2
+    frame, deviation = float(np.median(np.diff(x))), max(noise / top, _SERIES_ERROR)
+    free, at_most = (_fit_series(x, y, centre=at, residual_scale=4.0 * deviation) for at in (None, -frame))
+    clear = free[0] < -max(frame, _LEAST_SHIFT) and at_most[2] - free[2] > _LEAST_CHI_SQUARE * deviation**2
     return -free[0] / frame if clear else 0.0
 
 
-def _clearly_better(cost: float, than: float, freedom: int) -> bool:
+def _clearly_better(cost: float, other_cost: float, degrees_of_freedom: int) -> bool:
     """Whether one more parameter lowers the sum of squares beyond chance (four standard deviations)."""
-    return freedom > 0 and than > cost * (1.0 + 16.0 / freedom)
+    return degrees_of_freedom > 0 and other_cost > cost * (1.0 + 16.0 / degrees_of_freedom)
 
 
 def _fit_series(
-    x: Floats, y: Floats, *, centre: float | None = None, skewed: bool = False, knee: float = _KNEE
+    x: Floats, y: Floats, *, centre: float | None = None, skewed: bool = False, residual_scale: float = _RESIDUAL_SCALE
 ) -> tuple[float, float, float]:
     """Fit y = top (1 - a s^2 - (2/3) a^2 s^4) + k s^3, s = x - centre, by reweighted Gauss-Newton: (centre, top, cost).
 
-    A given `centre` is kept; k = 0 unless `skewed`. cost is the sum of squared residuals, weighted down beyond `knee`.
+    A given `centre` is kept; k = 0 unless `skewed`. cost: squared residuals, weighted down beyond `residual_scale`.
     """
     c2, c1, _ = np.polyfit(x, y, 2, full=True)[0]  # full: no warning if samples have the same time
     free = centre is None
@@ -193,7 +193,7 @@ def _fit_series(
         shape = 1.0 - u - u * u * 2.0 / 3.0
         slope = -top * (1.0 + u * 4.0 / 3.0)  # d model/d u
         residual = y - top * shape - k * s**3
-        weight = 1.0 / np.sqrt(1.0 + (residual / knee) ** 2)
+        weight = 1.0 / np.sqrt(1.0 + (residual / residual_scale) ** 2)
         cost = float(np.sum(weight * residual**2))
         columns = [shape, slope * s * s]
         columns += [-2.0 * a * slope * s - 3.0 * k * s * s] if free else []
@@ -231,7 +231,7 @@ def turning_points(radius: Floats, threshold: float) -> tuple[list[int], list[in
     return minima, maxima
 
 
-def rebound(top: float, noise: float) -> float:
+def least_rebound(top: float, noise: float) -> float:
     """Least rise of the radius after a minimum that is a collapse, m, for a maximum radius `top` and noise, m."""
     return float(np.clip(6.0 * noise, _SMALLEST_REBOUND * top, 4.0 * _SMALLEST_REBOUND * top))
 
@@ -239,11 +239,11 @@ def rebound(top: float, noise: float) -> float:
 def collapses_backwards(radius: Floats) -> int:
     """Number of collapses before the largest of samples (n,) if time seems to run backwards, else 0: there are several,
     more than after the largest sample, and the rebounds between them grow."""
-    if len(radius) < _FEWEST:
+    if len(radius) < _FEWEST_SAMPLES:
         return 0
     smooth = _median_of_three(radius)
     last = int(np.argmax(smooth))
-    least = rebound(float(smooth[last]), scatter(radius))
+    least = least_rebound(float(smooth[last]), noise_std(radius))
     minima, maxima = turning_points(smooth[last::-1], least)
     later, _ = turning_points(smooth[last:], least)
     if len(minima) <= max(1, len(later)):
@@ -265,7 +265,7 @@ def collapse_time(time: Floats, radius: Floats, i: int) -> float:
     return float(np.clip(crossing, t[1], t[3]))
 
 
-def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], rise: float) -> int | None:
+def drift_start(time: Floats, radius: Floats, minima: list[int], maxima: list[int], rise: float) -> int | None:
     """Index from which the radius drifts upwards by more than `rise`, or None. A drift is a rebound that is higher than
     the one before, or a rise of the running median over a period that begins a period after the last collapse or later.
     It shows that the bubble breaks up, or that another bubble hides it."""
@@ -286,7 +286,7 @@ def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], ri
     return late + int(np.argmin(smooth[: risen[0] + 1])) + width // 2 if len(risen) else None
 
 
-def plateau(time: Floats, radius: Floats, first_collapse: float | None) -> tuple[float, float] | None:
+def plateau_stretch(time: Floats, radius: Floats, first_collapse: float | None) -> tuple[float, float] | None:
     """The result of `RadiusCurve.stretch_from_tail` for samples (n,) that begin at R_max."""
     duration = time[-1] - time[0]
     late = time > time[-1] - duration / 3.0

@@ -7,7 +7,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from cavirheo.errors import InputError, as_path, expect, read_object, require
-from cavirheo.writing.document import LARGEST, Document, read_json
+from cavirheo.writing.document import MAX_BYTES, Document, read_json
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
@@ -69,7 +69,7 @@ def _load(path: str | Path) -> Document | Dataset:
         require(len(documents) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents
     try:
-        name = str(read_object(path, LARGEST).get("kind"))
+        name = str(read_object(path, MAX_BYTES).get("kind"))
     except InputError as error:
         if error.code != "files.json":
             raise

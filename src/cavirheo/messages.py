@@ -13,7 +13,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of, searched_bound
 from cavirheo.writing import digits
 
-_COUNTED = 0.005  # least share of a law in an average; a law with less is listed as rejected
+_LEAST_SHARE = 0.005  # least share of a law in an average; a law with less is listed as rejected
 _Words = str | Callable[..., str]
 
 
@@ -47,13 +47,13 @@ def title(code: str) -> str:
     return _sentence_of(code)[0]
 
 
-def of_bound(name: str, bound: str, interval: tuple[float, float, float]) -> Message:
+def message_of_bound(name: str, bound: str, interval: tuple[float, float, float]) -> Message:
     """The message that the range of a parameter, not the recording, limits its interval (5 %, 50 %, 95 %), SI."""
     low, median, high = interval
     return Message(f"bound.{name}.{bound}", {"name": name, "bound": bound, "median": median, "q05": low, "q95": high})
 
 
-def of_error(error: Exception) -> Message:
+def message_of_error(error: Exception) -> Message:
     """The message why there is no answer, from the error that ended the analysis."""
     if isinstance(error, InputError):
         return Message(error.code, {"text": error.message})
@@ -69,8 +69,8 @@ def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
 
     (low, median, high), parameter = interval, parameter_of(name)
     bound = searched_bound(name, low, high)
-    value = Quantity.of(low, median, high, bound) if low < high else Quantity(median=median)
-    return f"{parameter.symbol} {digits.measured(value, *digits.unit_for(parameter.unit, median))}"
+    value = Quantity.from_interval(low, median, high, bound) if low < high else Quantity(median=median)
+    return f"{parameter.symbol} {digits.quantity_with_unit(value, *digits.unit_for(parameter.unit, median))}"
 
 
 def _sentence_of(code: str) -> tuple[str, _Words]:
@@ -121,8 +121,8 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
     return f": any value {f'{side} {digits.significant(factor * end, 2)} {unit}'.rstrip()} follows it as well"
 
 
-_STATED = {"file": "stretch that the file states", "late_plateau": "late plateau"}
-_CHECKED = {  # by nuisance parameter: its name in messages, and what to check if it is at an end of its prior
+_STRETCH_SOURCES = {"file": "stretch that the file states", "late_plateau": "late plateau"}
+_NUISANCE_WORDS = {  # by nuisance parameter: its name in messages, and what to check if it is at an end of its prior
     "time_origin": ("time origin", ": check the times of the frames, and that R_max was recorded"),
     "radius_scale": ("radius scale", ": check the µm per pixel"),
     "max_radius_factor": ("R_max", ": check that R_max was recorded"),
@@ -130,14 +130,14 @@ _CHECKED = {  # by nuisance parameter: its name in messages, and what to check i
 
 
 def _prior_end(name: str, end: str) -> str:
-    words, advice = _CHECKED.get(name, (name.replace("_", " "), ""))
+    words, advice = _NUISANCE_WORDS.get(name, (name.replace("_", " "), ""))
     return f"{words} is at the {end} end of what is expected{advice}"
 
 
 def _systematic(excess: float, detectable: float, exact: bool, limit: float, **predictive: Any) -> str:
     large = excess >= detectable
     size = f"{100 * excess:.1f}" if large else f"less than {100 * detectable:.2g}"
-    text = f": by {size} % of R_max beyond the noise ({digits.chance(predictive)})"
+    text = f": by {size} % of R_max beyond the noise ({digits.p_value_in_words(predictive)})"
     if exact:
         return f"{text}, and the law was taken as exact, so the interval is too narrow"
     if excess > limit:
@@ -165,24 +165,24 @@ def _training_range(name: str, value: float, low: float, high: float, trained_at
 _Model = Mapping[str, Any]  # "material", "bubble" (names), "values" (interval by parameter), "interval" (bool)
 
 
-def _tells(*models: _Model) -> list[str]:
+def _differing_keys(*models: _Model) -> list[str]:
     """The keys in which models differ: "material", "bubble" or both."""
     return [key for key in ("material", "bubble") if len({model[key] for model in models}) > 1]
 
 
-def _values(model: _Model) -> str:
+def _values_text(model: _Model) -> str:
     words = ", ".join(value_in_words(name, ends) for name, ends in model["values"].items())
     return words if model["interval"] else f"{words} (no interval)"
 
 
-def _both(this: _Model, rival: _Model) -> str:
+def _models_text(this: _Model, rival: _Model) -> str:
     """Two models, named by the keys in which they differ, with their values."""
-    tells = _tells(this, rival)
-    first, second = (f"{', '.join(model[key] for key in tells)} with {_values(model)}" for model in (this, rival))
+    keys = _differing_keys(this, rival)
+    first, second = (f"{', '.join(model[key] for key in keys)} with {_values_text(model)}" for model in (this, rival))
     return f": {second}, instead of {first}"
 
 
-def _by(gain: float, rough: bool) -> str:
+def _gain_text(gain: float, rough: bool) -> str:
     return f" by a factor of {'about ' * rough}e^{abs(gain):.0f}"
 
 
@@ -190,24 +190,28 @@ def _preferred(rival: str, this: str, gain: float | None, equal: bool, rough: bo
     """' (the evidence prefers the second by a factor of e^12)'; "" if a model has no evidence."""
     if gain is None:
         return ""
-    return " (equally likely)" if equal else f" (the evidence prefers {rival if gain > 0 else this}{_by(gain, rough)})"
+    return (
+        " (equally likely)"
+        if equal
+        else f" (the evidence prefers {rival if gain > 0 else this}{_gain_text(gain, rough)})"
+    )
 
 
 def _chosen(this: _Model, rivals: Sequence[_Model]) -> str:
-    tells = _tells(this, *rivals)
+    keys = _differing_keys(this, *rivals)
     parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
     for rival in rivals:
         odds = f"e^{abs(rival['gain']):.0f} times {'more' if rival['gain'] > 0 else 'less'} likely"
-        words = f"{', '.join(rival[key] for key in tells)} ({'equally likely' if rival['equal'] else odds})"
+        words = f"{', '.join(rival[key] for key in keys)} ({'equally likely' if rival['equal'] else odds})"
         parts["rejected" if rival["rejected"] else "also possible"].append(words)
     parts_in_words = (f"{words}: {', '.join(models)}" for words, models in parts.items() if models)
-    return f": {', '.join([*(this[key] for key in tells), *parts_in_words])}"
+    return f": {', '.join([*(this[key] for key in keys), *parts_in_words])}"
 
 
 def _averaged(laws: Mapping[str, float]) -> str:
     ordered = sorted(laws.items(), key=lambda item: -item[1])
-    counted = [f"{law} {100.0 * share:.0f} %" for law, share in ordered if share >= _COUNTED]
-    rejected = [law for law, share in ordered if share < _COUNTED]
+    counted = [f"{law} {100.0 * share:.0f} %" for law, share in ordered if share >= _LEAST_SHARE]
+    rejected = [law for law, share in ordered if share < _LEAST_SHARE]
     return f": {', '.join(counted)}" + f"; rejected: {', '.join(rejected)}" * bool(rejected)
 
 
@@ -251,7 +255,7 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "stretch.left_out": "the file's stretch is left out|: {stretch:.4g} is no R_max/R_0 between {low:g} and {high:g}",
     "stretch.no_plateau": "the curve has no late plateau: the stretch was fitted freely",
     "stretch_prior": (
-        lambda source: f"λ was fitted, with the {_STATED[source]} as prior",
+        lambda source: f"λ was fitted, with the {_STRETCH_SOURCES[source]} as prior",
         ": {value:.3g}, taken as ± {deviation:.2g}",
     ),
     # the simulation compared with the measurement
@@ -278,11 +282,11 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     # other models, other modes
     "model.rejected": (
         "the evidence prefers another model",
-        lambda this, rival, gain, rough, **_: _by(gain, rough) + _both(this, rival),
+        lambda this, rival, gain, rough, **_: _gain_text(gain, rough) + _models_text(this, rival),
     ),
     "model.possible": (
         "another model is not rejected and gives other values",
-        lambda this, rival, **odds: _both(this, rival) + _preferred("the other", "this answer", **odds),
+        lambda this, rival, **odds: _models_text(this, rival) + _preferred("the other", "this answer", **odds),
     ),
     "model.chosen": ("chosen by evidence", _chosen),
     "model.averaged": ("the evidence weighs the laws", _averaged),
@@ -290,7 +294,7 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "mode.other": (
         "two solutions of the same model follow the recording",
         lambda this, rival, **odds: (
-            f": {_values(this)}, or {_values(rival)}{_preferred('the second', 'the first', **odds)}"
+            f": {_values_text(this)}, or {_values_text(rival)}{_preferred('the second', 'the first', **odds)}"
         ),
     ),
     # no answer

@@ -25,14 +25,14 @@ from cavirheo.errors import InputError, expect_whole, require
 
 Job = TypeVar("Job")
 Output = TypeVar("Output")
-FEWEST = 2  # least number of jobs of some seconds for which processes are started (their start takes a second or two)
-AHEAD = 2  # jobs sent to each process: one that runs and one that waits
+FEWEST_FOR_PROCESSES = 2  # jobs of some seconds for which processes are started: their start takes a second or two
+JOBS_PER_PROCESS = 2  # jobs sent to each process: one that runs and one that waits
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # environment of a Python that imports no modules from the current folder
 IDLE = 30.0  # s after which a process without work ends
-_pools: dict[tuple[int, int], Any] = {}  # the latest pool, by (process id, size): the next flow reuses it
-_in_use = threading.Lock()  # held by the flow that uses the processes
-_here = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
-_starting = threading.Lock()  # held by the thread that starts processes
+_pools: dict[tuple[int, int], Any] = {}  # the latest pool, by (process id, size): it is used again
+_processes_lock = threading.Lock()  # held by the call of `map_unordered` that uses the processes
+_calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
+_start_lock = threading.Lock()  # held by the thread that starts processes
 
 
 def cores(workers: int | None = None) -> int:
@@ -80,7 +80,9 @@ one_blas_thread = _OneBlasThread()
 class Executor(Protocol):
     """Runs jobs: `Threads` or `Processes` of this module, or the workers of a cluster. The outputs are the same."""
 
-    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
+    def map_unordered(
+        self, function: Callable[[Job], Output], jobs: Sequence[Job]
+    ) -> Generator[tuple[int, Output], None, None]:
         """(index, function(job)) of each job, in the order in which they end. Closing it drops jobs not yet begun.
 
         An element of `jobs` is read when its turn comes, so that not all jobs need to be in memory.
@@ -94,13 +96,15 @@ class Threads:
 
     workers: int | None = None
 
-    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
-        """As `Executor.flow`. An exception, also Ctrl-C, is raised at once: jobs that have not begun are dropped, jobs
-        that have begun end by themselves. BLAS has one thread meanwhile."""
+    def map_unordered(
+        self, function: Callable[[Job], Output], jobs: Sequence[Job]
+    ) -> Generator[tuple[int, Output], None, None]:
+        """As `Executor.map_unordered`. An exception, also Ctrl-C, is raised at once: jobs not yet begun are dropped,
+        jobs that have begun end by themselves. BLAS has one thread meanwhile."""
         waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
         threads = min(cores(self.workers), len(jobs))
 
-        def labour() -> None:  # a future for each job would cost a tenth of a simulation
+        def work() -> None:  # a future for each job would cost a tenth of a simulation
             with suppress(IndexError):
                 while True:
                     index = waiting.popleft()
@@ -117,7 +121,7 @@ class Threads:
             pool = ThreadPoolExecutor(threads)
             try:
                 for _ in range(threads):
-                    pool.submit(labour)
+                    pool.submit(work)
                 for _ in range(len(jobs)):
                     index, result, error = ended.get()
                     if error:
@@ -135,20 +139,22 @@ class Processes:
 
     workers: int | None = None
 
-    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
-        """As `Executor.flow`. When it is closed, or after an exception, running jobs end at once. Threads do the work
-        while another flow of this process uses the processes, or where none can be started; the calling thread runs a
+    def map_unordered(
+        self, function: Callable[[Job], Output], jobs: Sequence[Job]
+    ) -> Generator[tuple[int, Output], None, None]:
+        """As `Executor.map_unordered`. After its close or an exception, running jobs end at once. Threads do the work
+        while another call in this process uses the processes, or where none can be started; the calling thread runs a
         job that cannot be pickled. Raises InputError: a process was ended from outside; and what `function` raises."""
         count, waiting = min(cores(self.workers), len(jobs)), deque(range(len(jobs)))
-        mine = bool(jobs) and _in_use.acquire(blocking=False)
+        locked = bool(jobs) and _processes_lock.acquire(blocking=False)
         sent: dict[Future[Output], int] = {}
         try:
-            pool = _pool_of(count) if mine else None
+            pool = _pool_of(count) if locked else None
             if pool is None:
-                yield from Threads(self.workers).flow(function, jobs)
+                yield from Threads(self.workers).map_unordered(function, jobs)
                 return
             while waiting or sent:
-                while waiting and len(sent) < AHEAD * count:
+                while waiting and len(sent) < JOBS_PER_PROCESS * count:
                     index = waiting.popleft()
                     sent[pool.submit(function, jobs[index])] = index
                 for future in wait(sent, return_when=FIRST_COMPLETED).done:
@@ -164,8 +170,8 @@ class Processes:
         finally:
             if sent:
                 end_processes()
-            if mine:
-                _in_use.release()
+            if locked:
+                _processes_lock.release()
 
 
 def _loky() -> Any:
@@ -204,8 +210,8 @@ def _pool_of(count: int) -> Any:
     for _ in range(2):  # the processes of the latest pool may have been ended from outside
         with suppress(OSError, RuntimeError, NameError), _protected_start():  # NameError: of loky, too many open files
             if key not in _pools:
-                how = {"timeout": IDLE, "initializer": _depend_on, "initargs": (os.getpid(),), "env": SAFE_PATH}
-                _pools[key] = loky.ProcessPoolExecutor(count, **how)
+                options = {"timeout": IDLE, "initializer": _tie_to_parent, "initargs": (os.getpid(),), "env": SAFE_PATH}
+                _pools[key] = loky.ProcessPoolExecutor(count, **options)
             _pools[key].submit(int)  # starts the processes, also again after they ended for lack of work
             return _pools[key]
         end_processes()
@@ -220,7 +226,7 @@ def end_processes() -> None:
         gc.collect()  # releases semaphores that are in reference cycles: otherwise stderr shows a line that they leaked
 
 
-def _depend_on(parent: int) -> None:
+def _tie_to_parent(parent: int) -> None:
     """Make this process ignore Ctrl-C, because its parent ends it, and exit if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # in case it is not blocked
 
@@ -232,14 +238,14 @@ def _depend_on(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def of_this_machine(jobs: int, workers: int | None = None) -> Executor:
+def default_executor(jobs: int, workers: int | None = None) -> Executor:
     """The executor for this number of jobs of some seconds: processes, or threads for few jobs and in a child process
     of another program, which would wait for our processes at its end."""
-    several = jobs >= FEWEST and cores(workers) > 1 and multiprocessing.parent_process() is None
-    return Processes(workers) if several else Threads(workers)
+    use_processes = jobs >= FEWEST_FOR_PROCESSES and cores(workers) > 1 and multiprocessing.parent_process() is None
+    return Processes(workers) if use_processes else Threads(workers)
 
 
-def each(
+def run_jobs(
     function: Callable[[Job], Output],
     jobs: Iterable[Job],
     executor: Executor | int | None = None,
@@ -249,8 +255,8 @@ def each(
     `on_output` is called in this thread with the index and the output of each job, in the order in which they end."""
     outputs: dict[int, Output] = {}
     chosen = Threads(executor) if executor is None or isinstance(executor, int) else executor
-    with closing(chosen.flow(function, list(jobs))) as flow:
-        for index, result in flow:
+    with closing(chosen.map_unordered(function, list(jobs))) as pairs:
+        for index, result in pairs:
             outputs[index] = result
             if on_output:
                 on_output(index, result)
@@ -269,13 +275,13 @@ def run_in_thread(function: Callable[[], Output]) -> Output:
 def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
     """function(*arguments), mostly Python code, for one of several threads: runs in the calling thread, or in a process
     while another thread runs such a function, because two threads would take turns. The output is the same."""
-    if _here.acquire(blocking=False):
+    if _calling_thread_lock.acquire(blocking=False):
         try:
             return function(*arguments)
         finally:
-            _here.release()
+            _calling_thread_lock.release()
     if cores() > 1 and multiprocessing.parent_process() is None:
-        with _starting:
+        with _start_lock:
             pool = _pool_of(cores())
         with suppress(BrokenExecutor, _loky().process_executor.PicklingError):  # ended from outside, or cannot be sent
             if pool:
@@ -297,7 +303,7 @@ class Stoppable:
             self.stopped.clear()
         return free
 
-    def each(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> list[Output | None]:
+    def run_jobs(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> list[Output | None]:
         """function(job) of each job, in their order; None for jobs that had not ended at the stop.
 
         Raises InputError: stopped before the first job ended, or the previous list still runs.

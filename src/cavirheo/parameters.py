@@ -30,32 +30,32 @@ class Parameter(NamedTuple):
 
     Attributes:
         symbol, unit: as written in tables; the unit is SI, and "1" means dimensionless.
-        searched: (low, high) of the log10 of the SI value: the range of a fit and of the prior. None: the parameter has
-            no such range; it keeps the default of its law, or other code defines its prior.
-        started: (low, high) of the log10 of the SI value, between which searches start.
+        search_range: (low, high) of the log10 of the SI value: the range of a fit and of the prior. None: the parameter
+            has no such range; it keeps the default of its law, or other code defines its prior.
+        start_range: (low, high) of the log10 of the SI value, between which searches start.
     """
 
     symbol: str
     unit: str
-    searched: tuple[float, float] | None = None
-    started: tuple[float, float] | None = None
+    search_range: tuple[float, float] | None = None
+    start_range: tuple[float, float] | None = None
 
 
-class Plausible(NamedTuple):
-    """The values of a quantity in experiments: from `low` to `high`, often near `usual`, in SI. `taken`: other units in
-    which it is often given by mistake, each with (factor, offset) to SI."""
+class PlausibleRange(NamedTuple):
+    """The values of a quantity in experiments: from `low` to `high`, often near `usual`, in SI. `mistaken_units`: other
+    units in which it is often given by mistake, each with (factor, offset) to SI."""
 
     low: float
     high: float
     usual: float
     unit: str
-    taken: Mapping[str, tuple[float, float]] = {}
+    mistaken_units: Mapping[str, tuple[float, float]] = {}
 
     def check(self, name: str, value: float, code: str, advice: str = "") -> None:
         """Raises InputError for a value out of range, except inf; the message names the unit that may be meant."""
         if self.low <= value <= self.high or value == inf:
             return
-        converted = ((value * factor + offset, unit) for unit, (factor, offset) in self.taken.items())
+        converted = ((value * factor + offset, unit) for unit, (factor, offset) in self.mistaken_units.items())
         inside = [(meant, unit) for meant, unit in converted if self.low < meant < self.high]
         message = f"{name} must be {self.low:g} to {self.high:g} {self.unit}, got {value:.6g}"
         for meant, unit in sorted(inside, key=lambda pair: abs(np.log(pair[0] / self.usual)))[:1]:
@@ -64,10 +64,10 @@ class Plausible(NamedTuple):
 
 
 _SECONDS = {"us": (1e-6, 0.0), "ms": (1e-3, 0.0), "ns": (1e-9, 0.0)}
-RADIUS = Plausible(1e-8, 0.05, 2.5e-4, "m", {"um": (1e-6, 0.0), "mm": (1e-3, 0.0)})  # of a bubble
-INTERVAL = Plausible(1e-12, 2e-3, 1e-6, "s", _SECONDS)  # between frames
-FRAME_RATE = Plausible(500.0, 1e10, 1e6, "frames per second", {"kHz": (1e3, 0.0), "MHz": (1e6, 0.0)})
-DURATION = Plausible(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
+RADIUS = PlausibleRange(1e-8, 0.05, 2.5e-4, "m", {"um": (1e-6, 0.0), "mm": (1e-3, 0.0)})  # of a bubble
+INTERVAL = PlausibleRange(1e-12, 2e-3, 1e-6, "s", _SECONDS)  # between frames
+FRAME_RATE = PlausibleRange(500.0, 1e10, 1e6, "frames per second", {"kHz": (1e3, 0.0), "MHz": (1e6, 0.0)})
+DURATION = PlausibleRange(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
 STRETCH_RANGE = (1.2, 16.0)  # searched range of R_max/R_0
 
 
@@ -115,11 +115,11 @@ BUBBLE = {  # parameters of the bubble itself: meaning and usual values, as text
     "confinement_damping": "confinement damping: vessel and walls slow the bubble, usually 0 (not at all) to 0.6",
     "vapour_excess": "pressure of the vapour at R_max above saturation, usually 0",
 }
-AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # name of the viscosity of a rate-dependent law at RATE, 1/s
-AT_END = 0.25  # of an interval's width: an end nearer than this to an end of the range counts as limited by the range
+VISCOSITY_AT_RATE, REFERENCE_RATE = "viscosity_at_1e5_per_s", 1e5  # name of a viscosity that depends on the rate, 1/s
+END_SHARE = 0.25  # of an interval's width: nearer to an end of the range, an end is due to the range
 
 
-def inferred_as(name: str) -> str:
+def inferred_name(name: str) -> str:
     """Name of the parameter that is inferred in place of one of a law: the reference viscosity for a consistency. A
     consistency is a viscosity at 1 1/s, far below the rates of bubbles, and strongly correlated with the exponent."""
     return "reference_viscosity" if name == "consistency" else name
@@ -130,17 +130,17 @@ def natural_name(name: str) -> str:
     return name.removeprefix(LOG10)
 
 
-def _base(name: str) -> str:
+def _base_name(name: str) -> str:
     """The name without log10_ and without the number of its law in a sum."""
     return re.sub(r"_\d+$", "", natural_name(name))
 
 
 def parameter_of(name: str) -> Parameter:
     """The entry of a parameter by its name, with or without log10_ and a number. Raises KeyError: unknown name."""
-    return Parameter("µ at 1e5/s", "Pa s") if name == AT_RATE else PARAMETERS[_base(name)]
+    return Parameter("µ at 1e5/s", "Pa s") if name == VISCOSITY_AT_RATE else PARAMETERS[_base_name(name)]
 
 
-def of_the_law(name: str) -> bool:
+def is_law_parameter(name: str) -> bool:
     """Whether a parameter belongs to the material, and not to the shot, its bubble or its camera."""
     return natural_name(name) not in ("stretch", *CAMERA, *BUBBLE)
 
@@ -148,17 +148,17 @@ def of_the_law(name: str) -> bool:
 def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None:
     """What an interval tells if it reaches an end of a range, in the same scale: that end is due to the range, not to
     the curve. None: the interval lies within the range."""
-    room = AT_END * (high - low)
+    room = END_SHARE * (high - low)
     below, above = low - ends[0] < room, ends[1] - high < room
     return "undetermined" if below and above else "upper" if below else "lower" if above else None
 
 
 def searched_bound(name: str, low: float, high: float) -> Bound | None:
     """`bound_of` for an interval in natural values, SI, and the searched range; None if there is no such range."""
-    parameter = PARAMETERS.get(_base(name))
-    if parameter is None or parameter.searched is None or not 0 < low < high:
+    parameter = PARAMETERS.get(_base_name(name))
+    if parameter is None or parameter.search_range is None or not 0 < low < high:
         return None
-    return bound_of(float(np.log10(low)), float(np.log10(high)), parameter.searched)
+    return bound_of(float(np.log10(low)), float(np.log10(high)), parameter.search_range)
 
 
 def units(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -166,13 +166,13 @@ def units(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(parameter_of(name).unit for name in names)
 
 
-def natural(name: str, values: ArrayLike) -> Floats:
+def to_natural(name: str, values: ArrayLike) -> Floats:
     """Natural values in SI of a parameter from those in the prior's scale (log10 for a log10_ name)."""
     values = np.asarray(values, dtype=float)
     return np.asarray(10.0**values if name.startswith(LOG10) else values)
 
 
-def scaled(name: str, value: float | None) -> float:
+def to_prior_scale(name: str, value: float | None) -> float:
     """The value in the prior's scale (log10 for a log10_ name) of a natural value in SI; NaN for None."""
     return np.nan if value is None else float(np.log10(value)) if name.startswith(LOG10) else value
 
@@ -192,7 +192,7 @@ POSITIVE = domain("finite and positive", lambda x: 0 < x < inf)
 POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
 
 
-def within(allowed: Mapping[str, Any], name: str, value: float) -> None:
+def check_domain(allowed: Mapping[str, Any], name: str, value: float) -> None:
     """Raises InputError for a value outside a domain; the code is `physics.` and the first word of `name`."""
     words, holds = allowed["domain"]
     try:
@@ -207,7 +207,7 @@ def check(parameters: Any) -> None:
     """Raises InputError for the first field of a dataclass that is outside its domain."""
     for field in fields(parameters):
         if field.metadata:
-            within(field.metadata, field.name, getattr(parameters, field.name))
+            check_domain(field.metadata, field.name, getattr(parameters, field.name))
 
 
 def check_plausible(parameters: Any, advice: str) -> None:

@@ -10,10 +10,19 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cavirheo.arrays import Floats, unscaled
+from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import require
 from cavirheo.messages import Message, is_input_warning
-from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, of_the_law, scaled, searched_bound
+from cavirheo.parameters import (
+    LOG10,
+    Bound,
+    bound_of,
+    is_law_parameter,
+    natural_name,
+    searched_bound,
+    to_natural,
+    to_prior_scale,
+)
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, export
@@ -236,7 +245,8 @@ class Posterior:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
         lines = [f"Posterior({self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
         for name, unit in self.parameters.items():
-            lines.append(f"  {name:<18}{digits.measured(self.quantity(name), unit='' if unit == '1' else unit)}")
+            value = digits.quantity_with_unit(self.quantity(name), unit="" if unit == "1" else unit)
+            lines.append(f"  {name:<18}{value}")
         if self.stretch is not None and "stretch" not in self.parameters:
             lines.append(f"  {'stretch':<18}{digits.significant(self.stretch)}")
         return "\n".join(lines)
@@ -249,28 +259,28 @@ class Posterior:
     @property
     def weights(self) -> Floats:
         """(draws,) weights that sum to 1."""
-        weight = np.ones(len(self.theta)) if self.log_weight is None else unscaled(self.log_weight)
+        weight = np.ones(len(self.theta)) if self.log_weight is None else relative_weights(self.log_weight)
         return np.asarray(weight / weight.sum())
 
     def draws(self, name: str) -> Floats:
         """(draws,) values of a parameter in natural units, by its natural name: "shear_modulus" (Pa), "viscosity" (Pa
         s), "stretch" (1), ...; none if the answer failed. Raises InputError: the parameter was not inferred."""
-        scaled_name = self._scaled(name)
+        prior_name = self._key(name)
         held = f" (`best` has {name})" if name in self.best else ""
         message = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
-        require(scaled_name in self.names, message, "posterior.parameter")
-        values = self.theta[:, self.names.index(scaled_name)]
-        return values if scaled_name == name else natural(scaled_name, values)
+        require(prior_name in self.names, message, "posterior.parameter")
+        values = self.theta[:, self.names.index(prior_name)]
+        return values if prior_name == name else to_natural(prior_name, values)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Central credible interval with the probability `level`, in natural units; None for a point or failed answer,
-        which has no width. The priors of its two ends may differ (`ends`). Raises InputError: as `draws`, or the level
-        is not between 0 and 1."""
+        which has no width. The priors of its two ends may differ (`interval_ends`). Raises InputError: as `draws`, or
+        the level is not between 0 and 1."""
         check_level(level)
         values = self.draws(name)
-        return ends(self._scaled(name), values, (1.0 - level) / 2.0, self.log_weight) if len(values) > 1 else None
+        return interval_ends(self._key(name), values, (1.0 - level) / 2.0, self.log_weight) if len(values) > 1 else None
 
-    def _scaled(self, name: str) -> str:
+    def _key(self, name: str) -> str:
         """The name in the prior's scale."""
         return LOG10 + name if LOG10 + name in self.names else name
 
@@ -278,13 +288,13 @@ class Posterior:
         """What is known if the central 90 % of the draws reach an end of the range of `prior` (else of the search):
         "upper" (the value is below the interval's upper end), "lower" (above its lower end), "undetermined" (nothing).
         None: they lie within the range, or there are fewer than two draws. Raises InputError: as `draws`."""
-        values, scaled_name = self.draws(name), self._scaled(name)
+        values, prior_name = self.draws(name), self._key(name)
         if len(values) < 2:
             return None
         low, high = weighted_quantile(values, [0.05, 0.95], self.log_weight).tolist()
-        if scaled_name in self.prior:
-            least, largest, *_ = self.prior[scaled_name]
-            return bound_of(scaled(scaled_name, low), scaled(scaled_name, high), (least, largest))
+        if prior_name in self.prior:
+            least, largest, *_ = self.prior[prior_name]
+            return bound_of(to_prior_scale(prior_name, low), to_prior_scale(prior_name, high), (least, largest))
         return searched_bound(name, low, high)
 
     def quantity(self, name: str) -> Quantity:
@@ -302,7 +312,7 @@ class Posterior:
     def to_dataframe(self) -> Any:
         """The draws as a pandas.DataFrame: a column per parameter, named as in result.csv ("shear_modulus_Pa", ...),
         and "weight", which sums to 1. Raises InputError without pandas."""
-        columns = {export.column(name, unit): self.draws(name) for name, unit in self.parameters.items()}
+        columns = {export.column_name(name, unit): self.draws(name) for name, unit in self.parameters.items()}
         return export.dataframe({**columns, "weight": self.weights}, self._attributes)
 
     def to_arviz(self) -> Any:
@@ -322,7 +332,7 @@ class Posterior:
         Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing."""
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
         by_label = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
-        return export.pairs({label: self.draws(name) for label, name in by_label.items()}, self.weights)
+        return export.pair_plot({label: self.draws(name) for label, name in by_label.items()}, self.weights)
 
     @property
     def _attributes(self) -> dict[str, str]:
@@ -340,17 +350,17 @@ def check_level(level: object) -> None:
 def intervals(
     names: Sequence[str], theta: Floats, log_weight: Floats | None = None
 ) -> dict[str, tuple[float, float, float]]:
-    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters), the outer two as `ends`; empty for a single
-    draw."""
+    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters), the outer two as `interval_ends`; empty for
+    a single draw."""
     by_name: dict[str, tuple[float, float, float]] = {}
     for name, column in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
-        values = natural(name, column)
-        low, high = ends(name, values, 0.05, log_weight)
+        values = to_natural(name, column)
+        low, high = interval_ends(name, values, 0.05, log_weight)
         by_name[natural_name(name)] = low, float(weighted_quantile(values, 0.5, log_weight)), high
     return by_name
 
 
-def ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> tuple[float, float]:
+def interval_ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> tuple[float, float]:
     """(low, high) of an interval with the probability `tail` beyond each end, from draws (draws,) in natural values;
     `name` is that of the parameter in the prior's scale.
 
@@ -359,7 +369,7 @@ def ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> t
     uniform in the value. If the recording determines the value, both priors give about the same ends.
     """
     low, high = weighted_quantile(values, [tail, 1.0 - tail], log_weight)
-    if name.startswith(LOG10) and of_the_law(name):
+    if name.startswith(LOG10) and is_law_parameter(name):
         with_uniform = np.log(values) + (0.0 if log_weight is None else log_weight)
         high = weighted_quantile(values, 1.0 - tail, with_uniform)
     return float(low), float(high)
@@ -369,7 +379,7 @@ def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None 
     """Correlations by "name, name" of draws (draws, parameters) in the prior's scale; empty for a single draw."""
     if len(theta) < 2:
         return {}
-    covariance = np.cov(theta.T, aweights=None if log_weight is None else unscaled(log_weight))
+    covariance = np.cov(theta.T, aweights=None if log_weight is None else relative_weights(log_weight))
     sigma = np.sqrt(np.diag(covariance))
     return {
         f"{natural_name(earlier)}, {natural_name(name)}": float(covariance[i, j] / (sigma[i] * sigma[j]))
@@ -380,5 +390,5 @@ def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None 
 
 def weighted_quantile(values: Floats, levels: ArrayLike, log_weight: Floats | None) -> Floats:
     """Quantiles of the values along their first axis at these levels, weighted by exp(log_weight)."""
-    how: Any = {} if log_weight is None else {"weights": unscaled(log_weight), "method": "inverted_cdf"}
-    return np.asarray(np.quantile(values, np.asarray(levels, float), axis=0, **how))
+    options: Any = {} if log_weight is None else {"weights": relative_weights(log_weight), "method": "inverted_cdf"}
+    return np.asarray(np.quantile(values, np.asarray(levels, float), axis=0, **options))

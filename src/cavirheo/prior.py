@@ -28,7 +28,7 @@ from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import PARAMETERS, RADIUS, natural, natural_name
+from cavirheo.parameters import PARAMETERS, RADIUS, natural_name, to_natural
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
 
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulate import Simulation
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
-_INSIDE = 1e-12  # least probability between a value and a bound in `to_x`
+_LEAST_PROBABILITY = 1e-12  # least probability between a value and a bound in `to_x`
 MOST_FRAMES = 5_000  # of a network's grid; larger training sets would not fit on a machine
-LONGEST = 1_000.0  # longest time of the grid in t_c
+MAX_TIME = 1_000.0  # longest time of the grid in t_c
 
 
 def uniforms(seed: int, index: int, count: int, stream: int = 0) -> Floats:
@@ -101,7 +101,7 @@ class Prior:
         i = self.names.index(name)
         return float(self.low[i]), float(self.high[i])
 
-    def of(self, names: Sequence[str]) -> Prior:
+    def marginal(self, names: Sequence[str]) -> Prior:
         """The prior of these parameters alone; the parameters are independent."""
         at = [self.names.index(name) for name in names]
         return Prior(tuple(names), *(values[at] for values in (self.low, self.high, self.mean, self.std)))
@@ -130,8 +130,8 @@ class Prior:
     def to_x(self, u: Floats) -> Floats:
         """x (..., d) from u (..., d)."""
         flat, unit, centre, below, inside = self._normal
-        p = np.clip(ndtr(u), _INSIDE, 1.0 - _INSIDE)
-        normal = centre + unit * ndtri(np.clip(below + p * inside, _INSIDE, 1.0 - _INSIDE))
+        p = np.clip(ndtr(u), _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
+        normal = centre + unit * ndtri(np.clip(below + p * inside, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY))
         return np.asarray(np.clip(np.where(flat, self.low + p * (self.high - self.low), normal), self.low, self.high))
 
     def to_u(self, x: Floats, inside: float = 0.0) -> Floats:
@@ -214,8 +214,8 @@ class TrainingProblem:
         require(0 < radius < np.inf, f"reference_max_radius must be positive, got {radius} m", "problem.max_radius")
         RADIUS.check("reference_max_radius", radius, "problem.max_radius")
         end, scale = (self.grid.frames - 1) * self.grid.frame_interval, self.medium.time_scale(radius)
-        message = f"the grid ends {end:.3g} s after R_max, more than the {LONGEST:g} collapse times of {scale:.3g} s"
-        require(end <= LONGEST * scale, f"{message} that are simulated; is a unit wrong?", "problem.grid")
+        message = f"the grid ends {end:.3g} s after R_max, more than the {MAX_TIME:g} collapse times of {scale:.3g} s"
+        require(end <= MAX_TIME * scale, f"{message} that are simulated; is a unit wrong?", "problem.grid")
         message = f"the stretch R_max/R_0 must be 1 or more and not of log10_, got the prior {self.prior.to_dict()}"
         require("stretch" in names and self.prior.bounds("stretch")[0] >= 1, message, "problem.prior")
         for ends in (self.prior.low, self.prior.high):
@@ -283,4 +283,4 @@ def natural_values(names: Sequence[str], theta: ArrayLike) -> dict[str, float]:
     message = f"theta must hold {', '.join(names)}, got shape {theta.shape}"
     require(theta.shape == (len(names),), message, "problem.theta")
     with np.errstate(over="ignore"):
-        return {natural_name(name): float(natural(name, value)) for name, value in zip(names, theta, strict=True)}
+        return {natural_name(name): float(to_natural(name, value)) for name, value in zip(names, theta, strict=True)}

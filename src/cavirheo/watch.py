@@ -1,8 +1,8 @@
 """Watching a folder during an experiment: each recording is answered once, when its file is complete.
 
-A file counts as complete when its size and time have not changed for LOOK and it can be read. `watched/` in the folder
-of the results holds each answer by its key (workflow/store.py), and the content of each file; the documents are made
-from these. So a run that is killed at any moment loses only the answers that it was computing.
+A file counts as complete when its size and time have not changed for POLL_INTERVAL and it can be read. `watched/` in
+the folder of the results holds each answer by its key (workflow/store.py), and the content of each file; the documents
+are made from these. So a run that is killed at any moment loses only the answers that it was computing.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io.files import file_label, header_of, measurements, pixels_of
-from cavirheo.io.shots import CurveSet, is_size, listed, read_column, read_shots, samples_of, with_size, with_values
+from cavirheo.io.files import file_label, header_of, measurement_files, pixels_of
+from cavirheo.io.shots import CurveSet, is_r_max, listed, read_column, read_shots, sample_hash, with_r_max, with_values
 from cavirheo.parallel import Executor, cores
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import DOCUMENTS, html, result, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result
-from cavirheo.workflow.store import Store, analyse, of_file
+from cavirheo.workflow.store import Store, analyse, with_source_of
 from cavirheo.writing.document import Outputs, write_json, write_rows
-from cavirheo.writing.packing import key_of
+from cavirheo.writing.packing import content_hash
 
-LOOK = 0.4  # s between two looks at the folder; a file that did not change in between may be complete
-PATIENCE = 10.0  # s for which an unreadable file counts as incomplete
-PACE = 4.0  # pause between two writings of the documents, over the time that one takes
+POLL_INTERVAL = 0.4  # s between two looks at the folder; a file that did not change in between may be complete
+READ_TIMEOUT = 10.0  # s for which an unreadable file counts as incomplete
+PAUSE_FACTOR = 4.0  # pause between two writings of the documents, over the time that one takes
 State = tuple[int, ...]  # size in bytes and time of the last change in ns, of a file and of its header
 
 
@@ -56,8 +56,8 @@ class Watch:
 
     analysis: how curves are answered. read: returns the curves of one file. read_settings: all settings of `read`
     besides the medium. group: as in `read_shots`. column: a table as in `read_column`, which may grow while shots
-    arrive, or the word R_max. half_width: as in `html.live_page`. say: called with a line on each problem. show: called
-    with each new row. look, patience: as LOOK and PATIENCE. executor: as in `analyse`.
+    arrive, or the word R_max. half_width: as in `html.live_page`. notify: called with a line on each problem. show:
+    called with each new row. poll_interval, read_timeout: as POLL_INTERVAL and READ_TIMEOUT. executor: as in `analyse`.
     """
 
     folder: Path
@@ -70,48 +70,48 @@ class Watch:
     column: Path | None = None
     command: str = ""
     date: str | None = None
-    say: Callable[[str], None] = lambda _: None
+    notify: Callable[[str], None] = lambda _: None
     show: Callable[[CurveRecord], None] = lambda _: None
-    look: float = LOOK
-    patience: float = PATIENCE
+    poll_interval: float = POLL_INTERVAL
+    read_timeout: float = READ_TIMEOUT
     half_width: float = html.HALF_WIDTH
     executor: Executor | None = None
 
     def __post_init__(self) -> None:
-        self.sizes = self.column is not None and is_size(self.column)
-        if self.sizes:
+        self.along_r_max = self.column is not None and is_r_max(self.column)
+        if self.along_r_max:
             self.column = None
-        self._column_then = _state(self.column)
-        self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE)
+        self._column_state = _state(self.column)
+        self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE_FILE)
         self.store = Store(self.out / "watched")
         # the curves of a file depend on these settings
-        how = key_of([version("cavirheo"), self.read_settings, self.analysis.medium])[:16]
-        self.records = Store(self.out / "watched" / how, most=0)
+        settings_key = content_hash([version("cavirheo"), self.read_settings, self.analysis.medium])[:16]
+        self.records = Store(self.out / "watched" / settings_key, capacity=0)
         self.files: dict[str, WatchedFile] = {}
         self._states: dict[Path, tuple[State, float]] = {}  # state of each file, and time in s when it was first seen
         self._latest = ""  # key of the last answer
-        self._messages: set[str] = set()  # messages that were passed to `say`
+        self._messages: set[str] = set()  # messages that were passed to `notify`
         self._unwritten, self._due = False, 0.0  # whether the documents are out of date; earliest time to write
         for record in self.records.values(dict):
-            self._count(WatchedFile(**record))
+            self._add_file(WatchedFile(**record))
 
     def pairs(self) -> tuple[list[tuple[RadiusCurve, Posterior]], list[str]]:
         """Every answered curve with its answer, in the order of the files; and remarks on the files and on scales and
         constants. Names and groups are those among all curves."""
-        files, keys = self._in_order(), list(self._recordings())
+        files, keys = self._files_in_order(), list(self._recordings())
         curves, _, repeated, hints = read_shots([curve for file in files for curve in file.curves], group=self.group)
-        self._say_once(*repeated)
+        self._notify_once(*repeated)
         remarks = [remark for file in files for remark in file.remarks]
         answers = (self.store.get(key, Posterior) for key in keys)
         pairs = zip(self._with_column(curves, remarks), answers, strict=True)
-        return [(curve, of_file(answer, curve)) for curve, answer in pairs if answer], remarks + repeated + hints
+        return [(curve, with_source_of(answer, curve)) for curve, answer in pairs if answer], remarks + repeated + hints
 
     def _recordings(self) -> dict[str, RadiusCurve]:
         """The curves by the keys of their answers, without repeated recordings, as in `read_shots`."""
         first: dict[bytes, tuple[str, RadiusCurve]] = {}
-        for file in self._in_order():
+        for file in self._files_in_order():
             for key, curve in zip(file.keys, file.curves, strict=True):
-                first.setdefault(samples_of(curve), (key, curve))
+                first.setdefault(sample_hash(curve), (key, curve))
         return dict(first.values())
 
     @property
@@ -120,30 +120,30 @@ class Watch:
 
     def pause(self) -> bool:
         """Wait until the next look; returns whether files are still to be read, or documents to be written."""
-        time.sleep(self.look)
-        return self._unwritten or any(self._is_news(path, state) for path, (state, _) in self._states.items())
+        time.sleep(self.poll_interval)
+        return self._unwritten or any(self._is_new(path, state) for path, (state, _) in self._states.items())
 
-    def once(self) -> bool:
+    def answer_next(self) -> bool:
         """Answer the next complete files, as many as keep all cores busy; returns whether there were any."""
         new = False
         for path, state in self._complete():
             if file := self._read(path, state):
                 earlier, new = self.files.get(file.path), True
-                self.records.put(key_of(file.path), vars(file))
-                self._count(file)
+                self.records.put(content_hash(file.path), vars(file))
+                self._add_file(file)
                 if earlier and earlier.curves and not all(map(self.store.get, file.keys)):
-                    self._say_once(f"{path.name} has changed: its recordings are answered anew")
+                    self._notify_once(f"{path.name} has changed: its recordings are answered anew")
             if len(self._unanswered()) >= 2 * cores():
                 break
-        left = self._unanswered()
-        keys, curves = list(left), list(left.values())
-        self._unwritten |= new or _state(self.column) != self._column_then
+        unanswered = self._unanswered()
+        keys, curves = list(unanswered), list(unanswered.values())
+        self._unwritten |= new or _state(self.column) != self._column_state
         for place, answer in analyse(curves, self.analysis, self.store, self.executor):
             self._latest, self._unwritten = keys[place], True
             self.show(curve_record(curves[place], answer))
             self._write_if_due()
         self._write_if_due()
-        return new or bool(left)
+        return new or bool(unanswered)
 
     def _unanswered(self) -> dict[str, RadiusCurve]:
         return {key: curve for key, curve in self._recordings().items() if not self.store.get(key)}
@@ -155,28 +155,28 @@ class Watch:
 
     def write(self) -> Result:
         """Write result.json, result.csv and the live page, with all answers; returns the result."""
-        began, self._column_then, self._unwritten = time.monotonic(), _state(self.column), False
+        started, self._column_state, self._unwritten = time.monotonic(), _state(self.column), False
         pairs, notes = self.pairs()
         document = result(pairs, self.command, date=self.date, notes=notes)
-        if pairs or not self.outputs.holds("result.json"):  # earlier answers stay until there are new ones
+        if pairs or not self.outputs.listed_entry("result.json"):  # earlier answers stay until there are new ones
             self.outputs.write("result.json", write_json, document)
-            self.outputs.write("result.csv", write_rows, *table.rows_of(document))
+            self.outputs.write("result.csv", write_rows, *table.csv_rows(document))
         keys = [key for key in self._recordings() if self.store.get(key)]
         latest = keys.index(self._latest) if self._latest in keys else len(pairs) - 1
         curve, answer = pairs[latest] if pairs else (None, None)
         page = html.live_page(document, latest, curve, answer, self.half_width)
-        self.page.write(html.LIVE, Path.write_text, page, encoding="utf-8")
-        self._due = (now := time.monotonic()) + PACE * (now - began)
+        self.page.write(html.LIVE_FILE, Path.write_text, page, encoding="utf-8")
+        self._due = (now := time.monotonic()) + PAUSE_FACTOR * (now - started)
         return document
 
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
         """The curves with their values in the column; names without a value or a curve become remarks."""
         if self.column is None:
-            return with_size(curves) if self.sizes else curves
+            return with_r_max(curves) if self.along_r_max else curves
         try:
             title, values = read_column(self.column)
         except InputError as error:  # incomplete, or with a mistake: shots are answered without it
-            self._say_once(f"{error}; {self.column.name} does not count until this is mended")
+            self._notify_once(f"{error}; {self.column.name} does not count until this is mended")
             remarks.append(str(error))
             return curves
         labelled, unknown, without = with_values(curves, title, values)
@@ -187,26 +187,26 @@ class Watch:
         return labelled
 
     def _complete(self) -> list[tuple[Path, State]]:
-        """New or changed files that have not changed for `look` s, the oldest first."""
+        """New or changed files that have not changed for `poll_interval` s, the oldest first."""
         now, states = time.monotonic(), dict[Path, State]()
         column = None if self.column is None else self.column.resolve()
         try:
-            for path in measurements(self.folder)[0]:
+            for path in measurement_files(self.folder)[0]:
                 moved = str(pixels_of(path)) in self.files  # a header alone, whose film has been read
                 counts = column is None or path.resolve() != column
                 if counts and not moved and (state := _state(path)):
                     states[path] = state
         except OSError as error:  # a file was removed, or a network folder is not available
-            self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
+            self._notify_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
         unchanged = {path: recorded for path, recorded in self._states.items() if states.get(path) == recorded[0]}
         self._states = {path: (state, now) for path, state in states.items()} | unchanged
         for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
-            del self.files[file.path]  # a header whose pixels came after `patience` s
-            self.records.remove([key_of(file.path)])
-        stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= self.look]
-        return sorted((pair for pair in stable if self._is_news(*pair)), key=lambda pair: (pair[1][1], pair[0]))
+            del self.files[file.path]  # a header whose pixels came after `read_timeout` s
+            self.records.remove([content_hash(file.path)])
+        stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= self.poll_interval]
+        return sorted((pair for pair in stable if self._is_new(*pair)), key=lambda pair: (pair[1][1], pair[0]))
 
-    def _is_news(self, path: Path, state: State) -> bool:
+    def _is_new(self, path: Path, state: State) -> bool:
         file = self.files.get(str(path))
         return file is None or file.state != state
 
@@ -220,27 +220,27 @@ class Watch:
             return None  # the file is being written
         earlier = self.files.get(str(path))
         if problems:
-            self._say_once(f"{problems[0]}; it is tried again for {self.patience:g} s, and whenever it changes")
-            if time.monotonic() - self._states[path][1] < self.patience:
+            self._notify_once(f"{problems[0]}; it is tried again for {self.read_timeout:g} s, and whenever it changes")
+            if time.monotonic() - self._states[path][1] < self.read_timeout:
                 return None
             stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
             curves = [RadiusCurve(np.empty(0), np.empty(0), meta=stem, unusable=problems[0])]
         order = earlier.order if earlier else state[1]
         return WatchedFile(str(path), state, order, curves, list(remarks), unreadable=bool(problems))
 
-    def _count(self, file: WatchedFile) -> None:
+    def _add_file(self, file: WatchedFile) -> None:
         """Add a file, in place of its earlier state."""
         self.files[file.path] = file
         file.keys = [self.analysis.key(curve) for curve in file.curves]
 
-    def _in_order(self) -> list[WatchedFile]:
+    def _files_in_order(self) -> list[WatchedFile]:
         return sorted(self.files.values(), key=lambda file: (file.order, file.path))
 
-    def _say_once(self, *texts: str) -> None:
+    def _notify_once(self, *texts: str) -> None:
         for text in texts:
             if text not in self._messages:
                 self._messages.add(text)
-                self.say(text)
+                self.notify(text)
 
 
 def _state(path: Path | None) -> State | None:

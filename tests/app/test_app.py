@@ -255,7 +255,7 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
 
 
 def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_path):
-    session.store = Store(most=10)
+    session.store = Store(capacity=10)
     for k, name in enumerate("abc"):
         session.add([single(tmp_path / f"{name}.csv", 1.0 + 0.1 * k)], QUICK)
     session.add([SOFT], QUICK, copy=True)

@@ -16,7 +16,7 @@ from cavirheo.physics.media import WATER, ZHU2025, Medium, medium
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import OtherModel
-from cavirheo.reporting.citation import MEDIUM_KEYS, methods_paragraph, references_of_law, references
+from cavirheo.reporting.citation import MEDIUM_KEYS, methods_paragraph, references, references_of_law
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.writing.document import Quantity, write_json
 

@@ -20,16 +20,16 @@ from distributed import Client, LocalCluster
 
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.parallel import Processes, Threads, each, run_on_any_core
+from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.cluster import (
     Identity,
     Workers,
-    admitted,
-    code_of,
+    code_hash,
     identity,
     jobs_of,
     read_settings,
+    required_identity,
     self_description,
 )
 from cavirheo.workflow.store import Unfinished
@@ -51,17 +51,17 @@ def double(job: int) -> int:
 
 def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(workers):
     for executor in (Threads(2), Threads(1), Processes(2), workers):
-        assert sorted(executor.flow(double, range(7, 50))) == [(i, 2 * (i + 7)) for i in range(43)]
-        assert list(executor.flow(double, [])) == []
-        with refused("test.refused", "no -1"), closing(executor.flow(double, [-1, -1])) as flow:
+        assert sorted(executor.map_unordered(double, range(7, 50))) == [(i, 2 * (i + 7)) for i in range(43)]
+        assert list(executor.map_unordered(double, [])) == []
+        with refused("test.refused", "no -1"), closing(executor.map_unordered(double, [-1, -1])) as flow:
             list(flow)
-    assert each(lambda job: run_on_any_core(double, job), range(7, 50), 4) == [2 * job for job in range(7, 50)]
-    with closing(Processes(2).flow(time.sleep, [0, 1e6, 1e6])) as flow:
+    assert run_jobs(lambda job: run_on_any_core(double, job), range(7, 50), 4) == [2 * job for job in range(7, 50)]
+    with closing(Processes(2).map_unordered(time.sleep, [0, 1e6, 1e6])) as flow:
         assert next(flow)[0] == 0  # the others end with the flow
     with refused("parallel.ended"):
-        list(Processes(2).flow(os._exit, [1, 1]))
+        list(Processes(2).map_unordered(os._exit, [1, 1]))
     with pytest.raises(InputError):  # of a worker that comes later and is another
-        list(Workers(workers.client, Identity("9.9", "", "")).flow(double, [1]))
+        list(Workers(workers.client, Identity("9.9", "", "")).map_unordered(double, [1]))
 
 
 def test_a_data_set_is_the_same_from_threads_and_a_cluster(workers, instant, tmp_path):
@@ -84,9 +84,9 @@ def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
 def test_code_is_compared_wherever_the_package_lies(tmp_path):
     (tmp_path / "app").mkdir()
     (tmp_path / "app" / "solver.py").write_text("1")
-    before = code_of(tmp_path / "app")
+    before = code_hash(tmp_path / "app")
     (tmp_path / "app" / "solver.py").write_text("2")
-    assert code_of(tmp_path / "app") != before
+    assert code_hash(tmp_path / "app") != before
 
 
 def begin(module: str, *words: object, cwd: Path, path: object = ROOT / "src", **more: str) -> subprocess.Popen[bytes]:
@@ -143,7 +143,7 @@ def test_a_worker_that_would_answer_otherwise_is_refused(workers, monkeypatch, p
 
     monkeypatch.setattr(workers.client, "run", reported)
     with refused("cluster.refused"):
-        admitted(workers.client, lambda _: None, 5.0)
+        required_identity(workers.client, lambda _: None, 5.0)
 
 
 QUEUE = 'queue = "short"\ncores = 4\nmemory = "8 GB"\nwalltime = "00:30:00"\n'

@@ -239,7 +239,7 @@ def test_blas_has_one_thread_until_the_last_leaves():
 
 
 def test_what_several_ask_for_is_worked_out_once_and_a_failure_is_not_kept():
-    store, asked, begun = Store(most=2), [], threading.Event()
+    store, asked, begun = Store(capacity=2), [], threading.Event()
 
     def work():
         asked.append(1)
@@ -247,14 +247,14 @@ def test_what_several_ask_for_is_worked_out_once_and_a_failure_is_not_kept():
         return "answer"
 
     with ThreadPoolExecutor(4) as pool:
-        waiting = [pool.submit(store.once, "key", work) for _ in range(4)]
+        waiting = [pool.submit(store.get_or_compute, "key", work) for _ in range(4)]
         begun.set()
         assert [one.result() for one in waiting] == ["answer"] * 4
     assert len(asked) == 1
     for key in ("b", "c"):  # two are kept
-        store.once(key, key.upper)
-    store.once("key", work)
+        store.get_or_compute(key, key.upper)
+    store.get_or_compute("key", work)
     assert len(asked) == 2
     with pytest.raises(ZeroDivisionError):
-        store.once("other", lambda: 1 // 0)
-    assert store.once("other", lambda: 3) == 3
+        store.get_or_compute("other", lambda: 1 // 0)
+    assert store.get_or_compute("other", lambda: 3) == 3

@@ -11,7 +11,7 @@ from answers import unanswered
 from conftest import BDT, EXAMPLE, ROOT, code_of, done, refused, rows_of
 
 from cavirheo import load, read_curves
-from cavirheo.companions.comparison import Answering, compare
+from cavirheo.companions.comparison import AnswerSettings, compare
 from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
@@ -180,8 +180,8 @@ def test_settings_reach_the_inference(fake, folder, tmp_path):
     head += "pressure,temperature"
     values = ("bare.csv,,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300", "all,*.csv,,,,,,,,,,,")
     (folder / "published.csv").unlink()
-    how = Answering("bdt-viscoelastic")
-    made, unread, _ = compare(folder, sets(folder, *values, head=head), tmp_path / "c", how=how)
+    how = AnswerSettings("bdt-viscoelastic")
+    made, unread, _ = compare(folder, sets(folder, *values, head=head), tmp_path / "c", settings=how)
     first, second = fake
     assert (first.model, first.window, first.stretch) == ("posterior", 2, 7.5)
     assert (first.material, first.bubbles) == ("power-law", (FIELD,))
@@ -253,7 +253,7 @@ def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, t
 
 def test_the_law_is_taken_from_what_is_published():
     gel, liquid = (ReferenceSet(x, x, values={"IMR": {x: None}}) for x in ("shear_modulus", "viscosity"))
-    assert [Answering().analysis(one).material for one in (gel, liquid)] == ["nhkv", "newtonian"]
-    networks = [Answering("bdt-viscoelastic").analysis(one).model for one in (gel, liquid)]
+    assert [AnswerSettings().analysis(one).material for one in (gel, liquid)] == ["nhkv", "newtonian"]
+    networks = [AnswerSettings("bdt-viscoelastic").analysis(one).model for one in (gel, liquid)]
     assert networks == ["bdt-viscoelastic", "bdt-viscous"]
-    assert Answering(material="zener").analysis(liquid).material == "zener"
+    assert AnswerSettings(material="zener").analysis(liquid).material == "zener"

@@ -9,8 +9,16 @@ import cavirheo
 from cavirheo import Rig
 from cavirheo.inference import design
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.design import NORMAL_90, Setting, expected, gain, linearised, shared, shots_wanted
-from cavirheo.inference.noise import SHAPE, Noise
+from cavirheo.inference.design import (
+    NORMAL_90,
+    Setting,
+    compute_expectation,
+    gain,
+    linearised,
+    material_information,
+    shots_wanted,
+)
+from cavirheo.inference.noise import GAMMA_A, Noise
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import result, result_of
 from cavirheo.writing.document import Quantity
@@ -21,7 +29,7 @@ GOOD = Setting(250e-6, 1e6, frames=120)
 
 
 def told(setting: Setting):
-    return expected(*setting.film(NHKV, LAW, 6.0, seed=0), NHKV)
+    return compute_expectation(*setting.film(NHKV, LAW, 6.0, seed=0), NHKV)
 
 
 def test_a_film_shows_the_bubble_that_is_asked_for_and_tells_more_with_less_noise_and_more_frames():
@@ -44,7 +52,7 @@ def test_a_linear_model_with_white_noise_has_the_textbook_posterior():
     residual = deviation * rng.standard_normal(count)
     noise = Noise(np.full(count, deviation), np.linspace(0, 1, count), 1.0, False)
     mean, covariance = linearised(noise, u, residual, jacobian)
-    weight = noise.power / (SHAPE + 0.5 * float(residual @ residual) / deviation**2)
+    weight = noise.power / (GAMMA_A + 0.5 * float(residual @ residual) / deviation**2)
     exact = np.linalg.inv(weight * jacobian.T @ jacobian / deviation**2 + np.eye(3))
     assert covariance == pytest.approx(exact, rel=0.02)
     assert np.all(np.abs(mean - u) < 5 * np.sqrt(np.diag(exact)))
@@ -58,7 +66,7 @@ def test_information_adds_scatter_takes_away_and_an_interval_ends_where_its_prio
     assert shots_wanted(np.zeros((2, 2)), known, half) is None
     known, one = np.array([[0.2, 0.05], [0.05, 0.1]]), np.array([[200.0, -90.0], [-90.0, 600.0]])
     exact = np.linalg.inv(np.linalg.inv(one) + 0.1**2 * np.eye(2))
-    assert shared(one, 0.1**2 * np.eye(2)) == pytest.approx(exact)
+    assert material_information(one, 0.1**2 * np.eye(2)) == pytest.approx(exact)
     after = np.linalg.inv(np.linalg.inv(known) + one)
     assert gain(one, known) == pytest.approx(0.5 * np.log(np.linalg.det(known) / np.linalg.det(after)))
     assert np.diff(design.interval(3.5, 0.01, 0.0, 7.0)) == pytest.approx(2 * NORMAL_90 * 0.01, rel=0.01)
@@ -70,8 +78,8 @@ ABOUT = np.diag([100.0, 400.0])
 RANGES = {"shear_modulus": (2e3, 2e4), "viscosity": (0.02, 0.2), "stretch": (5, 8)}
 
 
-def told_by(information: np.ndarray) -> design.Expected:
-    return design.Expected(information, NORMAL_90 / np.sqrt(np.diag(information)))
+def told_by(information: np.ndarray) -> design.Expectation:
+    return design.Expectation(information, NORMAL_90 / np.sqrt(np.diag(information)))
 
 
 @pytest.fixture
@@ -88,8 +96,8 @@ def quick(monkeypatch):
     def expected(draws, settings, workers, done):
         return [[one(s) if s.frame_rate > 1.5e5 else None] * len(draws.law) for s in settings]
 
-    monkeypatch.setattr(design.Draws, "expected", expected)
-    monkeypatch.setattr(design.Draws, "reached", reached)
+    monkeypatch.setattr(design.Draws, "compute_expectations", expected)
+    monkeypatch.setattr(design.Draws, "check_widths", reached)
 
 
 def test_the_best_setting_and_its_shots(quick):
@@ -121,7 +129,7 @@ def test_the_setting_with_the_fewest_shots_is_next(quick, monkeypatch, best):
             told = [[ABOUT] * (n - 1) + [1e9 * ABOUT], [4.0 * ABOUT] * n]
         return [[told_by(one) for one in setting] for setting in told]
 
-    monkeypatch.setattr(design.Draws, "expected", expected)
+    monkeypatch.setattr(design.Draws, "compute_expectations", expected)
     made = cavirheo.design(ranges=RANGES, rig=Rig((2e-4, 2e-4), (5e5, 1e6)), check=0)
     assert (made.fewest, made.next, made.best) == (1, 1, best)
     first, second = made.settings
@@ -184,10 +192,10 @@ def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path, 
 @pytest.mark.slow
 def test_answers_of_recordings_check_what_is_expected():
     draws = design.Draws(NHKV, np.log10([[6e3, 0.06]]), np.array([6.0]), seed=5)
-    expectation, reached = draws.reached(Setting(250e-6, 1e6))
+    expectation, reached = draws.check_widths(Setting(250e-6, 1e6))
     assert expectation.shape == reached.shape == (1, 2)
     assert np.all(np.abs(np.log(expectation / reached)) < np.log(2.5))
-    assert len(draws.reached(Setting(30e-6, 1e5))[0]) == 0
+    assert len(draws.check_widths(Setting(30e-6, 1e5))[0]) == 0
 
 
 def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):

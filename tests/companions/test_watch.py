@@ -48,7 +48,7 @@ class Bench:
     def start(self) -> None:
         analysis = KnownAnalysis(of=self.answer, seed=self.seed)
         read = lambda path: read_shots([path], um_per_px=SCALE)  # noqa: E731
-        self.watch = Watch(self.folder, self.out, analysis, read, say=self.said.append, **self.how)
+        self.watch = Watch(self.folder, self.out, analysis, read, notify=self.said.append, **self.how)
 
     def answer(self, one):
         self.asked.append(one.name)
@@ -56,7 +56,7 @@ class Bench:
 
     def settle(self) -> list[tuple[str, str]]:
         """Name and verdict of each row, when nothing is left to be answered."""
-        while self.watch.once() or self.watch.pause():
+        while self.watch.answer_next() or self.watch.pause():
             pass
         return [(row.name, row.verdict) for row in self.result.curves]
 
@@ -67,7 +67,7 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path) -> Bench:
-    return Bench(tmp_path, look=0.02, patience=0.2, executor=Threads())
+    return Bench(tmp_path, poll_interval=0.02, read_timeout=0.2, executor=Threads())
 
 
 def test_each_file_is_answered_once_also_after_a_restart_and_stays_when_it_is_moved(bench):
@@ -93,12 +93,12 @@ def test_a_file_is_left_alone_while_it_grows_and_answered_when_it_is_whole(bench
     growing = bench.folder / "shot2.csv"
     for k in range(1, 20):
         growing.write_text(shots(2)[: 40 * k])
-        bench.watch.once()
+        bench.watch.answer_next()
         time.sleep(0.01)
     assert bench.asked == []
     growing.write_text(LINES[0][:10])
     for _ in range(4):
-        bench.watch.once()
+        bench.watch.answer_next()
         bench.watch.pause()
     assert bench.asked == []
     assert sum("shot2.csv" in line for line in bench.said) == 1

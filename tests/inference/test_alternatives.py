@@ -9,7 +9,7 @@ from conftest import messages
 
 import cavirheo
 from cavirheo import Newtonian, population
-from cavirheo.inference.alternatives import averaged_over_laws, compared, contenders, judged
+from cavirheo.inference.alternatives import averaged_over_laws, contenders, judged, rival_messages
 from cavirheo.inference.verify import verify
 from cavirheo.messages import Message
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
@@ -55,7 +55,7 @@ def other(
     ],
 )  # fmt: skip
 def test_a_sentence_for_each_thing_that_matters(others, sentences):
-    said = compared(posterior(*others))
+    said = rival_messages(posterior(*others))
     assert len(said) == sentences
     assert len({one.text for one in said}) == len(said)
 

@@ -146,7 +146,7 @@ def test_frames_beside_a_collapse_count_less_where_their_instants_are_uncertain(
     for weights in ("learnt", "equal"):
         there = Experiment(blurred, family, options=Options(weights=weights))
         sigma[weights] = there.reweighted(there.predict(x)).sigma
-    lowest = np.argmin(np.abs(there.since - (curve.collapse_times()[0] - 1e-6)))
+    lowest = np.argmin(np.abs(there.time_since_max - (curve.collapse_times()[0] - 1e-6)))
     assert sigma["learnt"][lowest] > 4 * sigma["learnt"][0]
     assert np.ptp(sigma["equal"]) == 0
 

@@ -11,7 +11,7 @@ from conftest import EXAMPLE, code_of, done, refusal
 from scipy.stats import norm
 
 from cavirheo import load, population
-from cavirheo.inference.population.hierarchy import OUTLIERS, SPREAD, WIDE, likelihood
+from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE, likelihood
 from cavirheo.inference.verify.evidence import ranked
 from cavirheo.io.shots import LOG_R_MAX, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
@@ -27,15 +27,15 @@ def on_a_grid(means, width):
 
     def log_p(spread):
         inside = norm.pdf(means, c, np.hypot(width, spread))
-        outside = norm.pdf(means, c, np.sqrt(width**2 + spread**2 + WIDE**2))
-        return np.sum(np.log((1.0 - OUTLIERS) * inside + OUTLIERS * outside), axis=-1)
+        outside = norm.pdf(means, c, np.sqrt(width**2 + spread**2 + OUTLIER_STD**2))
+        return np.sum(np.log((1.0 - P_OUTLIER) * inside + P_OUTLIER * outside), axis=-1)
 
     def ends(density, values):
         share = np.cumsum(density)
         return np.interp([0.05, 0.5, 0.95], share / share[-1], values + 0.5 * (values[1] - values[0]))
 
     step_c, step_s, range_c = 1.6 / 800, 1.2 / 480, 5.0
-    height = log_p(s) + norm.logpdf(s[..., 0], 0.0, SPREAD) + np.log(2.0)
+    height = log_p(s) + norm.logpdf(s[..., 0], 0.0, SPREAD_SCALE) + np.log(2.0)
     p = np.exp(height - height.max())
     p[:, 0] *= 0.5  # trapezia
     log_several = np.log(p.sum() * step_c * step_s / range_c) + height.max()

@@ -71,7 +71,7 @@ def test_bdt_without_maxima_waits_for_the_users(tmp_path):
 
 
 def test_constants_that_a_file_states_or_shows(tmp_path):
-    """Its pressure and density are used, and a hint if the medium has others; so is a density that a round rate tells."""
+    """Its pressure and density are used, and a hint if the medium has others; so is a density that a rate tells."""
     savemat(tmp_path / "gel.mat", bdt_variables() | {"rho": 1060.0, "P_inf": 9e4})
     curve = read_curves(tmp_path / "gel.mat")[1]
     assert np.allclose(curve.time, T_STAR * 2e-4 * np.sqrt(1060.0 / 9e4))

@@ -181,7 +181,7 @@ def test_only_what_is_trusted_counts_in_means_and_pictures(verdict, count, tmp_p
     assert one.n_trusted == one.population.n == one.shear_modulus_Pa.n == count
     counted = [row.shear_modulus_Pa.median for row in written.curves[5 - count :]]
     assert one.shear_modulus_Pa.mean == pytest.approx(np.mean(counted))
-    assert bool(one.preferred_model) == (verdict == "other_model_preferred")
+    assert bool(one.preferred) == (verdict == "other_model_preferred")
     assert len(panels_of_group(pairs, written)[1].layer("ring").x) == 5 - count
     assert len(population([made for _, made in pairs], only_trusted=False).shots) == 5
 
@@ -249,7 +249,7 @@ def test_other_models_have_means_and_slopes_where_all_shots_have_them():
     for each, preferred in ((1.0, False), (6.0, True)):  # e^6 each: no shot rejects the answer by itself
         pairs = [(c, replace(a, evidence=Evidence(0.0, 0.1), others=(beside(log=each),))) for c, a in growing(2.4)]
         (about,) = result(pairs, COMMAND).groups
-        assert (bool(about.is_preferred), bool(about.jointly_preferred_models)) == (False, preferred)
+        assert (bool(about.preferred), bool(about.jointly_preferred_models)) == (False, preferred)
 
 
 def test_numbers_show_the_digits_that_their_error_leaves():
@@ -321,7 +321,8 @@ def test_the_contour_of_a_material_is_that_of_modulus_and_viscosity_whatever_els
     pairs = zip(map(", ".join, combinations(of, 2)), (-0.9, 0.9, 0.0), strict=True)
     about = {"spreads_decades": {name: Quantity(median=0.1) for name in of}}
     about |= {"correlation": {pair: Quantity(median=value) for pair, value in pairs}}
-    about |= {"shear_modulus_Pa": Quantity.from_interval(4e3, 5e3, 6e3), "viscosity_Pa_s": Quantity.from_interval(0.03, 0.04, 0.05)}
+    modulus, viscosity = Quantity.from_interval(4e3, 5e3, 6e3), Quantity.from_interval(0.03, 0.04, 0.05)
+    about |= {"shear_modulus_Pa": modulus, "viscosity_Pa_s": viscosity}
     made = PopulationRecord(line="", model="", n=5, **about)
     assert np.corrcoef(np.log10(made.contour()).T)[0, 1] == pytest.approx(0.9, abs=0.01)
 

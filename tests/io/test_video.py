@@ -212,7 +212,7 @@ def test_frames_can_be_excluded_by_hand(folder, whole, listed):
     assert np.array_equal(found.track.radius[~left], whole[0].track.radius[~left], equal_nan=True)
     assert "excluded by hand: frames 6, 12-14" in curve.notes
     assert found.options["exclude"] == "6, 12-14"
-    assert found.without([13, 20]).options["exclude"] == "6, 12-14, 20"
+    assert found.excluding([13, 20]).options["exclude"] == "6, 12-14, 20"
 
 
 def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):

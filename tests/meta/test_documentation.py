@@ -134,7 +134,7 @@ STORE = Store()  # several pages ask the same of the same file
 
 def answer_once(analysis, curve, begun=None, answer=Analysis.answer, **options):
     work = partial(answer, analysis, curve, begun, **options)
-    return work() if begun else STORE.once(analysis.key(curve), work)
+    return work() if begun else STORE.get_or_compute(analysis.key(curve), work)
 
 
 def first_shot(*words, **options):

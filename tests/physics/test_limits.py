@@ -23,8 +23,8 @@ from cavirheo.physics.laws import Gent, Linear, NeoHookean, Quadratic
 from cavirheo.physics.materials import Maxwell, UpperConvectedMaxwell, Viscoelastic, Zener, parse
 from cavirheo.physics.media import WATER, Pulse, Trace
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import remembered
-from cavirheo.physics.table import read
+from cavirheo.physics.simulate import memories_after_growth
+from cavirheo.physics.table import look_up
 from validation.field_standard import neo_hookean, newtonian
 from validation.field_standard import solve as solve_by_field_standard
 
@@ -65,11 +65,14 @@ def resistance(material, medium, radius):
     p, t_c = medium.pressure, medium.time_scale(radius)
     solid = material.elastic.shear_modulus / p if material.elastic else 0.0
     fluid = material.viscous.viscosity / (p * t_c) if material.viscous else 0.0
-    alone = not any(arm.follows for arm in material.memory)
+    alone = not any(arm.relaxes_elastic_part for arm in material.memory)
     N, D = np.polynomial.Polynomial([alone * solid, fluid]), np.polynomial.Polynomial([1.0])
     for arm in material.memory:  # mu s/(1 + tau s), or (G + mu s)/(1 + tau s) of one that takes the spring along
         fading = np.polynomial.Polynomial([1.0, arm.relaxation_time / t_c])
-        N, D = (N * fading + D * np.polynomial.Polynomial([arm.follows * solid, arm.viscosity / (p * t_c)]), D * fading)
+        N, D = (
+            N * fading + D * np.polynomial.Polynomial([arm.relaxes_elastic_part * solid, arm.viscosity / (p * t_c)]),
+            D * fading,
+        )
     return N, D
 
 
@@ -84,8 +87,8 @@ def compliance(material, medium, radius, bubble):
     n, k = dimensionless(material, medium, radius, 1.0, bubble=replace(bubble, exponent=None)), bubble.exponent
     N, D = resistance(material, medium, radius)
     p, C, x = 1 + 1 / n.We, n.C, n.pv / (1 + 1 / n.We)
-    heat, vapour = (n.kappa - 1) * n.chi / (n.kappa * p), n.Fo / p if n.varying else n.Fo
-    wall = n.Fo / (n.rate * p * (1 - x)) if n.varying else 0.0
+    heat, vapour = (n.kappa - 1) * n.chi / (n.kappa * p), n.Fo / p if n.variable_D else n.Fo
+    wall = n.Fo / (n.condensation_rate * p * (1 - x)) if n.variable_D else 0.0
 
     def g(square):
         q = np.sqrt(square + 0j)
@@ -329,7 +332,7 @@ def test_second_implementation(bubble):
     y = np.tanh(4.0 * np.linspace(0, 1, 100 if bubble == FIELD else 80)) / np.tanh(4.0)
     t_c = WATER.time_scale(150e-6)
     iCa, iRe = GEL.shear_modulus / WATER.pressure, GEL.viscosity / (WATER.pressure * t_c)
-    further = {} if bubble == FIELD else dict(rate=numbers.rate, inertia=numbers.inertia, method="Radau")
+    further = {} if bubble == FIELD else dict(rate=numbers.condensation_rate, inertia=numbers.inertia, method="Radau")
     theirs = solve_by_field_standard(numbers, y, t_star, 1e-6, neo_hookean(iCa), newtonian(iRe), **further)
     ours = simulate(GEL, time=t_star * t_c, bubble=bubble, **COLLAPSE).radius / 150e-6
     within(3e-4, gap=largest(ours - theirs))
@@ -455,7 +458,7 @@ def test_growth_leaves_what_an_impulse_leaves(G, mu, tau):
     U = brentq(lambda U: grown(U)[0] - 1, 1.0, 400.0, xtol=1e-10)
     exact = grown(U)[2:]
     for rtol, close in ((1e-5, 1e-6), (1e-4, 1e-5), (1e-3, 1e-4)):  # of the simulation that goes on from there
-        assert remembered(numbers, rtol) == pytest.approx(exact, rel=close, abs=close)
+        assert memories_after_growth(numbers, rtol) == pytest.approx(exact, rel=close, abs=close)
 
 
 # --- what a simulation says
@@ -498,7 +501,7 @@ def test_what_a_simulation_carries():
 def test_a_trace_invents_nothing_and_is_held_at_its_ends():
     t, p = np.array([1e-6, 2e-6, 3e-6, 5e-6]), np.array([0.0, 1e5, 1e5, -4e5])
     table = Trace(t, p).table()
-    assert read(table, t)[0] == pytest.approx(p)
-    fine = read(table, np.linspace(0, 8e-6, 2001))[0]
+    assert look_up(table, t)[0] == pytest.approx(p)
+    fine = look_up(table, np.linspace(0, 8e-6, 2001))[0]
     assert (fine.min(), fine.max()) == (pytest.approx(-4e5), pytest.approx(1e5))
-    assert read(table, [0.0, 1.0])[0] == pytest.approx([0.0, -4e5])
+    assert look_up(table, [0.0, 1.0])[0] == pytest.approx([0.0, -4e5])

@@ -18,7 +18,7 @@ from cavirheo.physics.bubble import Damage
 from cavirheo.physics.laws import Elastic, Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, StrainEnergy, Viscous, Yeoh
 from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
 from cavirheo.physics.media import WATER, Pulse, Trace, medium
-from cavirheo.physics.table import read
+from cavirheo.physics.table import look_up
 
 
 def gent_energy(l1, l2, l3):
@@ -68,22 +68,22 @@ def test_elastic_law(law, modulus):
     difference = 8 * (law.stress(RATIOS + h) - law.stress(RATIOS - h)) - law.stress(RATIOS + 2 * h)
     assert law.slope(RATIOS) == pytest.approx((difference + law.stress(RATIOS - 2 * h)) / (12 * h), rel=1e-6)
     expected = np.array([by_quadrature(law.slope, 1.0, L) for L in RATIOS[::8]])
-    assert read(law.table(), RATIOS[::8])[0] == pytest.approx(expected, rel=1e-8)
-    assert read(law.table(), RATIOS)[1] == pytest.approx(law.slope(RATIOS), rel=1e-6)
+    assert look_up(law.table(), RATIOS[::8])[0] == pytest.approx(expected, rel=1e-8)
+    assert look_up(law.table(), RATIOS)[1] == pytest.approx(law.slope(RATIOS), rel=1e-6)
 
 
-@pytest.mark.parametrize("law", [law for law, _ in ELASTIC if hasattr(law, "closed")], ids=str)
+@pytest.mark.parametrize("law", [law for law, _ in ELASTIC if hasattr(law, "closed_form")], ids=str)
 def test_closed_forms(law):
     """Against quadrature to machine precision, and the table against them to 1e-6 over all that a collapse reaches."""
     for L in RATIOS[::8]:
         assert law.stress(L) == pytest.approx(by_quadrature(law.slope, 1.0, L), rel=1e-13)
     L = np.geomspace(1e-2, 30, 4001)
-    for from_table, closed in zip(read(law.table(), L), law.closed(L), strict=True):
+    for from_table, closed in zip(look_up(law.table(), L), law.closed_form(L), strict=True):
         assert np.max(np.abs(from_table - closed) / np.maximum(1, np.abs(closed))) < 1e-4
-    assert read(law.table(), L)[0] == pytest.approx(law.stress(L), rel=1e-6)
+    assert look_up(law.table(), L)[0] == pytest.approx(law.stress(L), rel=1e-6)
     h = 1e-5 * L
-    slope_rise = (law.closed(L + h)[1] - law.closed(L - h)[1]) / (2 * h)
-    assert law.closed(L)[2] == pytest.approx(slope_rise, rel=1e-6, abs=1e-6)
+    slope_rise = (law.closed_form(L + h)[1] - law.closed_form(L - h)[1]) / (2 * h)
+    assert law.closed_form(L)[2] == pytest.approx(slope_rise, rel=1e-6, abs=1e-6)
 
 
 PARENTS = [  # a law, and those that reduce to it
@@ -111,12 +111,12 @@ def test_viscous_law(law):
     assert law.stress(0.0) == 0
     assert np.all(law.stress(g) * g < 0)
     assert law.stress(-RATES) == pytest.approx(-law.stress(RATES), rel=1e-15)
-    assert read(law.table(), RATES)[1] == pytest.approx(-4 * law.apparent(laws.SHEAR * RATES), rel=1e-6)
-    bend = (read(law.table(), RATES + h)[1] - read(law.table(), RATES - h)[1]) / (2 * h)
-    assert read(law.table(), RATES)[2] == pytest.approx(bend, rel=1e-3, abs=1e-3 * abs(law.stress(1e5)) / 1e10)
-    inner = -4 * float(law.apparent(np.array(laws.SHEAR * 5e-7))) * 1e-6
+    assert look_up(law.table(), RATES)[1] == pytest.approx(-4 * law.apparent(laws.SHEAR_RATIO * RATES), rel=1e-6)
+    bend = (look_up(law.table(), RATES + h)[1] - look_up(law.table(), RATES - h)[1]) / (2 * h)
+    assert look_up(law.table(), RATES)[2] == pytest.approx(bend, rel=1e-3, abs=1e-3 * abs(law.stress(1e5)) / 1e10)
+    inner = -4 * float(law.apparent(np.array(laws.SHEAR_RATIO * 5e-7))) * 1e-6
     for rate in RATES[::10]:
-        expected = inner + by_quadrature(lambda e: -4 * law.apparent(laws.SHEAR * e), 1e-6, rate)
+        expected = inner + by_quadrature(lambda e: -4 * law.apparent(laws.SHEAR_RATIO * e), 1e-6, rate)
         assert law.stress(rate) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
@@ -124,15 +124,15 @@ def test_viscous_closed_forms():
     assert np.array_equal(Newtonian(0.3).stress(RATES), -4 * 0.3 * RATES)
     n = 0.6  # without the regularisation: -(4/n) K (2 sqrt 3)^(n-1) g^n
     g = np.geomspace(1e8, 1e11, 30)
-    free = -4 / n * 2.0 * laws.SHEAR ** (n - 1) * g**n
+    free = -4 / n * 2.0 * laws.SHEAR_RATIO ** (n - 1) * g**n
     assert laws.PowerLaw(2.0, n, 1e-2).stress(g) == pytest.approx(free, rel=1e-6)
     assert laws.HerschelBulkley(0.0, 2.0, n, 1e-2).stress(g) == pytest.approx(free, rel=1e-6)
     g = np.geomspace(1e4, 1e8, 30)
-    cross = -4 / laws.SHEAR * (0.01 * laws.SHEAR * g + 0.49 * np.log1p(1e-4 * laws.SHEAR * g) / 1e-4)
+    cross = -4 / laws.SHEAR_RATIO * (0.01 * laws.SHEAR_RATIO * g + 0.49 * np.log1p(1e-4 * laws.SHEAR_RATIO * g) / 1e-4)
     assert laws.Cross(0.5, 0.01, 1e-4).stress(g) == pytest.approx(cross, rel=1e-8)
-    carreau = -4 / laws.SHEAR * np.arcsinh(1e-4 * laws.SHEAR * g) / 1e-4
+    carreau = -4 / laws.SHEAR_RATIO * np.arcsinh(1e-4 * laws.SHEAR_RATIO * g) / 1e-4
     assert laws.CarreauYasuda(1.0, 0.0, 1e-4, 0.0).stress(g) == pytest.approx(carreau, rel=1e-8)
-    bingham = -4 / laws.SHEAR * 50.0 * np.arcsinh(laws.SHEAR * g / 3.0)
+    bingham = -4 / laws.SHEAR_RATIO * 50.0 * np.arcsinh(laws.SHEAR_RATIO * g / 3.0)
     assert laws.HerschelBulkley(50.0, 0.0, 1.0, 3.0).stress(g) == pytest.approx(bingham, rel=1e-8)
 
 
@@ -171,7 +171,7 @@ def test_lock_up_is_a_status():
 THIN = Viscoelastic(Gent(2e3, 40.0), laws.CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
 FLUIDS = materials.Maxwell(0.1, 2e-6), materials.UpperConvectedMaxwell(0.2, 1e-5)
 ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), FLUIDS)
-QSLS = [TotalRelaxation(0.1, 2e-6, grown=False)]
+QSLS = [TotalRelaxation(0.1, 2e-6, stressed_by_growth=False)]
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from cavirheo.physics.media import BU2026, WATER
 from cavirheo.posterior import Checks
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
 from cavirheo.training.dataset import generate, load, survey
-from cavirheo.training.recordings import COLUMNS, NODES, STEPS, TOP, film
+from cavirheo.training.recordings import COLUMNS, LARGEST_RADIUS, NODES, STEPS, film
 from cavirheo.workflow.store import Store, Unfinished
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
@@ -169,11 +169,11 @@ def test_a_set_grows_in_parts_to_the_same_bytes_and_is_surveyed(instant, tmp_pat
     generate(PROBLEM, 2100, tmp_path / "one", seed=3, workers=1, progress=False)
     generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(1, 2), progress=False)
     half = survey(tmp_path / "two")
-    assert (half.curves, half.total, half.files, half.lacking) == (1100, 2100, 3, 2)
+    assert (half.curves, half.total, half.files, half.missing_files) == (1100, 2100, 3, 2)
     generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(2, 2), progress=False)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     whole = survey(tmp_path / "two")
-    assert (whole.curves, whole.files, whole.lacking, sum(whole.statuses.values())) == (2100, 5, 0, 2100)
+    assert (whole.curves, whole.files, whole.missing_files, sum(whole.statuses.values())) == (2100, 5, 0, 2100)
     assert whole.statuses["ok"] == 2100 - sum(load(tmp_path / "two").failures.values()) < 2100
     assert whole.size == sum(map(len, contents(tmp_path / "two").values()))
     assert whole.sha256 != half.sha256
@@ -184,7 +184,7 @@ def test_an_exposure_does_not_move_the_clock():
     place = np.linspace(0, STEPS, NODES).astype(np.uint16)
     t = place * (END / STEPS)
     radius = np.where(t < 0.9, (1 - np.minimum(t / 0.93, 1) ** 2) ** 0.4, 0.2 + 0.4 * np.abs(np.sin(2.5 * (t - 0.9))))
-    n, kept = 4000, np.round(radius * 65535 / TOP).astype(np.uint16)
+    n, kept = 4000, np.round(radius * 65535 / LARGEST_RADIUS).astype(np.uint16)
     nothing = np.zeros((n, len(COORDINATES)), np.float32), np.zeros(n, np.uint8)
     columns = np.tile(place, (n, 1)), np.tile(kept, (n, 1)), *nothing, np.full(n, 2.5e-4, np.float32)
     seen = film(dict(zip(COLUMNS, columns, strict=True)), np.arange(n), seed=3)
@@ -223,7 +223,7 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path):
     curves = read_curves(EXAMPLE)
     analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
     for most, held in ((5, [0, 1, 2, 3, 4]), (4, [2])):  # the failed one has no file
-        kept = Unfinished(tmp_path, visible=False, held=most)
+        kept = Unfinished(tmp_path, visible=False, capacity=most)
         answers = kept.answers(curves, analysis)
         assert answers.indices == list(range(5))
         assert [i for i in range(5) if answers[i] is answers[i]] == held

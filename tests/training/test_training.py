@@ -124,7 +124,7 @@ class TestTorch:
         steps, loss_of = [], kind.loss
 
         def cut(training, step):
-            if step == 2 * training.every + 1:
+            if step == 2 * training.validation_interval + 1:
                 raise KeyboardInterrupt
             return loss_of(training, step)
 
@@ -175,7 +175,7 @@ class TestTorch:
         another = changed(recipe, lr=0.02)
         assert "training.lr" in str(error_of(self.train, another, data, run, **CPU))
         assert "training.lr" in str(error_of(self.export.export, another, run, models))
-        path = self.export.export(recipe, run, models, on=date(2026, 1, 2))
+        path = self.export.export(recipe, run, models, card_date=date(2026, 1, 2))
         radius = np.random.default_rng(0).random((600, 20), dtype=np.float32)
         expected = self.answers(run, radius)
         np.testing.assert_allclose(predict(path, radius), expected, atol=1e-4)  # 512 and 88 at a time

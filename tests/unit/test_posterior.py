@@ -18,7 +18,7 @@ from cavirheo.inference import camera, verify
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.noise import SHAPE, Noise
+from cavirheo.inference.noise import GAMMA_A, Noise
 from cavirheo.inference.posterior_network import CAMERA, COORDINATES, damping, damping_to_latent, network_of
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, verification
 from cavirheo.inference.verify.mode import Simulated, Target, climb
@@ -69,7 +69,7 @@ def test_variance_and_discrepancy_of_the_noise_are_integrated_out(discrepancy):
         kernel = np.exp(-np.abs(time[:, None] - time) / tau)
         late = 2.0 * clock * velocity
         C = np.diag(deviation**2) + np.median(deviation) ** 2 * kernel * (ratio**2 + np.outer(late, late))
-        total += np.exp(log_prior) * multivariate_t.pdf(residual, shape=C, df=2 * SHAPE)
+        total += np.exp(log_prior) * multivariate_t.pdf(residual, shape=C, df=2 * GAMMA_A)
     assert np.sum(np.exp(noise.log_prior)) == pytest.approx(1.0)
     assert noise.log_density(residual[None])[0] == pytest.approx(np.log(total), abs=1e-6)
 
@@ -104,7 +104,7 @@ def test_exposure_is_the_mean_over_the_shutter():
     x = np.append(np.log10(list(TRUTH.values())), [0.5, 0.0, 0.0])  # the clock is late by a quarter of a frame
     seen = there.predict(x, DEFAULT).radius
     around = np.linspace(-0.5, 0.5, 402)[1:-1]
-    instants = np.abs(there.since[:, None] - 0.25e-6 + 0.4e-6 * around).ravel()
+    instants = np.abs(there.time_since_max[:, None] - 0.25e-6 + 0.4e-6 * around).ravel()
     ordered, places = np.unique(instants, return_inverse=True)
     radius = simulate(GEL, max_radius=R_MAX, stretch=7.0, time=ordered).radius[places] / R_MAX
     brute = radius.reshape(-1, 400).mean(axis=1)
@@ -152,7 +152,7 @@ def test_frames_of_a_shape_follow_the_size_of_the_bubble():
         errors.append(np.sqrt(np.mean((frames - exact) ** 2)))
         near = u + 0.1
         target.adapt_shapes(near[0], target.residuals(near, DEFAULT)[0])
-    by_shape = target.camera.missed_by_shape(real.sampled(x, target.camera), z[0])
+    by_shape = target.camera.shape_error(real.solve_on_grid(x, target.camera), z[0])
     assert errors[1] < 0.3 * errors[0] + np.sqrt(np.mean(by_shape**2))
     assert np.sqrt(np.mean(by_shape**2)) < 0.3 * errors[0]
 
@@ -419,7 +419,7 @@ def test_the_density_of_a_proposal_is_normalised(law, bubble, given, integrated)
     """Its integral by importance sampling is 1, also with known parameters and without the camera's."""
     here = experiment(recorded(noise=0.03), law, bubble, **given)
     prior = here.prior()
-    prior = prior.of([name for name in prior.names if name not in CAMERA]) if integrated else prior
+    prior = prior.marginal([name for name in prior.names if name not in CAMERA]) if integrated else prior
     proposal = network_of().proposal(here, prior, True)
     rng = np.random.default_rng(3)
     u = proposal.draw(3000, rng)

@@ -23,7 +23,7 @@ from scipy.stats import truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
 from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.experiment import LARGEST, ZETA, Experiment
+from cavirheo.inference.experiment import BOUND_SCALES, ZETA, Experiment
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.inference.verify import verify
 from cavirheo.physics.accuracy import PRECISE
@@ -69,7 +69,7 @@ def shot(seed: int, *, simulated: str = "field", as_read: bool = False) -> tuple
     law = NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"])
     bubble = FIELD
     if simulated == "real":
-        truth[ADDED] = float(ZETA * truncnorm(0.0, LARGEST).rvs(random_state=rng))
+        truth[ADDED] = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
         bubble = Bubble("kinetic", truth["accommodation"], confinement_damping=truth[ADDED])
     camera, curve = film(
         law, top, truth["stretch"], NOISE, rng, f"shot {seed}", as_read=as_read, bubble=bubble

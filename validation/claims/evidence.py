@@ -22,7 +22,7 @@ from scipy.special import softmax
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVoigt, RadiusCurve, infer_many
 from cavirheo.errors import SolverError
-from cavirheo.inference import AUTO
+from cavirheo.inference import AUTO_LAWS
 from cavirheo.inference.alternatives import DECISIVE
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.verify.evidence import rank_laws
@@ -69,7 +69,7 @@ def right(row: dict) -> bool:
 def averaged(job: tuple[str, int]) -> dict:
     """The weights of the laws of one shot by `infer`, and their log evidences."""
     law, seed = job
-    rng = np.random.default_rng([seed, AUTO.index(law), 7])
+    rng = np.random.default_rng([seed, AUTO_LAWS.index(law), 7])
     ranges = np.log10([AVERAGED[name] for name in Family(law).parameters])
     while True:
         values, stretch, top = rng.uniform(*ranges.T), rng.uniform(5.0, 9.0), rng.uniform(150e-6, 350e-6)
@@ -104,6 +104,6 @@ def measure(run: Run) -> Iterator[Number]:
     weighed = [row for row in rows if row["chosen"]]
     yield share("right_law", [right(row) for row in weighed])
     yield share("wrong_certainty", [row["truth"].split()[0] not in row["contenders"] for row in weighed])
-    rows = run.rows("averages", averaged, [(law, seed) for seed in range(run.count(2, 25)) for law in AUTO])
+    rows = run.rows("averages", averaged, [(law, seed) for seed in range(run.count(2, 25)) for law in AUTO_LAWS])
     yield share("average.held", [held(row) for row in rows])
     yield share("average.certain", [certain(row) for row in rows])

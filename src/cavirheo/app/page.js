@@ -3,7 +3,7 @@
   document.body.classList.remove('dark');
   let last = null;
   document.addEventListener('focusin', (event) => { last = event.target; });
-  const mended = () => {
+  const correctPage = () => {
     for (const one of document.querySelectorAll('#upload button[aria-label]')) {
       if (one.innerText.trim()) one.removeAttribute('aria-label');
     }
@@ -15,7 +15,7 @@
       document.querySelector('#steps [role=tab][aria-selected=true]')?.focus({preventScroll: true});
     }
   };
-  mended();
+  correctPage();
   const watched = {childList: true, subtree: true, attributeFilter: ['aria-label', 'style', 'class', 'disabled']};
-  new MutationObserver(() => requestAnimationFrame(mended)).observe(document.body, watched);
+  new MutationObserver(() => requestAnimationFrame(correctPage)).observe(document.body, watched);
 }

@@ -31,7 +31,7 @@ from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import call_glibc
 from cavirheo.physics.simulate import load_solver
-from cavirheo.reporting.html import LIVE, live_page
+from cavirheo.reporting.html import LIVE_FILE, live_page
 
 _THEME = gr.themes.Default(
     primary_hue=gr.themes.colors.blue,
@@ -43,7 +43,7 @@ _THEME = gr.themes.Default(
     button_primary_background_fill_hover="#0072b2",
     body_background_fill="#f4f5f7",
 )
-EVENTS = 8  # largest number of events of one kind that run at the same time, over all visitors
+MAX_EVENTS = 8  # largest number of events of one kind that run at the same time, over all visitors
 # The page may load from its own server only. Gradio's scripts are inline, and create functions from text.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
@@ -56,7 +56,7 @@ _HEADERS = [
 ]
 
 
-def _only_here(app: ASGIApp) -> ASGIApp:
+def _add_security_headers(app: ASGIApp) -> ASGIApp:
     """Return middleware that adds _HEADERS to each response: the browser must not load from other servers."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
@@ -70,7 +70,7 @@ def _only_here(app: ASGIApp) -> ASGIApp:
     return answer
 
 
-async def _refuse(url: str, cache_dir: str) -> str:
+async def _refuse_url(url: str, cache_dir: str) -> str:
     raise gr.Error("files are uploaded, not fetched from an address")
 
 
@@ -82,16 +82,16 @@ class _Upload(route_utils.GradioUploadFile):
         self.sha.update(token_bytes(16))
 
 
-def _wall(visitors: Visitors, folder: Path | None) -> Route:
+def _live_route(visitors: Visitors, folder: Path | None) -> Route:
     """Return the route /live: it shows the page that `cavirheo watch` writes into the folder; without a folder, the
     last answer of the session with the secret link in the address (/live?session=...)."""
 
     def live(request: Request) -> HTMLResponse:
         if folder:
             with suppress(OSError):
-                return HTMLResponse((folder / LIVE).read_text(encoding="utf-8"))
+                return HTMLResponse((folder / LIVE_FILE).read_text(encoding="utf-8"))
             return HTMLResponse(live_page())
-        answers = visitors.answers(request.query_params.get("session", ""))
+        answers = visitors.answers_by_link(request.query_params.get("session", ""))
         latest = (answers.document, len(answers.pairs) - 1, *answers.pairs[-1]) if answers else ()
         return HTMLResponse(live_page(*latest))
 
@@ -107,20 +107,23 @@ def _guard(module: ModuleType, name: str, guard: object) -> None:
 
 
 @contextmanager
-def running(
+def running_server(
     host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None, folder: Path | None = None
 ) -> Iterator[tuple[str, Visitors]]:
     """Serve the page; yield (its address, its visitors). At the end, all temporary files are removed. folder: `cavirheo
     watch` writes the page of /live into it. Raises InputError: the port cannot be opened, or `_guard` fails with this
     version of gradio."""
-    _guard(processing_utils, "async_ssrf_protected_download", _refuse)  # clients must not make the server download
+    _guard(processing_utils, "async_ssrf_protected_download", _refuse_url)  # clients must not make the server download
     _guard(route_utils, "GradioUploadFile", _Upload)
     with (
         TemporaryDirectory(prefix="cavirheo-app-") as temporary,
         closing(Visitors(limits or VisitorLimits())) as visitors,
     ):
         os.environ["GRADIO_TEMP_DIR"] = temporary
-        page, routes = Page(visitors).blocks.queue(default_concurrency_limit=EVENTS), [_wall(visitors, folder)]
+        page, routes = (
+            Page(visitors).blocks.queue(default_concurrency_limit=MAX_EVENTS),
+            [_live_route(visitors, folder)],
+        )
         try:
             _, address, _ = page.launch(
                 server_name=host,
@@ -130,14 +133,14 @@ def running(
                 show_error=True,
                 max_file_size=int(visitors.limits.file_mb * 2**20),
                 theme=_THEME,
-                head=f"<style>{words.style()}</style>",
-                js=words.script("page.js"),
+                head=f"<style>{words.page_css()}</style>",
+                js=words.read_file("page.js"),
                 footer_links=[],
                 run_history=False,
                 ssr_mode=False,
                 share=False,
                 pwa=False,
-                app_kwargs={"middleware": [Middleware(_only_here)], "routes": routes},
+                app_kwargs={"middleware": [Middleware(_add_security_headers)], "routes": routes},
             )
         except OSError as error:
             message = f"cannot listen on {host}:{port}: {error}; give another --port"
@@ -150,7 +153,7 @@ def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder:
     """Serve the page until SIGINT or SIGTERM; with a folder, the address shown is /live. Raises InputError."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: by default, each of many threads keeps a separate heap
-    with suppress(KeyboardInterrupt), running(host, port, limits, folder) as (address, _):
+    with suppress(KeyboardInterrupt), running_server(host, port, limits, folder) as (address, _):
         address += "live" * bool(folder)
         print(f"cavirheo app: {address}   (Ctrl+C ends it)", file=sys.stderr)
         threading.Thread(target=load_solver, daemon=True).start()

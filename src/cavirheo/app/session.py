@@ -17,9 +17,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.companions.published_values import add_to_groups, published, values_of
+from cavirheo.companions.published_values import add_to_groups, published, read_values
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, number_of, require
+from cavirheo.errors import InputError, parse_number, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import check_stretch
 from cavirheo.inference.model import shipped
@@ -31,7 +31,7 @@ from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import Published
-from cavirheo.reporting.material import kept_material_of
+from cavirheo.reporting.material import cached_material_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.video.frames import is_video
 from cavirheo.video.measurement import Measurement
@@ -40,7 +40,7 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import short_name
 
 _Value = TypeVar("_Value")
-YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
+UPLOAD_FOLDER = "your files"  # the folder of a visitor, which names the group of single-shot files
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,13 @@ class VisitorLimits:
     files: int = 50
     curves: int = 400
     frames: int = 400_000
-    full: int = 100  # shots in one run with full uncertainty
-    seconds: float = 20.0  # s, to read the files
+    full_shots: int = 100  # shots in one run with full uncertainty
+    read_seconds: float = 20.0  # s, to read the files
     readers: int = 3  # processes that read files, shared by all visitors
     film_seconds: float = 120.0  # s, to measure a recording
     film_mb: float = 500.0  # MB, of the frames of a recording
     visitors: int = 100
-    absent: float = 600.0  # s from closing the page until the visitor is forgotten
+    absent_seconds: float = 600.0  # s from closing the page until the visitor is forgotten
 
 
 @dataclass(frozen=True)
@@ -95,20 +95,20 @@ class PageSettings:
             object.__setattr__(self, "material", None)
 
     @classmethod
-    def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
+    def from_page(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
         """Return (settings, error messages by field) from the values of the page's fields, in their order. The key ""
         is for an error of the values in combination. If there is any error, the settings are the defaults."""
-        settings, wrong = dict[str, Any](), dict[str, str]()
+        settings, errors = dict[str, Any](), dict[str, str]()
         vouch = {"trust_input": dict(zip((field_.name for field_ in fields(cls)), values, strict=True))["trust_input"]}
         for field_, value in zip(fields(cls), values, strict=True):
             try:
                 numeric, name = "float" in str(field_.type) and value != "free", field_.name.replace("_", " ")
-                single: dict[str, Any] = {field_.name: number_of(value, name) if numeric else value or None}
+                single: dict[str, Any] = {field_.name: parse_number(value, name) if numeric else value or None}
                 _, settings = cls(**(vouch | single)).read_options, settings | single
             except InputError as error:
-                wrong[field_.name] = str(error)
+                errors[field_.name] = str(error)
         try:
-            return cls() if wrong else cls(**settings), wrong
+            return cls() if errors else cls(**settings), errors
         except InputError as error:
             return cls(), {"": str(error)}
 
@@ -136,17 +136,17 @@ class PageSettings:
 class Clip:
     """A recording.
 
-    measurement: of all frames. used: without the excluded frames. frame: the number of the shown frame.
-    curve, command: the confirmed radius history, and its command-line options when it was confirmed.
+    measurement: of all frames. selection: without the excluded frames. shown_frame: the number of the shown frame.
+    curve, confirmed_options: the confirmed radius history, and its command-line options when it was confirmed.
     """
 
     path: Path
     camera: Camera = field(default_factory=Camera)
     measurement: Measurement | None = None
-    used: Measurement | None = None
-    frame: int = 1
+    selection: Measurement | None = None
+    shown_frame: int = 1
     curve: RadiusCurve | None = None
-    command: str = ""
+    confirmed_options: str = ""
 
     @property
     def measured(self) -> Measurement:
@@ -156,55 +156,55 @@ class Clip:
         return self.measurement
 
     @property
-    def exclude(self) -> str:
+    def excluded_text(self) -> str:
         """The excluded frames as text: "12, 40-45"."""
-        return str(self.used.options.get("exclude", "")) if self.used else ""
+        return str(self.selection.options.get("exclude", "")) if self.selection else ""
 
     @property
     def excluded(self) -> Bools:
         """(n,) True for excluded frames."""
-        return np.asarray((self.used or self.measured).track.flags == "excluded")
+        return np.asarray((self.selection or self.measured).track.flags == "excluded")
 
     @property
-    def index(self) -> int:
+    def shown_index(self) -> int:
         """The index of the shown frame in arrays."""
-        return self.frame - self.measured.first
+        return self.shown_frame - self.measured.first
 
     @property
     def options(self) -> str:
         """The options of `cavirheo infer` with the same effect."""
-        return self.camera.options + f" --exclude {self.exclude.replace(' ', '')}" * bool(self.exclude)
+        return self.camera.options + f" --exclude {self.excluded_text.replace(' ', '')}" * bool(self.excluded_text)
 
     def history(self, *, sheet: bool = False) -> RadiusCurve:
         """Return the radius history, as `read_curves` does. Raises InputError: not measured."""
-        return with_maximum_notes(history(self.used or self.measured, self.path, sheet=sheet))
+        return with_maximum_notes(history(self.selection or self.measured, self.path, sheet=sheet))
 
-    def camera_of(self, texts: Sequence[str]) -> tuple[Camera, list[str]]:
+    def read_camera(self, texts: Sequence[str]) -> tuple[Camera, list[str]]:
         """Return (frame rate, scale and exposure; for each field, why it cannot be used, or "")."""
         unscaled = self.measurement is not None and self.measurement.um_per_px.value is None
         return parse_camera(texts, self.path.suffix.lower(), unscaled=unscaled)
 
-    def unready(self, *texts: str) -> list[str]:
+    def confirm_errors(self, *texts: str) -> list[str]:
         """Return for each field why the curve cannot be confirmed, or "": three of the camera, then the frames."""
-        new, wrong = self.camera_of(texts[:3])
+        new, errors = self.read_camera(texts[:3])
         changed = ["changed since: measure again" * (now != old) for now, old in zip(new, self.camera, strict=True)]
-        return [mistake or change for mistake, change in zip(wrong, changed, strict=True)] + self.leave_out(texts[3])
+        return [error or change for error, change in zip(errors, changed, strict=True)] + self.set_excluded(texts[3])
 
-    def leave_out(self, listed: str) -> list[str]:
+    def set_excluded(self, listed: str) -> list[str]:
         """Exclude only these frames, "12, 40-45"; return [error message or ""]. A trailing comma is ignored."""
         listed = listed.strip(" ,-–")
         try:
-            self.used = self.measurement and self.measurement.without(listed) if listed else self.measurement
+            self.selection = self.measurement and self.measurement.excluding(listed) if listed else self.measurement
         except InputError as error:
             return [str(error)]
         return [""]
 
-    def toggle(self) -> None:
+    def toggle_excluded(self) -> None:
         """Exclude the shown frame, or include it again. Raises InputError: no measured frame would be left."""
         excluded = self.excluded
-        excluded[self.index] ^= True
-        (wrong,) = self.leave_out(digits.ranges((np.flatnonzero(excluded) + self.measured.first).tolist()))
-        require(not wrong, wrong, "video.exclude")
+        excluded[self.shown_index] ^= True
+        (error,) = self.set_excluded(digits.number_ranges((np.flatnonzero(excluded) + self.measured.first).tolist()))
+        require(not error, error, "video.exclude")
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,11 +233,11 @@ class Session:
         zips: Store | None = None,
     ) -> None:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
-        self.store, self.zips = store or Store(), zips or Store(most=1)  # shared by all visitors
+        self.store, self.zips = store or Store(), zips or Store(capacity=1)  # shared by all visitors
         self.keys: set[str] = set()  # keys of this visitor's values in these two stores
         self.measurer = measurer or reader  # separate: reading tables need not wait for a recording
-        self.sent: list[str] = []  # uploads that are not read yet
-        self.refusal = ""  # error message of the last event
+        self.pending_uploads: list[str] = []  # uploads that are not read yet
+        self.error_message = ""  # error message of the last event
         self.link = token_urlsafe(16)  # secret: a page with it in its address opens this session
         self.lock = RLock()  # held while the session is read or changed, but not while a run answers shots
         self.runs = Stoppable()  # computations on shots
@@ -247,10 +247,10 @@ class Session:
 
     def clear(self) -> None:
         """Remove all files and results; the settings stay."""
-        shutil.rmtree(self.folder / YOURS, ignore_errors=True)
-        (self.folder / YOURS).mkdir()
+        shutil.rmtree(self.folder / UPLOAD_FOLDER, ignore_errors=True)
+        (self.folder / UPLOAD_FOLDER).mkdir()
         self.films: dict[str, Clip] = {}  # recordings by the names of their files
-        self.film = ""  # the name of the shown recording
+        self.film_name = ""  # the name of the shown recording
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, read with the settings
         self.materials: dict[str, str] = {}  # by shot, as the visitor typed them
@@ -263,42 +263,42 @@ class Session:
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Move or copy the files into the session, and read them; unreadable ones are removed. Videos go to `films`.
         Raises InputError: too many files, curves or frames, or a setting out of its domain."""
-        number = len(list((self.folder / YOURS).iterdir())) + len(files)
+        number = len(list((self.folder / UPLOAD_FOLDER).iterdir())) + len(files)
         message = f"{number} files; at most {self.limits.files} are read at once"
         remedy = "start over with fewer, or put the shots of one material into one file"
         require(number <= self.limits.files, f"{message}: {remedy}", "app.too_many_files")
         taken = list[Path]()
         for path in files:
-            taken.append(self._free(path.name))
+            taken.append(self._unused_path(path.name))
             (shutil.copyfile if copy else shutil.move)(path, taken[-1])
         films = {path.name: Clip(path) for path in taken if is_video(path)}
         try:
             tables = [path for path in taken if path.name not in films]
             if tables or not films:
-                self.take([*self.files, *tables], settings)
+                self.set_files([*self.files, *tables], settings)
             self.films |= films
         finally:
             for path in {*taken} - {*self.files, *(film.path for film in self.films.values())}:
                 path.unlink()
-        if self.film not in self.recordings:
-            self.film = next(iter(self.recordings), "")
+        if self.film_name not in self.film_names:
+            self.film_name = next(iter(self.film_names), "")
 
     @property
-    def recordings(self) -> list[str]:
+    def film_names(self) -> list[str]:
         """Names of the recordings that can be measured; a .cihx header beside its .mraw is left out."""
         return [name for name in self.films if f"{name.removesuffix('.cihx')}.mraw" not in self.films]
 
     @property
-    def current(self) -> Clip:
+    def current_clip(self) -> Clip:
         """The shown recording; an empty Clip if there is none."""
-        return self.films.get(self.film) or Clip(Path())
+        return self.films.get(self.film_name) or Clip(Path())
 
     @property
-    def waiting(self) -> list[str]:
+    def unconfirmed(self) -> list[str]:
         """Names of the recordings that are not confirmed."""
-        return [name for name in self.recordings if self.films[name].curve is None]
+        return [name for name in self.film_names if self.films[name].curve is None]
 
-    def take(self, files: Sequence[Path], settings: PageSettings) -> None:
+    def set_files(self, files: Sequence[Path], settings: PageSettings) -> None:
         """Read these files instead of all others, and drop the answers. Raises InputError: too many shots or frames."""
         curves, problems = self._read(files, settings, self.densities)
         limits, frames = self.limits, sum(len(curve.time) for curve in curves)
@@ -332,7 +332,7 @@ class Session:
         """Return the settings of a shot, with its own density if one was typed."""
         return replace(self.settings, density=self.densities[shot]) if shot in self.densities else self.settings
 
-    def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
+    def regroup(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Return the pairs with each curve in the group of its typed material, or else in the group of its file."""
         groups = {curve.name: (curve.group, curve.group_source) for curve, _ in pairs}
         for curve in self.curves:
@@ -347,10 +347,13 @@ class Session:
             if value not in (None, getattr(PageSettings, name)):
                 words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
         films = [film for film in self.films.values() if film.path in self.files]
-        messages = [film.command if len(self.files) == 1 else f" ({film.path.name}:{film.command})" for film in films]
+        messages = [
+            film.confirmed_options if len(self.files) == 1 else f" ({film.path.name}:{film.confirmed_options})"
+            for film in films
+        ]
         return shlex.join(words) + "".join(messages)
 
-    def prepare(self, settings: PageSettings, densities: Mapping[str, float] | None = None) -> None:
+    def apply_settings(self, settings: PageSettings, densities: Mapping[str, float] | None = None) -> None:
         """Set the settings and the densities of shots; read the files again if these change the curves. Raises
         InputError: also for a density that no medium has."""
         for density in set((densities or {}).values()):
@@ -360,10 +363,10 @@ class Session:
             self.curves, _ = self._read(self.files, settings, densities)
         self.settings, self.densities = settings, densities
 
-    def publish(self, paths: Sequence[Path]) -> None:
+    def add_published(self, paths: Sequence[Path]) -> None:
         """Add values of other methods to the answers' groups, from files for `cavirheo compare`, or from the sweeps of
         one material for `cavirheo rheometer`. Raises InputError."""
-        values = published(self.reader.ask(paths, (values_of, *map(str, paths))))
+        values = published(self.reader.ask(paths, (read_values, *map(str, paths))))
         add_to_groups(self.answers.document.groups if self.answers else [], values)
         self.published.append(values)
 
@@ -372,7 +375,7 @@ class Session:
         """Whether there are answers, but with other settings or densities."""
         return self.answers is not None and self.answers.request != self.request
 
-    def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
+    def find_answer(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
         """Return (all answers, curve, posterior, record) of a shot. Raises InputError: no answer, or a `stale` one."""
         require(not self.stale, "settings changed: run again (step 3)", "app.stale")
         if self.answers:
@@ -381,18 +384,18 @@ class Session:
                     return self.answers, *pair, record
         raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
 
-    def once(self, store: Store, key: str, function: Callable[[], _Value]) -> _Value:
-        """As `Store.once`: visitors with the same file share one value, which is removed with the last of them."""
+    def compute_once(self, store: Store, key: str, function: Callable[[], _Value]) -> _Value:
+        """As `Store.get_or_compute`: visitors with one file share one value, which is removed with the last of them."""
         self.keys.add(key)
-        return store.once(key, function)
+        return store.get_or_compute(key, function)
 
     def close(self) -> None:
         self.runs.stopped.set()
         self._temporary.cleanup()
 
-    def _free(self, name: str) -> Path:
+    def _unused_path(self, name: str) -> Path:
         """Return an unused path of this name in the visitor's folder, with a number if the name is taken."""
-        to, numbers = self.folder / YOURS / name, count(2)
+        to, numbers = self.folder / UPLOAD_FOLDER / name, count(2)
         while to.exists():
             to = to.with_name(f"{short_name(Path(name).stem)} ({next(numbers)}){Path(name).suffix}")
         return to
@@ -402,15 +405,15 @@ class Visitors:
     """All sessions. Gradio gives each page a random name. Another page can open a session by its secret link only."""
 
     def __init__(self, limits: VisitorLimits) -> None:
-        self.limits, self.reader = limits, Reader(limits.seconds, processes=limits.readers)
-        self.measurer = Reader(limits.film_seconds, at_once=False)
-        self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # two answers per shot
+        self.limits, self.reader = limits, Reader(limits.read_seconds, processes=limits.readers)
+        self.measurer = Reader(limits.film_seconds, prestart=False)
+        self.store, self.zips, self._lock = Store(capacity=200), Store(capacity=3), RLock()  # two answers per shot
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # link of each page's session, by the name of the page
         self._requests = Counter[str]()  # number of requests of each page
-        self.forgotten: Callable[[str], Any] = lambda name: None  # called with the name of a page that is forgotten
+        self.on_forget: Callable[[str], Any] = lambda name: None  # called with the name of a page that is forgotten
 
-    def of(self, name: str | None) -> Session:
+    def session_for(self, name: str | None) -> Session:
         """Return the page's session, or a new one; beyond the limit, close the longest unused. Raises InputError."""
         if not name:
             raise InputError("no session: reload the page")
@@ -423,15 +426,15 @@ class Visitors:
                 self._close(next(iter(self._sessions)))
             return session
 
-    def back(self, name: str, link: str) -> Session | None:
+    def reopen(self, name: str, link: str) -> Session | None:
         """Give the page of this name the session with this link, and return it; None if there is none."""
         with self._lock:
             if link not in self._sessions:
                 return None
             self._links[name] = link
-            return self.of(name)
+            return self.session_for(name)
 
-    def answers(self, link: str) -> Answers | None:
+    def answers_by_link(self, link: str) -> Answers | None:
         """Return the answers of the session with this link, if there are any."""
         with self._lock:
             return self._sessions[link].answers if link in self._sessions else None
@@ -439,7 +442,7 @@ class Visitors:
     def leave(self, name: str) -> None:
         """Forget this page after a delay, unless it sends another request until then (a phone that slept); a session is
         closed with its last page."""
-        timer = Timer(self.limits.absent, self._forget, (name, self._requests[name]))
+        timer = Timer(self.limits.absent_seconds, self._forget, (name, self._requests[name]))
         timer.daemon = True
         timer.start()
 
@@ -448,23 +451,23 @@ class Visitors:
             if self._requests[name] == requests:
                 link = self._links.pop(name, "")
                 del self._requests[name]
-                self.forgotten(name)
+                self.on_forget(name)
                 if link in self._sessions and link not in self._links.values():
                     self._close(link)
 
-    def end(self, session: Session) -> None:
+    def end_session(self, session: Session) -> None:
         """Close a session, and remove the answers and zips that no other session uses."""
         session.close()
         with self._lock:
             shared = set().union(*(visitor.keys for visitor in self._sessions.values()))
         for store in (self.store, self.zips):
             store.remove(session.keys - shared)
-        kept_material_of.cache_clear()
+        cached_material_of.cache_clear()
 
     def _close(self, link: str) -> None:
-        self.end(self._sessions.pop(link))
-        for name in [name for name, of in self._links.items() if of == link]:
-            self.forgotten(name)
+        self.end_session(self._sessions.pop(link))
+        for name in [name for name, other in self._links.items() if other == link]:
+            self.on_forget(name)
             del self._links[name], self._requests[name]
 
     def close(self) -> None:

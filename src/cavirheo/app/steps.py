@@ -19,7 +19,7 @@ import numpy as np
 from cavirheo.app.session import Answers, PageSettings, Session
 from cavirheo.companions.published_values import add_to_groups
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, number_of, require
+from cavirheo.errors import InputError, parse_number, require
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.what_if import checks_with, compared_window, slider
 from cavirheo.io import write_csv
@@ -30,11 +30,11 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import file_names, result, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.record import Pairs
-from cavirheo.reporting.table import unexplained
-from cavirheo.workflow.store import of_file
+from cavirheo.reporting.table import count_unsuited
+from cavirheo.workflow.store import with_source_of
 from cavirheo.writing import digits
-from cavirheo.writing.document import LIST
-from cavirheo.writing.packing import key_of
+from cavirheo.writing.document import LIST_FILE
+from cavirheo.writing.packing import content_hash
 
 FIGURES = ("png", "svg")  # in the zip
 SLIDERS = {  # label, factor from SI
@@ -42,7 +42,7 @@ SLIDERS = {  # label, factor from SI
     "viscosity": ("Try µ (Pa s)", 1.0),
     "stretch": ("Try λ (R_max/R_0)", 1.0),
 }
-_CHANGED = "files or settings were changed while it ran: its answers are dropped; run it again"
+_CHANGED_MESSAGE = "files or settings were changed while it ran: its answers are dropped; run it again"
 
 
 def examples() -> dict[str, Path]:
@@ -53,7 +53,7 @@ def examples() -> dict[str, Path]:
 
 def measure(session: Session, camera: Camera, say: Report) -> None:
     """Measure the shown recording in a child process; excluded frames stay excluded. Raises InputError."""
-    film, (rate, scale, us) = session.current, camera
+    film, (rate, scale, us) = session.current_clip, camera
     images, most = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6
     numbers = {"frame_rate": rate, "um_per_px": scale, "exposure": us and us * 1e-6}
     try:
@@ -63,22 +63,22 @@ def measure(session: Session, camera: Camera, say: Report) -> None:
             images.unlink(missing_ok=True)
     with session.lock:
         require(film in session.films.values(), "the recording was removed while it was measured", "app.changed")
-        listed = film.exclude
+        listed = film.excluded_text
         for clip in session.films.values():
-            clip.measurement = clip.used = None  # frames are kept of one recording only
-        film.camera, film.measurement, film.used = camera, measurement, measurement
-        film.frame = measurement.first + int(np.nanargmax(measurement.track.radius))
-        film.leave_out(listed)
+            clip.measurement = clip.selection = None  # frames are kept of one recording only
+        film.camera, film.measurement, film.selection = camera, measurement, measurement
+        film.shown_frame = measurement.first + int(np.nanargmax(measurement.track.radius))
+        film.set_excluded(listed)
 
 
 def confirm(session: Session) -> None:
     """Hand the curve of the shown recording to the next steps, in place of its earlier curve. Raises InputError."""
-    film = session.current
-    session.films[session.film] = replace(film, curve=film.history(sheet=True), command=film.options)
+    film = session.current_clip
+    session.films[session.film_name] = replace(film, curve=film.history(sheet=True), confirmed_options=film.options)
     try:
-        session.take([*session.files, *({film.path} - {*session.files})], session.settings)
+        session.set_files([*session.files, *({film.path} - {*session.files})], session.settings)
     except InputError:
-        session.films[session.film] = film
+        session.films[session.film_name] = film
         raise
 
 
@@ -89,9 +89,9 @@ def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[R
         settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
         analyses = {curve.name: replace(session.settings_of(curve.name), verify=verify).analysis for curve in chosen}
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
-    message = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once"
+    message = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full_shots} at once"
     remedy = "choose fewer in step 2, or use the command line (cavirheo infer --verify full)"
-    fine = verify != "full" or len(chosen) <= session.limits.full
+    fine = verify != "full" or len(chosen) <= session.limits.full_shots
     require(fine, f"{message}: {remedy}", "app.too_many_full")
     previews, workers = session.previews, max(cores() // len(chosen), 1)
     preview_mark = {"verdict": "unverified", "messages": []} if verify != settings.verify else {}
@@ -100,14 +100,14 @@ def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[R
         analysis = analyses[curve.name]
         job = partial(analysis.answer, curve, workers=workers)
         run = job if verify == "none" else partial(run_on_any_core, job)
-        answer = session.once(session.store, analysis.key(curve), run)
-        answer = of_file(answer, curve)
-        row = curve_record(*session.grouped([(curve, answer)])[0])
+        answer = session.compute_once(session.store, analysis.key(curve), run)
+        answer = with_source_of(answer, curve)
+        row = curve_record(*session.regroup([(curve, answer)])[0])
         if row.has_answer or not preview_mark:
             previews[curve.name] = row.model_copy(update=preview_mark)
         return answer
 
-    return list(zip(chosen, session.runs.each(answer_one, chosen), strict=True))
+    return list(zip(chosen, session.runs.run_jobs(answer_one, chosen), strict=True))
 
 
 def preview(session: Session, names: Sequence[str]) -> None:
@@ -126,21 +126,21 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
     try:
         answers = _answer(session, names, request[0].verify)
         pairs = [(curve, answer) for curve, answer in answers if answer]
-        pooled = _pooled(session, pairs, [curve.name for curve, answer in answers if not answer], request)
+        pooled = _pool_answers(session, pairs, [curve.name for curve, answer in answers if not answer], request)
     finally:
         if not session.runs.busy.locked():  # an earlier run, which continues, uses the previews
             session.previews = {}
     with session.lock:
-        require(session.curves is curves and session.request == request, _CHANGED, "app.changed")
+        require(session.curves is curves and session.request == request, _CHANGED_MESSAGE, "app.changed")
         session.answers = pooled
         return session.answers
 
 
-def _pooled(
-    session: Session, pairs: Pairs, left: list[str], request: tuple[PageSettings, Mapping[str, float]]
+def _pool_answers(
+    session: Session, pairs: Pairs, not_run: list[str], request: tuple[PageSettings, Mapping[str, float]]
 ) -> Answers:
     """Return the answers with their document: groups, published values, command and notes."""
-    (settings, densities), pairs = request, session.grouped(pairs)
+    (settings, densities), pairs = request, session.regroup(pairs)
     command = session.command(settings)
     if len(pairs) < len(session.curves):
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
@@ -151,7 +151,7 @@ def _pooled(
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
             add_to_groups(document.groups, values)
-    return Answers(pairs, document, left, request)
+    return Answers(pairs, document, not_run, request)
 
 
 def name_materials(session: Session, names: Sequence[str], densities: Sequence[str] = ()) -> None:
@@ -161,42 +161,42 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
     require(fine, "the files were changed: reload the page", "app.changed")
     shots = [curve.name for curve in session.curves]
     if densities:
-        numbers = {shot: number_of(text, "density") for shot, text in zip(shots, densities, strict=True)}
+        numbers = {shot: parse_number(text, "density") for shot, text in zip(shots, densities, strict=True)}
         by_shot = {shot: density for shot, density in numbers.items() if density is not None}
-        session.prepare(session.settings, by_shot)
+        session.apply_settings(session.settings, by_shot)
     groups = zip(session.curves, map(str.strip, names), strict=True)
     session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
-        pooled = _pooled(session, old.pairs, old.not_run, old.request)
+        pooled = _pool_answers(session, old.pairs, old.not_run, old.request)
         session.answers = replace(pooled, fits=old.fits)
 
 
 def fit(session: Session, name: str | None) -> None:
     """Fit an answered curve conventionally: same law, bubble, medium, window and stretch. Raises InputError."""
     with session.lock:
-        (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
+        (answers, curve, posterior, _), settings = session.find_answer(name), session.settings_of(name or "")
     analysis, end = settings.analysis, None
     if analysis.method == "bdt":  # a network with a fixed window: the fit takes the same window
         end = compared_window(curve, analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
     analysis = replace(analysis, method="fit", free=None, verify="auto", end=end, **model)
-    (answer,) = session.runs.each(partial(run_on_any_core, analysis.answer), [curve])
+    (answer,) = session.runs.run_jobs(partial(run_on_any_core, analysis.answer), [curve])
     with session.lock:
         if answer is None or session.answers is not answers:
-            raise InputError(_CHANGED, "app.changed")
+            raise InputError(_CHANGED_MESSAGE, "app.changed")
         answers.fits[curve.name] = answer
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     """Return the limits, step and start of each slider, in kPa, Pa s and 1; None for a parameter that the law lacks."""
-    posterior = session.find(name)[2]
+    posterior = session.find_answer(name)[2]
     return {key: slider(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
 
 
 def what_if(session: Session, name: str, values: Sequence[float | None]) -> Checks:
     """Simulate with the sliders' values over the window of the answer; return the Checks, and keep them in the answers.
     The Checks of a failed simulation hold the reason."""
-    answers, curve, posterior, _ = session.find(name)
+    answers, curve, posterior, _ = session.find_answer(name)
     changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
     answers.trials[name] = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
     return answers.trials[name]
@@ -206,7 +206,7 @@ def law_in_doubt(session: Session) -> bool:
     """Whether most answers suggest another law, and the settings of these answers name a single law."""
     records = session.answers.document.curves if session.answers else []
     open_law = session.settings.material is None or session.stale
-    return not open_law and unexplained(records) > len(records) / 2
+    return not open_law and count_unsuited(records) > len(records) / 2
 
 
 def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
@@ -223,18 +223,18 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
             result_folder = Path(base, "cavirheo-result")
             for kind in ("processed", "simulated"):
                 (result_folder / kind).mkdir(parents=True)
-            how: dict[str, Any] = {"notes": document.notes, "published": published}
-            how["advance"] = lambda: progress(next(number) / (shots + 1), "drawn")
-            write_report(result_folder, answers.pairs, document.command, FIGURES, **how)
+            options: dict[str, Any] = {"notes": document.notes, "published": published}
+            options["advance"] = lambda: progress(next(number) / (shots + 1), "drawn")
+            write_report(result_folder, answers.pairs, document.command, FIGURES, **options)
             if fits:
-                write_report(result_folder / "least-squares", fits, f"{document.command}; then fit", FIGURES, **how)
-            for listing in result_folder.rglob(LIST):  # the list of files by run, which a zip of one run does not need
+                write_report(result_folder / "least-squares", fits, f"{document.command}; then fit", FIGURES, **options)
+            for listing in result_folder.rglob(LIST_FILE):  # the list of files by run, which one run does not need
                 listing.unlink()
             _write_curves(result_folder, answers)
             return Path(shutil.make_archive(f"{base}/made", "zip", base, result_folder.name)).read_bytes()
 
-    key = key_of([answers.pairs, document.command, fits, document.notes, published])
-    archive.write_bytes(session.once(session.zips, key, build))  # visitors with the same answers share one zip
+    key = content_hash([answers.pairs, document.command, fits, document.notes, published])
+    archive.write_bytes(session.compute_once(session.zips, key, build))  # visitors with the same answers share one zip
     shutil.rmtree(folder, ignore_errors=True)
     shutil.unpack_archive(archive, folder)
     return archive, sorted(path for path in (folder / "cavirheo-result").iterdir() if path.is_file())
@@ -249,6 +249,6 @@ def _write_curves(folder: Path, answers: Answers) -> None:
         if time is not None and radius is not None:
             # leave out points so close to a frame that their times are equal in the digits of the CSV
             distinct = np.diff(time, prepend=-np.inf) > 1e-15
-            place = folder / "simulated" / f"{stem}-{digits.simulated(posterior.method).replace(' ', '-')}.csv"
-            remark = f"simulation of {record.name}, {record.simulated}"
+            place = folder / "simulated" / f"{stem}-{digits.simulation_name(posterior.method).replace(' ', '-')}.csv"
+            remark = f"simulation of {record.name}, {record.simulation_in_words}"
             write_csv(place, RadiusCurve(time[distinct], radius[distinct]), remark)

@@ -4,7 +4,7 @@ const value = (row, k) => {
   const text = (row.cells[k].querySelector('[title]')?.title || row.cells[k].childNodes[0]?.textContent || '').trim();
   return Number.isNaN(parseFloat(text)) ? text : parseFloat(text);
 };
-const inked = () => {
+const makeFocusable = () => {
   for (const one of element.querySelectorAll('.curves thead th, .curves tbody tr:not(.doubt) td:first-child')) {
     one.tabIndex = 0;
     if (one.tagName === 'TD') one.setAttribute('aria-label', `${one.innerText}: show its simulation`);
@@ -25,7 +25,7 @@ const order = (head) => {
 const act = (event) => {
   const head = event.target.closest('.curves thead th'), row = event.target.closest('.curves tbody tr:not(.doubt)');
   if (head) return order(head);
-  if (!row || element.querySelector('.stale, .soon')) return;
+  if (!row || element.querySelector('.stale, .busy')) return;
   document.body.dataset.picked = row.cells[0].querySelector('[title]')?.title || row.cells[0].childNodes[0].textContent;
   trigger('click');
 };
@@ -33,4 +33,4 @@ element.addEventListener('click', act);
 element.addEventListener('keydown', (event) => {
   if (event.key === 'Enter' || event.key === ' ') { if (event.target.tabIndex === 0 && event.target.closest('.curves')) event.preventDefault(); act(event); }
 });
-watch('value', inked);
+watch('value', makeFocusable);

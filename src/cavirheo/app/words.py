@@ -10,26 +10,32 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.app.session import YOURS, Answers, Clip, PageSettings, Session
+from cavirheo.app.session import UPLOAD_FOLDER, Answers, Clip, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference import AUTO, DEFAULT
+from cavirheo.inference import AUTO_LAWS, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.inference.what_if import compared_window, predict_radius
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
-from cavirheo.reporting.citation import TITLE, methods
+from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.panels import Axis, Layer, Panel, curve_panels, overview_panels, preview_panels
 from cavirheo.reporting.pictures import curve_svg, overlay_svg
 from cavirheo.reporting.record import result_of
-from cavirheo.reporting.table import causes, curve_warnings, notes, pooled, summary_cells
-from cavirheo.video.picture import COLOURS, GREY, frame_address
+from cavirheo.reporting.table import (
+    curve_warnings,
+    curves_by_note,
+    curves_by_remark,
+    groups_with_mixed_files,
+    summary_cells,
+)
+from cavirheo.video.picture import COLOURS, GREY, frame_url
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
-from cavirheo.writing.terminal import by_message
+from cavirheo.writing.terminal import names_by_message
 
 VERSION = version("cavirheo")
-LEVELS = [  # label and value of each choice of the page
+VERIFY_LEVELS = [  # label and value of each choice of the page
     ("checked by simulations", "auto"),
     ("not verified (fastest)", "none"),
     ("Gaussian", "map"),
@@ -47,7 +53,7 @@ GROUPS = [
     ("each by itself", "none"),
     ("those whose files have one name: soft_1, soft_2 | stiff_1", "name"),
 ]
-NUMBERS = {  # label, and what an empty field means, of settings that need not be given
+NUMBER_FIELDS = {  # label, and what an empty field means, of settings that need not be given
     "density": ("Density (kg/m³)", "as the medium"),
     "rmax_um": ("True R_max (µm)", "as measured"),
     "stretch": ("λ = R_max/R_0", "fitted; free: without the file's prior"),
@@ -56,29 +62,29 @@ NUMBERS = {  # label, and what an empty field means, of settings that need not b
     "pressure": ("Pressure (Pa)", "as the medium"),
     "temperature": ("Temperature (K)", "as the medium"),
 }
-NONE = "No answers yet: press the button above."
-_PARTS = html.template("words.html", "cavirheo.app").module
+NO_ANSWERS = "No answers yet: press the button above."
+_MACROS = html.template("words.html", "cavirheo.app").module
 
 
-def part(name: str, *content: Any) -> str:
+def render(name: str, *content: Any) -> str:
     """Render the macro of this name in words.html."""
-    return str(getattr(_PARTS, name)(*content)).strip()
+    return str(getattr(_MACROS, name)(*content)).strip()
 
 
-def style() -> str:
+def page_css() -> str:
     """Return the CSS of the page: the report's CSS inside .report, app.css, and the colours of the flags."""
     dots = "".join(f".picture path.flag-{flag} {{ stroke: {colour}; }}\n" for flag, colour in COLOURS.items())
     words = "".join(f".picture tspan.flag-{flag} {{ fill: {colour}; }}\n" for flag, colour in COLOURS.items())
-    return f".report {{\n{html.template('report.css').render()}}}\n{script('app.css')}{dots}{words}"
+    return f".report {{\n{html.template('report.css').render()}}}\n{read_file('app.css')}{dots}{words}"
 
 
-def script(name: str) -> str:
+def read_file(name: str) -> str:
     return (files("cavirheo.app") / name).read_text(encoding="utf-8")
 
 
 def welcome() -> str:
     """The first view: which data are needed, how to cite, and a picture of an answer."""
-    return part("welcome", script("examples/answer.svg"), f"{TITLE}, version {VERSION}")
+    return render("welcome", read_file("examples/answer.svg"), f"{TITLE}, version {VERSION}")
 
 
 _PAGE_WORDS = {  # text in messages (options of the command line or of Python): text on the page
@@ -94,7 +100,7 @@ _PAGE_WORDS = {  # text in messages (options of the command line or of Python): 
 }
 
 
-def for_page(error: Exception | str) -> str:
+def page_text(error: Exception | str) -> str:
     """Return the message with fields of the page in place of options of the command line."""
     message = str(error)
     for option, field in _PAGE_WORDS.items():
@@ -102,39 +108,39 @@ def for_page(error: Exception | str) -> str:
     return message
 
 
-def _rows_for_page(records: Sequence[CurveRecord]) -> list[CurveRecord]:
-    """Return the rows, with their messages through `for_page`."""
+def _page_rows(records: Sequence[CurveRecord]) -> list[CurveRecord]:
+    """Return the rows, with their messages through `page_text`."""
 
     def messages(row: CurveRecord) -> list[Sentence]:
-        return [Sentence(code=message.code, text=for_page(message.text)) for message in row.messages]
+        return [Sentence(code=message.code, text=page_text(message.text)) for message in row.messages]
 
     return [row.model_copy(update={"messages": messages(row)}) for row in records]
 
 
-def lost(session: Session) -> str:
+def clear_warning(session: Session) -> str:
     """The warning that lists what starting over deletes."""
     files = dict.fromkeys([*(path.name for path in session.files), *session.films])
-    return part("lost", [*files], len(session.answers.pairs) if session.answers else 0)
+    return render("clear_warning", [*files], len(session.answers.pairs) if session.answers else 0)
 
 
-def models() -> list[tuple[str, str]]:
+def model_choices() -> list[tuple[str, str]]:
     """(label, name) of every shipped model, the default first."""
     laws = ((name, card(path)["material"]) for name, path in shipped("point").items())
     return [("any recording, with interval", DEFAULT), *((f"the paper's: {law} · {name}", name) for name, law in laws)]
 
 
-def materials() -> list[tuple[str, str]]:
+def material_choices() -> list[tuple[str, str]]:
     """(label, name) of the laws of the default model; the first choice is all of them."""
-    words = {law: digits.MATERIALS.get(law, law).partition(" (")[0] for law in AUTO}
+    words = {law: digits.MATERIAL_TITLES.get(law, law).partition(" (")[0] for law in AUTO_LAWS}
     return [("all of these, each by its evidence", "auto"), *((word, law) for law, word in words.items())]
 
 
-def table(session: Session) -> list[tuple[str, tuple[str, ...]]]:
+def shot_cells(session: Session) -> list[tuple[str, tuple[str, ...]]]:
     """(name, cells of the table) of each shot."""
     return [(curve.name, summary_cells(curve)) for curve in session.curves]
 
 
-def files_table(session: Session) -> str:
+def shots_table(session: Session) -> str:
     """The table of the loaded shots, a row per shot."""
     curves = session.curves
     rows = []
@@ -142,24 +148,26 @@ def files_table(session: Session) -> str:
         material, density = session.materials.get(curve.name, curve.group), session.densities.get(curve.name)
         density_text = "" if density is None else f"{density:.10g}"
         rows.append((curve, digits.elide(curve.name, 36), material, density_text, summary_cells(curve)))
-    pooled = sum(curve.group == YOURS for curve in curves)
-    return part("found", rows, notes(curves), session.waiting, pooled, f"{session.settings.liquid.density:g}")
+    pooled = sum(curve.group == UPLOAD_FOLDER for curve in curves)
+    return render(
+        "shots_table", rows, curves_by_note(curves), session.unconfirmed, pooled, f"{session.settings.liquid.density:g}"
+    )
 
 
-def film(clip: Clip) -> str:
+def film_summary(clip: Clip) -> str:
     """A recording before measurement: what to do; afterwards: its warnings, R_max and remarks."""
     if clip.measurement is None:
-        return part("film", (), {}, {}, "")
+        return render("film_summary", (), {}, {}, "")
     curve = clip.history()
-    cut = f"{clip.measurement.cut}: the radius rests on that part alone" * bool(clip.measurement.cut)
-    by_text = by_message(
-        (clip.path.name, for_page(text)) for text in (cut, *(text for _, text in curve_warnings([curve])))
+    cut = f"{clip.measurement.cut_note}: the radius rests on that part alone" * bool(clip.measurement.cut_note)
+    by_text = names_by_message(
+        (clip.path.name, page_text(text)) for text in (cut, *(text for _, text in curve_warnings([curve])))
     )
-    state = "" if clip.curve is None else "confirmed" if clip.command == clip.options else "changed"
-    return part("film", summary_cells(curve), by_text, notes([curve]), state)
+    state = "" if clip.curve is None else "confirmed" if clip.confirmed_options == clip.options else "changed"
+    return render("film_summary", summary_cells(curve), by_text, curves_by_note([curve]), state)
 
 
-def radii(clip: Clip) -> str:
+def film_plot(clip: Clip) -> str:
     """The picture of R(t), coloured by flag, with missing radii drawn at zero; a line marks the shown frame."""
     measurement = clip.measured
     unit, scale = ("µm", measurement.um_per_px.value) if measurement.um_per_px.value else ("px", 1.0)
@@ -168,98 +176,100 @@ def radii(clip: Clip) -> str:
     top, layers = 1.05 * float(radius.max()) or 1.0, list[Layer]()
     for flag in dict.fromkeys(flags.tolist()):
         layers.append(Layer("dots", f"flag-{flag}", time[flags == flag], radius[flags == flag], flag))
-    layers.append(Layer("line", "frame", np.full(2, time[clip.index]), np.array([0.0, top])))
+    layers.append(Layer("line", "frame", np.full(2, time[clip.shown_index]), np.array([0.0, top])))
     x = Axis("time (µs)", float(time[0]), float(time[-1]))
-    return part("pictures", [curve_svg([Panel(x, Axis(f"R ({unit})", 0.0, top), tuple(layers))])])
+    return render("pictures", [curve_svg([Panel(x, Axis(f"R ({unit})", 0.0, top), tuple(layers))])])
 
 
-def frame(clip: Clip) -> str:
+def film_frame(clip: Clip) -> str:
     """The shown frame of a recording with its circle, number, time, radius and flag."""
-    measurement, i = clip.measured, clip.index
+    measurement, i = clip.measured, clip.shown_index
     track, scale = measurement.track, measurement.um_per_px.value
     radius, sigma = (f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1)))
     size = f"R = {radius} ± {sigma} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
-    where = f"Frame {clip.frame} of {measurement.last}, {1e6 * measurement.time[i]:.4g} µs"
+    where = f"Frame {clip.shown_frame} of {measurement.last}, {1e6 * measurement.time[i]:.4g} µs"
     flag = str(track.flags[i])
     look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(clip.excluded[i])
-    return part("frame", frame_address(measurement, i, 560), where, size, *look)
+    return render("film_frame", frame_url(measurement, i, 560), where, size, *look)
 
 
 def overview(session: Session) -> str:
     """The pictures of all curves over each other."""
     media = [session.settings_of(curve.name).liquid for curve in session.curves]
-    return part("pictures", [overlay_svg(panel) for panel in overview_panels(session.curves, media)])
+    return render("pictures", [overlay_svg(panel) for panel in overview_panels(session.curves, media)])
 
 
 def groups(session: Session) -> str:
     """The report's pictures of all groups of several shots."""
     answers = session.answers
-    return part("pictures", group_pictures(answers.pairs, answers.document, []) if answers else [])
+    return render("pictures", group_pictures(answers.pairs, answers.document, []) if answers else [])
 
 
-def checked(session: Session, name: str) -> str:
+def check_plot(session: Session, name: str) -> str:
     """Picture of the answer over the measurement, with the draws' band, conventional fit and sliders' simulation."""
-    answers, curve, posterior, _ = session.find(name)
+    answers, curve, posterior, _ = session.find_answer(name)
     if name not in answers.bands:
         time = posterior.checks.reconstruction_time
         answers.bands[name] = None  # stays None if there are no draws, or a simulation fails
         with suppress(InputError, SolverError):
             if time is not None:
                 answers.bands[name] = time, *predict_radius(curve, posterior, time, draws=40)[1:]
-    fit, simulated = answers.fits.get(name), f"simulation: {digits.simulated(posterior.method)}"
+    fit, simulated = answers.fits.get(name), f"simulation: {digits.simulation_name(posterior.method)}"
     simulations: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name), "draws": answers.bands[name]}
-    return part("pictures", [curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
+    return render("pictures", [curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
 
 
 def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     """The warnings on these shots: names of the shots by warning."""
-    return by_message((name, for_page(text)) for name, text in curve_warnings(curves))
+    return names_by_message((name, page_text(text)) for name, text in curve_warnings(curves))
 
 
-def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
+def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
     """The picture of a curve with its compared frames, or the error; its warnings, and remarks on how it was read."""
     picture, remarks = "", warnings([curve])
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
-        remarks = {for_page(error): [curve.name]}
-    return part("prepared", picture, remarks, notes([curve]))
+        remarks = {page_text(error): [curve.name]}
+    return render("prepared_curve", picture, remarks, curves_by_note([curve]))
 
 
 def answers(session: Session) -> str:
     """The answers: groups, shots, their messages, and whether settings changed since; during a run, the answers so
     far."""
     current, previews = session.answers, list(session.previews.values())
-    final = "" if session.settings.verify == "none" else "unverified"  # verdict of a preview that is not yet verified
-    verified = sum(row is not None and row.verdict != final for row in previews)
+    unverified_verdict = "" if session.settings.verify == "none" else "unverified"  # until it is verified
+    verified = sum(row is not None and row.verdict != unverified_verdict for row in previews)
     if previews:
         current = Answers([], result_of([row for row in previews if row], ""), [], session.request)
     if current is None:
-        return part("quiet", NONE)
+        return render("hint", NO_ANSWERS)
     document = current.document
     factor, unit = document.modulus_unit
     differences = [difference.words for difference in document.differences]
-    groups = html.part("groups_table", document.groups, factor, unit), differences
-    rows, models = _rows_for_page(document.curves), {row.in_words for row in document.curves if row.has_answer}
+    groups = html.render_macro("groups_table", document.groups, factor, unit), differences
+    rows, models = _page_rows(document.curves), {row.model_title for row in document.curves if row.has_answer}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
-    shots = html.part("curves_table", rows, factor, unit, title, False)
-    explanation = html.part("reading", document.curves), *methods(document)
-    progress = (verified, len(previews)), len(document.curves), current.not_run, pooled(document)
-    return part("answers", session.stale and not previews, *progress, *groups, shots, causes(rows), *explanation)
+    shots = html.render_macro("curves_table", rows, factor, unit, title, False)
+    explanation = html.render_macro("reading", document.curves), *methods_paragraph(document)
+    progress = (verified, len(previews)), len(document.curves), current.not_run, groups_with_mixed_files(document)
+    return render(
+        "answers", session.stale and not previews, *progress, *groups, shots, curves_by_remark(rows), *explanation
+    )
 
 
 def facts(session: Session, name: str) -> str:
     """The answer and its conventional fit, if there is one, as rows of a table; then all facts of the answer."""
-    answers, curve, answer, record = session.find(name)
-    (record,) = _rows_for_page([record])
+    answers, curve, answer, record = session.find_answer(name)
+    (record,) = _page_rows([record])
     factor, unit = answers.document.modulus_unit
     table, failed, frames = "", {}, list[int]()
     if posterior := answers.fits.get(name):
         rows = {"answer": record, "least squares": curve_record(curve, posterior)}
         records = [row.model_copy(update={"name": what}) for what, row in rows.items()]
-        table = html.part("curves_table", records, factor, unit, "Answer and conventional fit", False)
-        failed = by_message((row.name, row.message) for row in records[1:] if not row.has_answer)
+        table = html.render_macro("curves_table", records, factor, unit, "Answer and conventional fit", False)
+        failed = names_by_message((row.name, row.message) for row in records[1:] if not row.has_answer)
         times = (posterior.checks.compared_time for posterior in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
     key = parameter_key(record.other_parameters)
-    return part("facts", table, frames, failed, html.article(record, factor, unit), key)
+    return render("facts", table, frames, failed, html.article(record, factor, unit), key)

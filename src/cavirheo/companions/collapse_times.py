@@ -23,7 +23,7 @@ from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary, read_
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
-from cavirheo.writing.style import BLUE, VERMILLION, named_curves, panel
+from cavirheo.writing.style import BLUE, VERMILLION, add_legend, new_panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,21 +42,21 @@ VOCABULARY = Vocabulary(
     | {"twice": "collapse_time.twice", "rows": "collapse_time.no_rows"},
 )
 # codes of errors in a table of collapse times; after any other error the file may hold curves
-_OF_A_TABLE = ("limits.", "tabular.width", "tabular.units", "collapse_time.")
+_TABLE_ERRORS = ("limits.", "tabular.width", "tabular.units", "collapse_time.")
 
 
 class CollapseShot(Record):
     """One shot.
 
     Attributes:
-        name: of the shot.
+        name: name of the shot.
         max_radius_m: R_max, m.
         stretch: lambda = R_max/R_0.
-        stretch_from: where lambda comes from.
-        collapse_time_s: t_1, from R_max to the first minimum, s.
-        measured: t_1/t_RC.
-        model: t_1/t_RC of the model.
-        message: why it cannot be used, empty if it can.
+        stretch_from: origin of lambda: "table", "given", "late plateau" or "stated in the file".
+        collapse_time_s: t_1, time from R_max to the first minimum of the radius, s.
+        measured: measured t_1 over the Rayleigh collapse time t_RC; null without an estimate.
+        model: t_1/t_RC of the model; null without an estimate of both G and mu.
+        message: reason why the shot cannot be used; empty if it can.
     """
 
     name: str
@@ -70,19 +70,19 @@ class CollapseShot(Record):
 
 
 class CollapseGroup(Record):
-    """The shots of one material and what they say.
+    """The shots of one material, and the estimate from their collapse times.
 
     Attributes:
-        name: of the table, or of the file or folder of curves.
-        source: this file or folder.
-        source_sha256: its SHA-256.
-        n: shots.
-        unusable: how many of them could not be used; their `message` says why.
-        notes: on the group as a whole.
-        warnings: about the recordings and their settings.
-        estimate: G and mu; null without a usable shot.
-        model: of the collapse times, "analytic" or "exact" (simulated).
-        shots: R_max, lambda, t_1 and t_1/t_RC of each.
+        name: name of the table, or of the file or folder of curves.
+        source: path of this file or folder.
+        source_sha256: SHA-256 of the file; empty for a folder.
+        n: number of shots.
+        unusable: number of shots that could not be used; their `message` says why.
+        notes: remarks on the group as a whole.
+        warnings: input warnings on the recordings and their settings.
+        estimate: estimate of G and mu; null without a usable shot.
+        model: model of the collapse times: "analytic" or "exact" (simulated).
+        shots: R_max, lambda, t_1 and t_1/t_RC of each shot.
     """
 
     name: str
@@ -130,9 +130,9 @@ class CollapseTimes(Document):
     """G and mu of each material from collapse times.
 
     Attributes:
-        material: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
-        medium: the constants used, SI.
-        groups: one for each table, or file or folder of curves.
+        material: name of the law: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
+        medium: constants of the medium, SI.
+        groups: the groups: one for each table, and for each file or folder of curves.
     """
 
     kind: Literal["collapse-time"] = "collapse-time"
@@ -168,16 +168,16 @@ def read_groups(
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in read:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
-    for (name, source), mine in members.items():
-        digest = mine[0].source_sha256 or "" if source == mine[0].source else ""
-        found = [(curve.name, message) for curve in mine for message in checks.curve_warnings(curve, medium)]
-        warnings = [f"{curve_name}: {message.text}" for curve_name, message in found]
+    for (name, source), group_curves in members.items():
+        digest = group_curves[0].source_sha256 or "" if source == group_curves[0].source else ""
+        messages = [(curve.name, message) for curve in group_curves for message in checks.curve_warnings(curve, medium)]
+        warnings = [f"{curve_name}: {message.text}" for curve_name, message in messages]
         head: Any = {"source": source, "source_sha256": digest, "warnings": warnings}
-        groups.append(CollapseGroup(name=name, shots=[_of_curve(curve, stretch) for curve in mine], **head))
+        groups.append(CollapseGroup(name=name, shots=[_curve_shot(curve, stretch) for curve in group_curves], **head))
     return groups, problems + unread, repeated + hints
 
 
-def _of_curve(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
+def _curve_shot(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
         shots, origin = shot(curve, stretch)
     except InputError as error:
@@ -211,11 +211,11 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             try:
                 (table,) = read_columns(path, VOCABULARY)
             except InputError as error:
-                if error.code.startswith(_OF_A_TABLE):
+                if error.code.startswith(_TABLE_ERRORS):
                     raise
                 return None  # the reader of curves knows more kinds of files and reports errors
-            radius, stretches, time = (column and column.si for column in map(table.only, ("R_max", "lambda", "t_1")))
-            name, notes = table.only("name"), table.notes
+            radius, stretches, time = (column and column.si for column in map(table.find, ("R_max", "lambda", "t_1")))
+            name, notes = table.find("name"), table.notes
         missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
         require(stretches is not None or stretch is not None, missing, "collapse_time.no_stretch")
         origin = "table"
@@ -240,7 +240,7 @@ def _interval(value: CollapseValue, factor: float = 1.0, *, joint: str = " ") ->
     """'6.5 [4.5, 8.6]', rounded by the width of the interval; the value alone if there is no interval."""
     if value.value == 0 and value.high:  # a zero has no digits to round
         return f"0{joint}[0, {digits.significant(value.high * factor, 2)}]"
-    return digits.quantity(Quantity.of(value.low, value.value, value.high), factor, joint=joint)
+    return digits.quantity(Quantity.from_interval(value.low, value.value, value.high), factor, joint=joint)
 
 
 def print_table(document: CollapseTimes) -> None:
@@ -249,13 +249,14 @@ def print_table(document: CollapseTimes) -> None:
     factor, unit = document.modulus_unit
     heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
     table = terminal.table("material", heads, left=("model",))
-    for who, group in zip(digits.shortened([group.name for group in document.groups]), document.groups, strict=True):
+    names = digits.shorten_names([group.name for group in document.groups])
+    for who, group in zip(names, document.groups, strict=True):
         n = f"{group.n - group.unusable}/{group.n}" if group.unusable else f"{group.n}"
         value = group.estimate or CollapseEstimate()
         G, mu = _interval(value.shear_modulus_Pa, factor, joint="\n"), _interval(value.viscosity_Pa_s, joint="\n")
         table.add_row(who, n, group.model, G, mu, digits.percent(value.scatter))
     console.print(table)
-    remarks = terminal.by_message(remark for group in document.groups for remark in _remarks(group, factor, unit))
+    remarks = terminal.names_by_message(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
     slopes = [group.estimate.shear_modulus_Pa.per_percent for group in document.groups if group.estimate]
     if moves := [abs(slope) * factor for slope in slopes if slope]:
@@ -290,12 +291,12 @@ def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
     assert best is not None
     G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s
     if G.value is None or mu.value is None:
-        drawing, axes = panel(group.name, "G and µ: one relation, not both", "µ (Pa s)", f"G ({name})")
+        drawing, axes = new_panel(group.name, "G and µ: one relation, not both", "µ (Pa s)", f"G ({name})")
         pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
         axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
         return drawing
     answer = f"G = {_interval(G, factor)} {name}, µ = {_interval(mu)} Pa s"
-    drawing, axes = panel(group.name, answer, r"$R_\mathrm{max}$ (µm)", r"$t_1/t_\mathrm{RC}$")
+    drawing, axes = new_panel(group.name, answer, r"$R_\mathrm{max}$ (µm)", r"$t_1/t_\mathrm{RC}$")
     shots = [(shot.max_radius_m, shot.measured, shot.model) for shot in group.usable]
     radius, measured, model = np.array(shots, dtype=float).T * [[1e6], [1.0], [1.0]]
     heavy = np.array(best.weight) >= 0.5
@@ -303,5 +304,5 @@ def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
     if not heavy.all():
         axes.plot(radius[~heavy], measured[~heavy], "o", ms=4.5, mfc="none", mec=BLUE, label="weighted down")
     axes.plot(radius, model, "s", ms=4.2, mfc="none", mec=VERMILLION, label=f"{group.model} model")
-    named_curves(axes)
+    add_legend(axes)
     return drawing

@@ -20,17 +20,17 @@ from cavirheo.io.shots import CurveSet, read_shots, shot_numbers
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, table, write_report
-from cavirheo.reporting.group import REFERENCES
+from cavirheo.reporting.group import REFERENCE_METHODS
 from cavirheo.reporting.record import Result
 from cavirheo.workflow.store import Unfinished
 from cavirheo.writing.document import Outputs, write_json, write_rows
 
-_TABLE = "comparison.csv"
-_OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # network for gels: network for liquids
+_TABLE_NAME = "comparison.csv"
+_LIQUID_NETWORKS = {"bdt-viscoelastic": "bdt-viscous"}  # network for gels: network for liquids
 
 
 @dataclass(frozen=True)
-class Answering:
+class AnswerSettings:
     """Settings for sets that do not state their own; by default those of `infer`, but with the field's bubble.
 
     bubble: the field's, which published values assume. material: a law; by default nhkv, or Newtonian for a set whose
@@ -49,15 +49,15 @@ class Answering:
         """The analysis of the shots of a set. Raises InputError, which names the set: a setting is not accepted."""
         model, law = self.model, reference.settings.get("material", self.material)
         if not reference.solid:  # use the paper's network for liquids
-            model = _OF_LIQUIDS.get(model, model)
+            model = _LIQUID_NETWORKS.get(model, model)
         model = str(reference.settings.get("model") or model)
-        how: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
-        how |= {"medium": reference.medium, "trust_input": self.trust_input}
+        options: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
+        options |= {"medium": reference.medium, "trust_input": self.trust_input}
         try:
             if law is None and card(path_of(model)).get("kind") != "point":
                 law = "nhkv" if reference.solid else "newtonian"
             shot_numbers(reference.settings.get("shots"))
-            return Analysis("infer", model, law, self.bubble, **how)
+            return Analysis("infer", model, law, self.bubble, **options)
         except InputError as error:
             raise error.within(f"{reference.where}, set {reference.name!r}") from None
 
@@ -75,7 +75,7 @@ def compare(
     references: str | Path,
     out: str | Path,
     *,
-    how: Answering | None = None,
+    settings: AnswerSettings | None = None,
     reference_methods: Sequence[str] = (),
     pictures: bool = True,
     command: str = "cavirheo compare",
@@ -91,8 +91,8 @@ def compare(
         source: the folder to which the files of the sets are relative, or a result.json, whose groups are matched with
             the sets by name.
         references: the CSV file (published_values.py).
-        how: settings for sets that do not state their own; by default those of `infer`, with the field's bubble.
-        reference_methods: methods to which errors are relative; default: those of REFERENCES that are in the file.
+        settings: settings for sets that do not state their own; by default those of `infer`, with the field's bubble.
+        reference_methods: methods to which errors are relative; default: those REFERENCE_METHODS that are in the file.
         progress: show a bar on stderr.
         pictures: whether the report has pictures.
 
@@ -109,28 +109,28 @@ def compare(
     for name in reference_methods:
         message = f"reference method {name!r}: not in {references}; it has {', '.join(methods) or 'none'}"
         require(name in methods, message, "compare.method")
-    against = list(dict.fromkeys(reference_methods)) or [name for name in REFERENCES if name in methods]
-    none = f"no relative errors: {references} has no method {' or '.join(REFERENCES)}; see --reference-method"
+    against = list(dict.fromkeys(reference_methods)) or [name for name in REFERENCE_METHODS if name in methods]
+    none = f"no relative errors: {references} has no method {' or '.join(REFERENCE_METHODS)}; see --reference-method"
     notes = [] if against else [none]
     head: dict[str, Any] = {"command": command, "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
     inputs = [references, *([source] if source.is_file() else [])]
-    table_outputs = partial(Outputs, out, _TABLE, inputs=inputs)  # each call reads the folder again
+    table_outputs = partial(Outputs, out, _TABLE_NAME, inputs=inputs)  # each call reads the folder again
     table_outputs()
     if source.is_file():
         message = f"{source} is not answered again: leave out --model, --material, --bubble and --trust-input"
-        require(how in (None, Answering()), message, "compare.answered")
+        require(settings in (None, AnswerSettings()), message, "compare.answered")
         earlier = read_json(source)
         document = earlier.model_copy(update={**head, "notes": [*earlier.notes, *notes]})
         document.add_published(by_group((group.name for group in document.groups), published), against)
         report = Outputs(out, *DOCUMENTS, inputs=inputs)  # the same documents, without pictures of shots
         report.write("result.json", write_json, document)
-        report.write("result.csv", write_rows, *table.rows_of(document))
+        report.write("result.csv", write_rows, *table.csv_rows(document))
         report.write("report.html", html.write, document)
         report.finish()
         _write_table(table_outputs(), document)
         return ComparisonRun(document)
-    how = how or Answering()
-    analyses = {name: how.analysis(reference) for name, reference in sets.items()}  # checked before any shot takes time
+    settings = settings or AnswerSettings()
+    analyses = {name: settings.analysis(reference) for name, reference in sets.items()}  # checked before any shot
     shots = _distinct_names({name: shots_of(reference, source, references) for name, reference in sets.items()})
     notes = [f"{name}: {note}" for name, read in shots.items() for note in read.problems + read.remarks] + notes
     curves = [curve for read in shots.values() for curve in read.curves]
@@ -140,7 +140,7 @@ def compare(
     answers = {name: unfinished.answers(read.curves, analyses[name]) for name, read in shots.items()}
     pairs = [(shots[name].curves[i], answer) for name, of in answers.items() for i, answer in of.numbered()]
     note = unfinished.note(len(pairs), len(curves))
-    if note and report.holds("report.html"):  # the earlier report stays until all is answered
+    if note and report.listed_entry("report.html"):  # the earlier report stays until all is answered
         interrupted = result(pairs, command, notes=[f"{note}; until then the earlier answers stay"])
         return ComparisonRun(interrupted, unread, True)
     head |= {"notes": [note, *notes] if note else notes, "complete": not note, "draw": pictures}
@@ -153,7 +153,7 @@ def compare(
 
 def _write_table(outputs: Outputs, document: Result) -> None:
     """Write the table of the comparison beside result.json."""
-    outputs.write(_TABLE, table.write_comparison, document)
+    outputs.write(_TABLE_NAME, table.write_comparison, document)
     outputs.finish()
 
 

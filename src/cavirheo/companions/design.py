@@ -19,7 +19,7 @@ from scipy.stats.qmc import Halton
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.inference.assumptions import Family, Options
-from cavirheo.inference.design import Draws, Expected, Setting, gain, shared, shots_wanted, variance
+from cavirheo.inference.design import Draws, Expectation, Setting, gain, material_information, shots_wanted, variance
 from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
@@ -31,9 +31,9 @@ from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
 
 STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
-CHECKED = 10_000  # added to the seed, so that checks have other recordings
-SURE = 2.0  # a gain counts as larger than another if it exceeds it by so many standard errors
-NARROWEST = 0.01  # smallest standard deviation of the stretch from shot to shot, decades
+CHECK_SEED_OFFSET = 10_000  # added to the seed, so that checks have other recordings
+GAIN_STANDARD_ERRORS = 2.0  # a gain counts as larger than another if it exceeds it by so many standard errors
+LEAST_STRETCH_STD = 0.01  # smallest standard deviation of the stretch from shot to shot, decades
 
 
 @dataclass(frozen=True)
@@ -81,19 +81,18 @@ class Rig:
 
 
 class DesignedSetting(Record):
-    """What a shot at one setting would tell, over the draws of what is known.
+    """The expected result of a shot at one setting, over draws of the parameters from what is known.
 
     Attributes:
         max_radius_m: R_max, m.
-        frame_rate_hz: frames per second.
-        frames: in a recording.
-        noise_m: standard deviation of a radius, m.
-        readable: share of recordings that can be read.
-        half_width_percent: by parameter, half of the 90 % interval of one shot over the median, that of the middle
-            draw.
-        shots: how many bring all parameters to what is wanted; null: more than 10,000.
-        gain_nats: expected information gain of one shot about the law's parameters, mean over the draws.
-        gain_error_nats: its standard error.
+        frame_rate_hz: frame rate, 1/s.
+        frames: number of frames in a recording.
+        noise_m: standard deviation of the radius of a frame, m.
+        readable: share of the simulated recordings that can be read, 0 to 1.
+        half_width_percent: half of the 90 % interval of one shot, % of the value, by parameter; median over the draws.
+        shots: number of shots that bring all parameters to the wanted interval; null: more than 10,000.
+        gain_nats: expected information gain of one shot about the law's parameters, nats; mean over the draws.
+        gain_error_nats: standard error of gain_nats.
     """
 
     max_radius_m: float
@@ -118,15 +117,16 @@ class DesignedSetting(Record):
 
 
 class CheckedSetting(Record):
-    """What `infer` gives at a recommended setting.
+    """The answers of `infer` for simulated recordings of a recommended setting.
 
     Attributes:
-        setting: index in `settings`.
-        recordings: how many were simulated.
-        answers: how many of them were answered with an interval.
-        told_percent: by parameter, half of the 90 % interval over the median as expected, geometric mean.
-        reached_percent: the same as answered.
-        shots: as in `settings`, with the information that was reached.
+        setting: index of the setting in `settings`, from 0.
+        recordings: number of simulated recordings.
+        answers: number of recordings that were answered with an interval.
+        told_percent: expected half of the 90 % interval, % of the value, by parameter; geometric mean over the answers.
+        reached_percent: half of the 90 % interval of the answers, % of the value, by parameter; geometric mean.
+        shots: number of shots that reach the wanted interval by the information of the answers; null: more than 10,000,
+            or no answer.
     """
 
     setting: int
@@ -138,22 +138,23 @@ class CheckedSetting(Record):
 
 
 class Design(Document):
-    """Which shot to take next, and how many.
+    """The settings that a rig can film, and the setting and number of the next shots.
 
     Attributes:
-        material: the law.
-        bubble: what is assumed of the bubble.
-        medium: the constants of what surrounds it, SI; null in a document of an older version.
-        wanted_percent: half of the 90 % interval over the median that is wanted.
-        spread_decades: scatter from shot to shot, root mean square over the parameters, in log10.
-        spreads_decades: that of each parameter.
-        known: what is known of the parameters and the stretch before, SI.
-        shots_before: answers of the result.json that this rests on.
-        settings: one for each R_max and frame rate.
-        best: index of the setting with the largest gain: where one shot tells most.
-        fewest: index of the setting with the fewest shots, which is to be taken next; null where none reaches what is
-            wanted.
-        checked: recordings simulated there and answered, if that was asked for.
+        material: name of the law.
+        bubble: model of the bubble.
+        medium: constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older
+            version.
+        wanted_percent: wanted half of the 90 % interval, % of the value.
+        spread_decades: standard deviation from shot to shot, decades (log10); root mean square over the parameters.
+        spreads_decades: standard deviation from shot to shot in each parameter, decades.
+        known: quantiles of the parameters and the stretch before the next shot, SI.
+        shots_before: number of answers of the result.json on which this is based.
+        settings: expected result at each frame rate and R_max.
+        best: index, from 0, of the setting with the largest gain; that of `fewest` if its gain is not clearly smaller.
+        fewest: index, from 0, of the setting that reaches the wanted interval with the fewest shots, which is to be
+            taken next; null where no setting reaches it.
+        checked: checks of the recommended settings by simulated recordings, if they were requested.
     """
 
     kind: Literal["design"] = "design"
@@ -181,7 +182,7 @@ class Design(Document):
         """Lines of text on the next setting, the number of shots, and the check with simulated recordings."""
         setting, best = self.settings[self.next], self.settings[self.best]
         goal = f"± {self.wanted_percent:g} % (90 %)"
-        law = " and ".join(digits.described(name)[0] for name in best.half_width_percent)
+        law = " and ".join(digits.symbol_and_unit(name)[0] for name in best.half_width_percent)
         if self.fewest is None:
             lines = [f"next: {setting.words}, where one shot tells most about {law} ({setting.gain})"]
             lines.append(f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots")
@@ -199,7 +200,7 @@ class Design(Document):
             words = f"{self.settings[checked.setting].words}, {digits.counted(checked.recordings, 'recording')}"
             some = f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
             widths = ", ".join(
-                f"{digits.described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
+                f"{digits.symbol_and_unit(name)[0]} ± {rounded(got)} % (expected {rounded(checked.told_percent[name])})"
                 for name, got in checked.reached_percent.items()
             )
             count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
@@ -208,7 +209,7 @@ class Design(Document):
         return lines
 
 
-def width(percent: float | None) -> str:
+def rounded(percent: float | None) -> str:
     """Text of a number in percent, for a table."""
     return digits.MISSING if percent is None else "> 300" if percent > 300 else digits.significant(percent, 2)
 
@@ -216,12 +217,13 @@ def width(percent: float | None) -> str:
 def print_table(document: Design) -> None:
     """Print a line per setting, then the recommended setting and the number of shots."""
     console, names = terminal.console(), list(document.settings[0].half_width_percent)
-    heads = ["frames/s", *(f"{digits.described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
+    symbols = [digits.symbol_and_unit(name)[0] for name in names]
+    heads = ["frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots", "gain\nnats"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
     table = terminal.table("R_max\nµm", heads, title=title)
     for k, setting in enumerate(document.settings):
         shots = digits.MISSING if setting.shots is None else str(setting.shots)
-        row = [f"{setting.frame_rate_hz:,.0f}", *(width(setting.half_width_percent[name]) for name in names)]
+        row = [f"{setting.frame_rate_hz:,.0f}", *(rounded(setting.half_width_percent[name]) for name in names)]
         row += [f"{100 * setting.readable:.0f}", shots, f"{setting.gain_nats:.2f}"]
         style = "bold" if k in (document.best, document.fewest) else ""
         table.add_row(digits.micrometres(setting.max_radius_m), *row, style=style)
@@ -275,20 +277,21 @@ def design(
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
     require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
     family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
-    half = float(np.log10(1.0 + wanted))
-    goal, law, stretches = _goal(family, half, known, group, dict(ranges or {}), spread, draws, seed)
+    half_width = float(np.log10(1.0 + wanted))
+    goal, law, stretches = _goal(family, half_width, known, group, dict(ranges or {}), spread, draws, seed)
     settings = _settings(rig, sizes)
     material_draws = Draws(family, law, stretches, liquid, bubble, seed)
-    expected = material_draws.expected(settings, workers, done)
+    expected = material_draws.compute_expectations(settings, workers, done)
     gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
     rows = [goal.row(*columns) for columns in zip(settings, expected, gains, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
-    best, fewest = _chosen(rows, gains)
-    recorded = replace(material_draws, law=law[:check], stretch=stretches[:check], seed=seed + CHECKED)
+    best, fewest = _best_and_fewest(rows, gains)
+    recorded = replace(material_draws, law=law[:check], stretch=stretches[:check], seed=seed + CHECK_SEED_OFFSET)
     recommended = dict.fromkeys((best, best if fewest is None else fewest)) if check else ()
-    checked = [goal.checked(i, check, recorded.reached(settings[i], workers), expected[i]) for i in recommended]
+    checked = [goal.compare(i, check, recorded.check_widths(settings[i], workers), expected[i]) for i in recommended]
     scatter = np.sqrt(np.diag(goal.scatter))
     samples = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
+    quantiles = {name: 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95)) for name, logs in samples.items()}
     return Design(
         command="cavirheo.design",
         material=rig.material,
@@ -297,7 +300,7 @@ def design(
         wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
         spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
-        known={name: Quantity.of(*10.0 ** np.quantile(logs, (0.05, 0.5, 0.95))) for name, logs in samples.items()},
+        known={name: Quantity.from_interval(*ends) for name, ends in quantiles.items()},
         shots_before=goal.shots,
         settings=rows,
         best=best,
@@ -320,11 +323,11 @@ def _settings(rig: Rig, sizes: int) -> list[Setting]:
 
 @dataclass(frozen=True, eq=False)
 class _Goal:
-    """The goal: each parameter of a law to within `half` decades. Known before, in log10: covariance (l, l) of the
+    """The goal: each parameter of a law within `half_width` decades. Known before, in log10: covariance (l, l) of the
     material, and `scatter` (l, l), the covariance of its shots about it. shots: number of shots behind both."""
 
     family: Family
-    half: float
+    half_width: float
     covariance: Floats
     scatter: Floats
     shots: int
@@ -333,18 +336,18 @@ class _Goal:
         """Half-widths (l,) in decades as percent of each parameter."""
         return dict(zip(self.family.parameters, (100.0 * (10.0**decades - 1.0)).tolist(), strict=True))
 
-    def gain(self, shot: Expected | None) -> float:
+    def gain(self, shot: Expectation | None) -> float:
         """Information gain of a shot, nats; 0 if its recording cannot be read."""
-        return 0.0 if shot is None else gain(shared(shot.information, self.scatter), self.covariance)
+        return 0.0 if shot is None else gain(material_information(shot.information, self.scatter), self.covariance)
 
     def count(self, information: Sequence[Floats], share: float) -> int | None:
         """Shots that reach the goal, median over draws, if `share` of the recordings can be used; None: too many."""
-        each = (share * shared(shot, self.scatter) for shot in information)
-        counts = [shots_wanted(shot, self.covariance, self.half) for shot in each]
+        each = (share * material_information(shot, self.scatter) for shot in information)
+        counts = [shots_wanted(shot, self.covariance, self.half_width) for shot in each]
         middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
         return int(middle) if np.isfinite(middle) else None
 
-    def row(self, setting: Setting, expected: Sequence[Expected | None], gains: Floats) -> DesignedSetting:
+    def row(self, setting: Setting, expected: Sequence[Expectation | None], gains: Floats) -> DesignedSetting:
         """The row of a setting: what a shot at it would tell."""
         read = [shot for shot in expected if shot is not None]
         widths = np.array([shot.half_width for shot in read] or [np.full(len(self.family.parameters), np.nan)])
@@ -361,8 +364,8 @@ class _Goal:
             gain_error_nats=sem(gains),
         )
 
-    def checked(
-        self, setting: int, recordings: int, widths: tuple[Floats, Floats], expected: Sequence[Expected | None]
+    def compare(
+        self, setting: int, recordings: int, widths: tuple[Floats, Floats], expected: Sequence[Expectation | None]
     ) -> CheckedSetting:
         """The check of a setting. widths: half-widths (answers, l) in decades, as expected and as answered; by their
         ratios the information of `expected` is scaled."""
@@ -381,21 +384,21 @@ class _Goal:
         )
 
 
-def _chosen(rows: Sequence[DesignedSetting], gains: Floats) -> tuple[int, int | None]:
+def _best_and_fewest(rows: Sequence[DesignedSetting], gains: Floats) -> tuple[int, int | None]:
     """Indices of the settings with the largest gain and with the fewest shots; twice the latter if its gain is not
-    smaller by more than SURE standard errors."""
+    smaller by more than GAIN_STANDARD_ERRORS standard errors."""
     best = max(range(len(rows)), key=lambda i: rows[i].gain_nats)
     counted = {i: row.shots for i, row in enumerate(rows) if row.shots is not None}
     fewest = min(counted, key=lambda i: (counted[i], -rows[i].gain_nats), default=None)
     if fewest is None:
         return best, None
     less = gains[best] - gains[fewest]
-    return fewest if np.mean(less) <= SURE * sem(less) else best, fewest
+    return fewest if np.mean(less) <= GAIN_STANDARD_ERRORS * sem(less) else best, fewest
 
 
 def _goal(
     family: Family,
-    half: float,
+    half_width: float,
     result: Result | str | Path | None,
     group: str | None,
     ranges: dict[str, Sequence[float]],
@@ -424,17 +427,17 @@ def _goal(
         deviation[:-1], normal[:-1] = np.sqrt(np.diag(covariance)), True
         measured = np.log10([row.stretch.median for row in rows if row.stretch.median])
         if "stretch" not in ranges and len(measured):
-            mean[-1], deviation[-1], normal[-1] = np.mean(measured), max(np.std(measured), NARROWEST), True
+            mean[-1], deviation[-1], normal[-1] = np.mean(measured), max(np.std(measured), LEAST_STRETCH_STD), True
     cube = Halton(len(names), seed=seed).random(draws)
     logs = mean + deviation * np.where(normal, ndtri(cube), np.sqrt(12.0) * (cube - 0.5))
     stretches = np.clip(10.0 ** logs[:, -1], STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
-    return _Goal(family, half, covariance, scatter, shots), logs[:, :-1], stretches
+    return _Goal(family, half_width, covariance, scatter, shots), logs[:, :-1], stretches
 
 
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:
     """The group of the material, and its trusted answers of this law with intervals."""
     candidates: list[tuple[GroupRecord, list[CurveRecord]]] = []
-    for record, shots in result.shots():
+    for record, shots in result.rows_by_group():
         rows = [row for row in shots if row.trusted and row.material == family.name]
         rows = [row for row in rows if np.all(np.isfinite(log_ends(map(row.value, family.parameters))))]
         candidates += [(record, rows)] if rows and group in (None, record.name, rows[0].group) else []

@@ -26,10 +26,10 @@ from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.media import Medium, medium
-from cavirheo.reporting.group import OURS, GroupRecord, Published, PublishedValue
+from cavirheo.reporting.group import OUR_MEANS, GroupRecord, Published, PublishedValue
 
 NO_SETS = "references.no_set_column"  # error code for a table without sets, such as one of sweeps
-_MOST = 500  # largest number of sets in one file
+_MOST_SETS = 500  # largest number of sets in one file
 NO_FILES = "-"  # in the column files: a set with published values alone
 _UNITS = {
     **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), ("shear_modulus", 1.0)),
@@ -40,7 +40,7 @@ _UNITS = {
 
 
 class _ReferenceLine(pydantic.BaseModel):
-    """One line: the columns and what they may hold. Settings are as the options of `infer`, SI."""
+    """One line of the file: its columns and their allowed values. Settings are as the options of `infer`, SI."""
 
     model_config = pydantic.ConfigDict(allow_inf_nan=False)
 
@@ -69,7 +69,7 @@ class _ReferenceLine(pydantic.BaseModel):
 _COLUMNS = tuple(_ReferenceLine.model_fields)
 _SETTINGS = _COLUMNS[_COLUMNS.index("files") : _COLUMNS.index("source")]
 _CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
-_BY_SET = TypeAdapter(dict[str, Published])
+_VALUES_BY_SET = TypeAdapter(dict[str, Published])
 _VOCABULARY = Vocabulary(
     {name: Term(name) for name in _COLUMNS},
     f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
@@ -117,8 +117,8 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     for number, texts in table.rows:
         row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
         _add_line(row, f"{path}, line {number}", sets, methods)
-    message = f"{path}: {len(sets)} sets; more than {_MOST} are not compared at once; split the file"
-    require(len(sets) <= _MOST, message, "references.sets")
+    message = f"{path}: {len(sets)} sets; more than {_MOST_SETS} are not compared at once; split the file"
+    require(len(sets) <= _MOST_SETS, message, "references.sets")
     for reference in sets.values():
         constants = {name: reference.settings[name] for name in _CONSTANTS if name in reference.settings}
         try:
@@ -154,7 +154,7 @@ def _add_line(
     method, (quantity, factor) = line.method or "", _UNITS.get(line.quantity or "", ("", 1.0))
     spelled, first = methods.setdefault(method.casefold(), (method, where))
     expect(method != "", "method", "who measured, such as IMR or rheometer")
-    expect(method.casefold() != OURS, "method", "another name: this one is of our own answers")
+    expect(method.casefold() != OUR_MEANS, "method", "another name: this one is of our own answers")
     expect(quantity != "", "quantity", f"one of {', '.join(_UNITS)}")
     expect(line.mean is not None, "mean", f"a number above 0 ({line.quantity})")
     values = reference.values.setdefault(method, {})
@@ -164,7 +164,7 @@ def _add_line(
     values[quantity] = PublishedValue(mean=mean, std=std, source=line.source)
 
 
-def values_of(_: object, *paths: str) -> dict[str, Any]:
+def read_values(_: object, *paths: str) -> dict[str, Any]:
     """Read values by set, method and parameter, in the form that `published` takes. Files without a column of sets must
     hold sweeps of one material. A function for `Reader`.
 
@@ -184,12 +184,12 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
         sweeps = [sweep for path in files for sweep in rheometer.read_sweeps(path)]
         rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
         values[rheometry.material] = {**values.get(rheometry.material, {}), **rheometry.published}
-    return _BY_SET.dump_python(values)
+    return _VALUES_BY_SET.dump_python(values)
 
 
 def published(values: dict[str, Any]) -> dict[str, Published]:
-    """Check the output of `values_of`. Raises ValueError: it has another form."""
-    return _BY_SET.validate_python(values)
+    """Check the output of `read_values`. Raises ValueError: it has another form."""
+    return _VALUES_BY_SET.validate_python(values)
 
 
 def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, Published]:

@@ -31,14 +31,14 @@ from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
 from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of, write_rows
-from cavirheo.writing.style import BLUE, VERMILLION, named_curves, panel, plain_ticks
+from cavirheo.writing.style import BLUE, VERMILLION, add_legend, new_panel, set_plain_ticks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SHORTEST = 3.0  # smallest ratio of the ends of a linear range
-_OUTLIERS = 0.2  # largest share of outliers among the points of a linear range
-_FLAT = 0.1  # largest |d ln G'/d ln omega| of a plateau
+_LEAST_RANGE = 3.0  # smallest ratio of the ends of a linear range
+_OUTLIER_SHARE = 0.2  # largest share of outliers among the points of a linear range
+_PLATEAU_SLOPE = 0.1  # largest |d ln G'/d ln omega| of a plateau
 _DECADE = 0.99 * math.log(10.0)  # smallest range of ln(omega) of a plateau; frequencies of instruments are off by 1 %
 Measured = Annotated[Any, Field(exclude=True, repr=False)]  # array (n,), which is not written into documents
 _PASCAL = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "pa": 1.0, "KPa": 1e3, "kpa": 1e3, "dyncm2": 0.1}
@@ -47,9 +47,9 @@ _INVERSE = ("1s", "s-1", "pers", "1sec")  # Hz or rad/s: only the title can tell
 _HERTZ = {"Hz": 2 * math.pi, "hz": 2 * math.pi, "HZ": 2 * math.pi, "kHz": 2e3 * math.pi, "mHz": 2e-3 * math.pi}
 _STRAIN = dict.fromkeys(("%", "percent", "pct"), 0.01)
 _STRAIN |= dict.fromkeys(("1", "-", "–", "—", "fraction", "dimensionless", "unitless"), 1.0)
-_TWO_PI = "Hz and rad/s differ by a factor of 2 pi; write 'Frequency (Hz)' or 'Angular frequency (rad/s)'"
-_CENT = "per cent and fraction differ by a factor of 100; write 'Strain (%)' or 'Strain [1]'"
-_strain = partial(Term, units=_STRAIN, hint=_CENT)
+_HZ_HINT = "Hz and rad/s differ by a factor of 2 pi; write 'Frequency (Hz)' or 'Angular frequency (rad/s)'"
+_STRAIN_HINT = "per cent and fraction differ by a factor of 100; write 'Strain (%)' or 'Strain [1]'"
+_strain = partial(Term, units=_STRAIN, hint=_STRAIN_HINT)
 _NO_SWEEP = "rheometer.no_sweep"  # error code of a table of moduli that is no sweep: one frequency, one strain
 
 
@@ -79,7 +79,7 @@ VOCABULARY = Vocabulary(  # titles in exports of rheometers, in English, German 
             unit="rad/s",
         ),
         "frequency": Term(
-            "frequency freq frequenz frequence", _HERTZ | _PER_SECOND | dict.fromkeys(_INVERSE, math.nan), hint=_TWO_PI
+            "frequency freq frequenz frequence", _HERTZ | _PER_SECOND | dict.fromkeys(_INVERSE, math.nan), hint=_HZ_HINT
         ),
         "strain": _strain(
             "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
@@ -95,38 +95,39 @@ VOCABULARY = Vocabulary(  # titles in exports of rheometers, in English, German 
     | {"no_unit": "rheometer.no_unit", "unit": "rheometer.unknown_unit"},
     sections=True,
 )
-_SWEPT = 2.0  # largest over smallest value from which a column counts as swept
-_SAME = 0.02  # relative difference below which two settings of the instrument count as one
+_SWEPT_RATIO = 2.0  # largest over smallest value from which a column counts as swept
+_RESOLUTION = 0.02  # relative difference below which two settings of the instrument count as one
 
 
 class Sweep(Record):
-    """Moduli over strain (a strain of 1 is 100 %) or over angular frequency in rad/s, sorted, SI.
+    """Moduli G' and G'' over x: strain (1 is 100 %) in a strain sweep, angular frequency in rad/s in a frequency sweep.
 
     Attributes:
-        kind: "strain" or "frequency", which is x.
-        x: (n,) not written.
+        kind: kind of the sweep, and of its x: "strain" or "frequency".
+        x: (n,) strain, or angular frequency, rad/s; ascending; not written.
         storage: (n,) G', Pa; not written.
         loss: (n,) G'', Pa; not written.
-        name: of the sweep.
-        source: the file, as it was given.
-        source_sha256: its SHA-256.
-        points: how many.
-        held: what x is not, in its median: the angular frequency in rad/s of a strain sweep, the strain of the other.
+        name: name of the sweep.
+        source: file of the sweep, as it was given.
+        source_sha256: SHA-256 of the file.
+        points: number of points.
+        held: median of the quantity that is held: the angular frequency of a strain sweep, rad/s, or the strain of a
+            frequency sweep; null where it is not known.
         x_from: smallest x.
         x_to: largest x.
-        plateau_storage_Pa: G' of the plateau; in a strain sweep that of the linear range, Pa.
-        plateau_loss_Pa: G'' of the linear range, Pa.
-        plateau_from: its first x.
-        plateau_to: its last x; in a strain sweep where G' leaves the band, or the largest one where it does not.
-        departs: "softens" or "stiffens" beyond the linear range; null where G' stays in the band.
-        crossover: x where G' = G''.
-        crossover_modulus_Pa: G' there, Pa.
-        at_rad_per_s: frequency of the following numbers, rad/s.
-        viscosity_Pa_s: G''/omega there, Pa s.
-        tan_delta: G''/G' there.
-        complex_viscosity_Pa_s: |G*|/omega there, Pa s.
+        plateau_storage_Pa: G' of the plateau, Pa, which is the linear range in a strain sweep; null without a plateau.
+        plateau_loss_Pa: G'' of the linear range of a strain sweep, Pa; null in a frequency sweep.
+        plateau_from: first x of the plateau.
+        plateau_to: last x of the plateau; in a strain sweep the x at which G' leaves its band, if it does.
+        departs: "softens" or "stiffens": change of G' beyond the linear range; null where G' stays in the band.
+        crossover: x at which G' = G''; null where there is none.
+        crossover_modulus_Pa: G' at the crossover, Pa.
+        at_rad_per_s: angular frequency of the three following values, rad/s; null in a strain sweep.
+        viscosity_Pa_s: G''/omega at this frequency, Pa s.
+        tan_delta: loss factor G''/G' at this frequency.
+        complex_viscosity_Pa_s: |G*|/omega at this frequency, Pa s.
         notes: what was recognised, converted or left out.
-        message: why a number is missing.
+        message: reason why a value is missing; else empty.
     """
 
     kind: Literal["strain", "frequency"]
@@ -184,7 +185,7 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
             points = f"{counted(first, 'point')} below the linear range left out of it"
             sweep.notes.append(f"{points}: up to {off:.2g} % off (low torque, or a plateau below the data)")
     else:
-        band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
+        band = f"within {100 * tolerance:g} % over a factor of {_LEAST_RANGE:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
     return _with_crossover(sweep, above=gamma[first])
 
@@ -195,13 +196,13 @@ def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int
     first, last = np.triu_indices(len(x), 2)
     order = np.lexsort((first, x[first] - x[last]))  # the longest, then the one at smaller strain
     for i, j in zip(first[order], last[order], strict=True):
-        if x[j] - x[i] < math.log(_SHORTEST):
+        if x[j] - x[i] < math.log(_LEAST_RANGE):
             break
         part = storage[i : j + 1]
-        away = part / np.median(part) - 1
-        outside = np.abs(away) > tolerance
-        twice = outside[1:] & outside[:-1] & (away[1:] * away[:-1] > 0)
-        if outside[0] or outside[-1] or twice.any() or outside.mean() > _OUTLIERS:
+        deviation = part / np.median(part) - 1
+        outside = np.abs(deviation) > tolerance
+        two_neighbours = outside[1:] & outside[:-1] & (deviation[1:] * deviation[:-1] > 0)
+        if outside[0] or outside[-1] or two_neighbours.any() or outside.mean() > _OUTLIER_SHARE:
             continue
         a, b = np.triu_indices(len(part), 1)
         if abs(np.median((y[i + b] - y[i + a]) / (x[i + b] - x[i + a]))) <= tolerance:
@@ -223,7 +224,7 @@ def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
         sweep.plateau_from, sweep.plateau_to = omega[first], omega[last]
         sweep.plateau_storage_Pa = float(np.median(sweep.storage[first : last + 1]))
     else:
-        sweep.notes.append(f"no plateau of G': nowhere is d ln G'/d ln ω within ±{_FLAT:g} over a decade")
+        sweep.notes.append(f"no plateau of G': nowhere is d ln G'/d ln ω within ±{_PLATEAU_SLOPE:g} over a decade")
     above = int(np.clip(np.searchsorted(omega, at), 1, len(omega) - 1))
     if not omega[0] * 0.999 <= at <= omega[-1] * 1.001:  # tolerance for the rounding of exports
         outside = f"{at:g} rad/s lies outside the data, {omega[0]:.3g} to {omega[-1]:.3g} rad/s"
@@ -246,7 +247,7 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
     for k in range(len(x)):
         window = np.abs(x - x[k]) <= 0.25 * math.log(10.0) * 1.01
         window[max(k - 1, 0) : k + 2] = True
-        flat[k] = abs(np.polyfit(x[window], y[window], 1)[0]) <= _FLAT
+        flat[k] = abs(np.polyfit(x[window], y[window], 1)[0]) <= _PLATEAU_SLOPE
     edges = np.flatnonzero(np.diff(flat, prepend=False, append=False))
     runs = zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
     first, last = max(runs, key=lambda run: x[run[1]] - x[run[0]], default=(0, 0))
@@ -300,13 +301,13 @@ def _intervals(table: Table) -> list[tuple[str, Table]]:
             rows.setdefault(label, []).append(row)
     if len(rows) in (0, len(table.rows)):  # no such column, or another label on each row
         return [("", table)]
-    return [(label, table.part(mine)) for label, mine in rows.items()]
+    return [(label, table.with_rows(interval_rows)) for label, interval_rows in rows.items()]
 
 
 def _sweep(table: Table, label: str) -> Sweep:
     """The sweep that a table holds. Raises InputError: it holds none, or two."""
     rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
-    invalid, table = len(table.rows) - len(rows), table.part(rows)
+    invalid, table = len(table.rows) - len(rows), table.with_rows(rows)
     moduli = [table.column("storage"), table.column("loss")]
     settings = {"frequency": ("omega", "frequency"), "strain": ("strain", "shear strain")}
     candidates = {name: [*table.all(kinds[0]), *table.all(kinds[1])] for name, kinds in settings.items()}
@@ -314,7 +315,7 @@ def _sweep(table: Table, label: str) -> Sweep:
     titles = ", ".join(map(repr, table.titles[:8]))
     require(bool(first), f"no column for frequency or strain among {titles}; {VOCABULARY.expected}", _NO_SWEEP)
     positive = moduli[0].numbers > 0
-    swept = [name for name, column in first.items() if _ratio(column.numbers[positive]) >= _SWEPT]
+    swept = [name for name, column in first.items() if _ratio(column.numbers[positive]) >= _SWEPT_RATIO]
     where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
     require(bool(swept), f"no sweep of {' and '.join(first)} in the {where}", _NO_SWEEP)
     kind: Any = swept[0]  # frequency before strain, which varies with it at a constant stress
@@ -330,7 +331,7 @@ def _sweep(table: Table, label: str) -> Sweep:
     notes = table.notes + [f"{counted(count, 'row')} {why} left out" for why, count in dropped.items() if count]
     few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
     require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
-    notes += [note for column in columns for note in column.assumed]
+    notes += [note for column in columns for note in column.assumed_unit_notes]
     if columns[0].unit in _HERTZ:
         notes.append(f"{columns[0].title!r} is in {columns[0].unit}: converted to rad/s by 2 pi")
     data = np.stack([column.factor * column.numbers[usable] for column in columns])
@@ -338,17 +339,17 @@ def _sweep(table: Table, label: str) -> Sweep:
     for second in first.values():
         values = second.numbers[usable]
         for omega in np.unique(data[0]) if kind == "frequency" else ():
-            strains = values[np.abs(data[0] / omega - 1) < _SAME]
+            strains = values[np.abs(data[0] / omega - 1) < _RESOLUTION]
             trouble = f"{len(strains)} rows at {omega:.4g} rad/s with strains that differ by more than a factor of"
             remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
-            fine = len(strains) < 3 or _ratio(strains) <= _SWEPT
-            require(fine, f"{trouble} {_SWEPT:g}: {remedy}", "rheometer.two_sweeps")
+            fine = len(strains) < 3 or _ratio(strains) <= _SWEPT_RATIO
+            require(fine, f"{trouble} {_SWEPT_RATIO:g}: {remedy}", "rheometer.two_sweeps")
         try:
             held = float(np.nanmedian(values) * second.factor) if np.isfinite(values).any() else None
         except InputError:
             notes.append(f"{second.title!r} is not used: its unit is missing or not known")
     data = data[:, np.argsort(data[0], kind="stable")]
-    group = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _SAME * np.roll(data[0], 1))  # setting of each row
+    group = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _RESOLUTION * np.roll(data[0], 1))  # setting of each row
     count = np.bincount(group)
     x, storage, loss = (np.bincount(group, row) / count for row in data)
     if repeated := data.shape[1] - len(count):
@@ -363,16 +364,17 @@ def _ratio(values: Floats) -> float:
 
 
 class Rheometry(Document):
-    """All sweeps of one material, and what was found in them.
+    """All sweeps of one material, and their results.
 
     Attributes:
-        material: its name.
-        tolerance: part of G' by which it may leave its plateau.
-        at_rad_per_s: frequency at which mu is taken, rad/s.
-        shear_modulus_Pa: G: the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid, Pa.
-        shear_modulus_from: where G comes from.
-        viscosity_Pa_s: G''/omega at this frequency, Pa s.
-        sweeps: those over strain, then those over frequency.
+        material: name of the material.
+        tolerance: largest relative deviation of G' from its plateau in the linear range of a strain sweep.
+        at_rad_per_s: angular frequency at which mu is taken, rad/s.
+        shear_modulus_Pa: G, Pa, over the plateaus of the frequency sweeps; without one, over those of the strain sweeps
+            in which G' > G''.
+        shear_modulus_from: origin of G, or "no plateau".
+        viscosity_Pa_s: G''/omega at this frequency, Pa s, over the frequency sweeps.
+        sweeps: the strain sweeps, then the frequency sweeps.
     """
 
     kind: Literal["rheometer"] = "rheometer"
@@ -384,7 +386,7 @@ class Rheometry(Document):
     viscosity_Pa_s: Spread
     sweeps: list[Sweep]
 
-    def of(self, kind: str) -> list[Sweep]:
+    def sweeps_over(self, kind: str) -> list[Sweep]:
         return [sweep for sweep in self.sweeps if sweep.kind == kind]
 
     @property
@@ -395,7 +397,7 @@ class Rheometry(Document):
     @property
     def published(self) -> Published:
         """Values of a method whose name states the regime; this viscosity is not compared with that of a bubble."""
-        strain, frequency = self.of("strain"), self.of("frequency")
+        strain, frequency = self.sweeps_over("strain"), self.sweeps_over("frequency")
         omegas = [end for s in frequency for end in (s.x_from, s.x_to)] or [s.held for s in strain]
         strains = _present(s.held for s in frequency) or _present(s.plateau_to for s in strain)
         deformation = f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain"
@@ -478,7 +480,7 @@ def print_rheometry(document: Rheometry) -> None:
         "G' = G''\nat rad/s": ("crossover", 1.0),
     }
     for kind, columns in (("strain", strain), ("frequency", frequency)):
-        if not (sweeps := document.of(kind)):
+        if not (sweeps := document.sweeps_over(kind)):
             continue
         table = terminal.table(f"{kind} sweep", list(columns))
         for sweep in sweeps:
@@ -489,11 +491,11 @@ def print_rheometry(document: Rheometry) -> None:
             table.add_row("mean ± std", *means, style="bold")
         console.print(table)
     answer = f": G = {_with_unit(document.shear_modulus_Pa, *document.unit)} ({document.shear_modulus_from})"
-    if document.of("frequency"):
+    if document.sweeps_over("frequency"):
         answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {document.at_rad_per_s:g} rad/s"
     console.print(Text.assemble((digits.printable(document.material), "bold"), answer))
     remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
-    terminal.print_remarks(console, terminal.by_message(remarks), document.notes)
+    terminal.print_remarks(console, terminal.names_by_message(remarks), document.notes)
 
 
 def _cell(sweep: Sweep, field: str, factor: float) -> str:
@@ -524,10 +526,11 @@ def _with_unit(value: Spread, factor: float, unit: str) -> str:
 
 def figure(document: Rheometry, kind: str) -> Figure:
     """Plot of the moduli, with the part of the plateau that all sweeps share; without it if there is none."""
-    sweeps, scale = document.of(kind), 100.0 if kind == "strain" else 1.0
+    sweeps, scale = document.sweeps_over(kind), 100.0 if kind == "strain" else 1.0
     x_label = "strain (%)" if kind == "strain" else "angular frequency ω (rad/s)"
     factor, unit = document.unit
-    drawing, axes = panel(document.material, digits.counted(len(sweeps), f"{kind} sweep"), x_label, f"G′, G″ ({unit})")
+    sweep_count = digits.counted(len(sweeps), f"{kind} sweep")
+    drawing, axes = new_panel(document.material, sweep_count, x_label, f"G′, G″ ({unit})")
     for k, sweep in enumerate(sweeps):
         moduli = (("G′", sweep.storage, BLUE, BLUE), ("G″", sweep.loss, VERMILLION, "white"))
         for label, values, color, inside in moduli:
@@ -537,8 +540,8 @@ def figure(document: Rheometry, kind: str) -> Figure:
     if ends and (first := max(low for low, _ in ends)) < (last := min(high for _, high in ends)):
         title = "linear range" if kind == "strain" else "plateau"
         axes.axvspan(scale * first, scale * last, color="#00694d", alpha=0.09, lw=0, zorder=0, label=title)
-    named_curves(axes)
+    add_legend(axes)
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
-        plain_ticks(axis, (1, 2, 5) if 0 < high < 100 * low else (1,))
+        set_plain_ticks(axis, (1, 2, 5) if 0 < high < 100 * low else (1,))
     return drawing

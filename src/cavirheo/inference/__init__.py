@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, Protocol
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.inference.analysis import AUTO, DEFAULT, Analysis
-from cavirheo.inference.assumptions import FREED, SCALE_BOUND
+from cavirheo.inference.analysis import AUTO_LAWS, DEFAULT, Analysis
+from cavirheo.inference.assumptions import FREE_BY_DEFAULT, SCALE_BOUND
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior
 
-__all__ = ["AUTO", "DEFAULT", "Analysis", "fit", "fit_many", "infer", "infer_many"]
+__all__ = ["AUTO_LAWS", "DEFAULT", "Analysis", "fit", "fit_many", "infer", "infer_many"]
 
 
 def infer(
@@ -116,7 +116,7 @@ def fit_many(
     window: int | str | None = None,
     end: float | None = None,
     stretch: float | str | None = None,
-    free: Sequence[str] | str = FREED,
+    free: Sequence[str] | str = FREE_BY_DEFAULT,
     t0_bound: float | None = None,
     scale_bound: float = SCALE_BOUND,
     weights: str = "learnt",
@@ -132,7 +132,7 @@ def fit_many(
     Args:
         curves: R(t), in s and m.
         material: a law of `cavirheo laws` ("nhkv", "qkv", "zener", ...), all of whose parameters are fitted; "auto":
-            the simplest law of AUTO that the evidence does not reject, with the other laws in `Posterior.others`.
+            the simplest law of AUTO_LAWS that the evidence does not reject, with the other laws in `Posterior.others`.
         medium: constants of the liquid or gel, or the name of a set.
         window: number of collapses that are fitted, up to the middle of the rebound after the last one; "all": the
             whole recording. Default: 3, or as many as there are, unless `end` is given.
@@ -164,14 +164,14 @@ def fit_many(
     """
     camera: dict[str, Any] = {"free": free, "t0_bound": t0_bound, "scale_bound": scale_bound}
     cut: dict[str, Any] = {"window": window, "end": end, "stretch": stretch, "weights": weights}
-    how: dict[str, Any] = {"medium": medium, "others": others, "trust_input": trust_input, "seed": seed}
-    return Analysis("fit", material=material, bubble=bubble, **camera, **cut, **how).run(curves, workers, done)
+    general: dict[str, Any] = {"medium": medium, "others": others, "trust_input": trust_input, "seed": seed}
+    return Analysis("fit", material=material, bubble=bubble, **camera, **cut, **general).run(curves, workers, done)
 
 
 P = ParamSpec("P")
 
 
-class OfOne(Protocol[P]):
+class CurveFunction(Protocol[P]):
     """The type of a function of one curve that takes the options of a function of many curves."""
 
     def __call__(self, curve: RadiusCurve, *args: P.args, **kwargs: P.kwargs) -> Posterior: ...
@@ -179,7 +179,7 @@ class OfOne(Protocol[P]):
 
 def _with_options_of(
     many: Callable[Concatenate[Sequence[RadiusCurve], P], list[Posterior]],
-) -> Callable[[Callable[..., Posterior]], OfOne[P]]:
+) -> Callable[[Callable[..., Posterior]], CurveFunction[P]]:
     return lambda function: function
 
 

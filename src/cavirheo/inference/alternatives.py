@@ -10,19 +10,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.messages import Message, of_bound
-from cavirheo.parameters import LOG10, natural_name, of_the_law, parameter_of, units
+from cavirheo.messages import Message, message_of_bound
+from cavirheo.parameters import LOG10, is_law_parameter, natural_name, parameter_of, units
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, intervals
 
-LAPLACE = 5.0  # standard error of the log of Laplace's integral, compared with that of draws (docs/validation.md)
-LIMIT = 0.2  # prior probability that a real bubble has no damping and condenses instantly: it is then the field's
+LAPLACE_ERROR = 5.0  # standard error of the log of Laplace's integral, compared with that of draws (docs/validation.md)
+LIMIT_PRIOR = 0.2  # prior probability that a real bubble has no damping and condenses instantly: it is then the field's
 LEAST_PROBABILITY = 1e-3  # probability of a model below which it does not count
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
-_FOLLOWED = ("ok", "undetermined")  # verdicts of answers whose simulation follows the measurement
-ELASTIC = 0.05  # probability of the laws with a shear modulus above which the average has one
+_FITTING = ("ok", "undetermined")  # verdicts of answers whose simulation follows the measurement
+MIN_ELASTIC = 0.05  # probability of the laws with a shear modulus above which the average has one
 _MODULUS = LOG10 + "shear_modulus"
 # the viscosity of a law with an exponent is its viscosity at 1e5 1/s
-_SAME = {"viscosity": "reference_viscosity", "reference_viscosity": "viscosity"}
+_EQUIVALENT = {"viscosity": "reference_viscosity", "reference_viscosity": "viscosity"}
 _NEWTONIAN = {"exponent": 0.0}  # log10 of its value in a law without it; other parameters: the low end of their range
 DECISIVE = 3.0  # log evidence (a factor of 20) by which a model must be larger to be preferred; below, it is possible
 
@@ -30,7 +30,7 @@ DECISIVE = 3.0  # log evidence (a factor of 20) by which a model must be larger 
 def contenders(evidences: Sequence[Evidence | None], sizes: Sequence[int]) -> list[int]:
     """Indices of the models that the evidence cannot distinguish from the best one, those with the fewest parameters
     first. All choices of models use this rule. The log evidence of these models is below the largest one by no more
-    than DECISIVE plus the standard error of the difference; a Laplace integral has the error LAPLACE."""
+    than DECISIVE plus the standard error of the difference; a Laplace integral has the error LAPLACE_ERROR."""
     valid = {i: evidence for i, evidence in enumerate(evidences) if evidence is not None and np.isfinite(evidence.log)}
     if not valid:
         return []
@@ -42,7 +42,7 @@ def contenders(evidences: Sequence[Evidence | None], sizes: Sequence[int]) -> li
 def rejects(gain: float, errors: Iterable[float | None]) -> bool:
     """Whether a model whose log evidence, of one shot or summed over shots, is larger by `gain` rejects the other
     model. errors: the standard error of each term of the difference, None for a Laplace integral."""
-    return gain > DECISIVE + float(np.linalg.norm([LAPLACE if error is None else error for error in errors]))
+    return gain > DECISIVE + float(np.linalg.norm([LAPLACE_ERROR if error is None else error for error in errors]))
 
 
 class Averaged(NamedTuple):
@@ -55,9 +55,9 @@ class Averaged(NamedTuple):
 
 
 def averaged(log_weight: Floats, evidence: Evidence, limit_weight: Floats, limit: Evidence) -> Averaged:
-    """Combine the weighted draws (k,) of a model with those (m,) of its limit, whose prior probability is LIMIT: each
-    model by its posterior probability (Hoeting et al. 1999, doi:10.1214/ss/1009212519)."""
-    whole, part = np.log(1.0 - LIMIT) + evidence.log, np.log(LIMIT) + limit.log
+    """Combine the weighted draws (k,) of a model with those (m,) of its limit, whose prior probability is LIMIT_PRIOR:
+    each model by its posterior probability (Hoeting et al. 1999, doi:10.1214/ss/1009212519)."""
+    whole, part = np.log(1.0 - LIMIT_PRIOR) + evidence.log, np.log(LIMIT_PRIOR) + limit.log
     log = float(np.logaddexp(whole, part))
     probability = float(np.exp(part - log))
     both = [log_weight - log_sum(log_weight) + whole, limit_weight - log_sum(limit_weight) + part]
@@ -67,17 +67,17 @@ def averaged(log_weight: Floats, evidence: Evidence, limit_weight: Floats, limit
 
 
 def judged(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
-    """The checks of an answer with these messages and those of `compared`, each once. The verdict is
+    """The checks of an answer with these messages and those of `rival_messages`, each once. The verdict is
     "other_model_preferred" if the evidence rejects the model of an answer whose simulation follows the measurement."""
     checks, this = answer.checks, as_alternative(answer)
-    rejected = any(_surely_above(rival, this) for rival in _rivals(answer))
-    verdict: Verdict = "other_model_preferred" if rejected and checks.verdict in _FOLLOWED else checks.verdict
-    new = [message for message in (*messages, *compared(answer)) if message not in checks.messages]
+    rejected = any(_rejects(rival, this) for rival in _rivals(answer))
+    verdict: Verdict = "other_model_preferred" if rejected and checks.verdict in _FITTING else checks.verdict
+    new = [message for message in (*messages, *rival_messages(answer)) if message not in checks.messages]
     ordered = [*new, *checks.messages] if verdict == "other_model_preferred" else [*checks.messages, *new]
     return replace(checks, verdict=verdict, messages=tuple(ordered))
 
 
-def compared(answer: Posterior) -> list[Message]:
+def rival_messages(answer: Posterior) -> list[Message]:
     """Messages on other models and modes. One is on the model with the largest evidence of those that reject the
     answer's, and of those with the same law and another bubble whose log evidence is not smaller by more than DECISIVE
     and whose 90 % interval of a parameter of the law does not overlap the answer's. Other modes of the answer's model
@@ -86,17 +86,17 @@ def compared(answer: Posterior) -> list[Message]:
 
     def other_bubble_disagrees(rival: OtherAnswer) -> bool:
         possible = rival.material == this.material and rival.bubble != this.bubble
-        return possible and not _above(rival, this) < -DECISIVE and _disjoint(rival.intervals, this.intervals)
+        return possible and not _gain(rival, this) < -DECISIVE and _disjoint(rival.intervals, this.intervals)
 
-    rivals = [rival for rival in _rivals(answer) if _surely_above(rival, this) or other_bubble_disagrees(rival)]
+    rivals = [rival for rival in _rivals(answer) if _rejects(rival, this) or other_bubble_disagrees(rival)]
     if rivals:
         best = max(rivals, key=_log)
-        code = "model.rejected" if _surely_above(best, this) else "model.possible"
-        messages.append(Message(code, _both(best, this)))
+        code = "model.rejected" if _rejects(best, this) else "model.possible"
+        messages.append(Message(code, _describe_pair(best, this)))
     return messages + [
-        Message("mode.other", _both(mode, this, stretch=True))
+        Message("mode.other", _describe_pair(mode, this, stretch=True))
         for mode in answer.others
-        if model_of(mode) == model_of(this) and _above(mode, this) >= -DECISIVE and _disjoint(_ends(mode), _ends(this))
+        if model_of(mode) == model_of(this) and _gain(mode, this) >= -DECISIVE and _disjoint(_ends(mode), _ends(this))
     ]
 
 
@@ -107,7 +107,7 @@ def _rivals(answer: Posterior) -> list[OtherAnswer]:
     return list(best.values())
 
 
-def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[Message]:
+def choice_messages(answer: Posterior, candidates: Iterable[Posterior]) -> list[Message]:
     """A message that compares the evidence of the models among which the answer was chosen, if there are others."""
     this = as_alternative(answer)
     rivals = [mode for mode in map(as_alternative, candidates) if model_of(mode) != model_of(this) and mode.evidence]
@@ -115,8 +115,8 @@ def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[Mes
         return []
     described = []
     for rival in sorted(rivals, key=_log, reverse=True):
-        gain = _above(rival, this)
-        described.append({**_described(rival), "gain": gain, "equal": equal(gain), "rejected": gain < -DECISIVE})
+        gain = _gain(rival, this)
+        described.append({**_described(rival), "gain": gain, "equal": equal_odds(gain), "rejected": gain < -DECISIVE})
     return [Message("model.chosen", {"this": _described(this), "rivals": described})]
 
 
@@ -136,41 +136,43 @@ def _log(model: OtherAnswer) -> float:
     return model.evidence.log if model.evidence else -float("inf")
 
 
-def equal(gain: float) -> bool:
+def equal_odds(gain: float) -> bool:
     """Whether two models whose log evidences differ by `gain` are called equally likely."""
     return abs(gain) < 1.0
 
 
-def _above(first: OtherAnswer, second: OtherAnswer) -> float:
+def _gain(first: OtherAnswer, second: OtherAnswer) -> float:
     """The log evidence of the first model minus that of the second; NaN if one of them has none."""
     return first.evidence.log - second.evidence.log if first.evidence and second.evidence else float("nan")
 
 
-def _surely_above(first: OtherAnswer, second: OtherAnswer) -> bool:
+def _rejects(first: OtherAnswer, second: OtherAnswer) -> bool:
     """Whether the evidence of the first model rejects the second, by the rule of `contenders`."""
-    return rejects(_above(first, second), [model.evidence.error for model in (first, second) if model.evidence])
+    return rejects(_gain(first, second), [model.evidence.error for model in (first, second) if model.evidence])
 
 
 def _disjoint(first: Mapping[str, _Interval], second: Mapping[str, _Interval]) -> bool:
     """Whether the two intervals of any parameter of the law do not overlap."""
-    pairs = [(first[name], second[name]) for name in first if name in second and of_the_law(name)]
+    pairs = [(first[name], second[name]) for name in first if name in second and is_law_parameter(name)]
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
 
 
 def _described(model: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
     """The description of a model in a message: its law, its bubble in words, and the values of the law's parameters."""
-    ends = {name: value for name, value in _ends(model).items() if of_the_law(name) or (stretch and name == "stretch")}
+    ends = {
+        name: value for name, value in _ends(model).items() if is_law_parameter(name) or (stretch and name == "stretch")
+    }
     return {"material": model.material, "bubble": model.bubble.title, "values": ends, "interval": bool(model.intervals)}
 
 
-def _both(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
+def _describe_pair(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
     """Two models in a message, and the log evidence of the first minus the second's (`rough`: known only roughly)."""
-    gain = _above(rival, this)
+    gain = _gain(rival, this)
     return {
         "rival": _described(rival, stretch=stretch),
         "this": _described(this, stretch=stretch),
         "gain": gain if gain == gain else None,
-        "equal": equal(gain),
+        "equal": equal_odds(gain),
         "rough": bool(rival.evidence and (rival.evidence.error or 0.0) >= DECISIVE),
     }
 
@@ -191,18 +193,18 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
     """The average over laws: the answer of the likeliest law with the draws of all laws, each weighted by its posterior
     probability. All laws have the same prior probability (Hoeting et al. 1999, doi:10.1214/ss/1009212519). A parameter
     that a law lacks has the value at which the likeliest law becomes that law: no modulus, an exponent of 1. The
-    average has a modulus if the laws with one have a probability above ELASTIC. answers: must be `comparable`; `laws`
-    has each of them."""
+    average has a modulus if the laws with one have a probability above MIN_ELASTIC. answers: must be `comparable`;
+    `laws` has each of them."""
     logs = np.array([answer.evidence.log for answer in answers if answer.evidence])
     share = dict(zip((answer.material for answer in answers), np.exp(logs - log_sum(logs)).tolist(), strict=True))
     top = max(answers, key=lambda answer: share[answer.material])
     counted = [answer for answer in answers if share[answer.material] > LEAST_PROBABILITY]
     elastic = sum(share[answer.material] for answer in counted if _MODULUS in answer.names)
     names, prior = top.names, dict(top.prior)
-    if _MODULUS not in names and elastic > ELASTIC:
+    if _MODULUS not in names and elastic > MIN_ELASTIC:
         names = (_MODULUS, *names)
         prior[_MODULUS] = next(answer.prior[_MODULUS] for answer in counted if _MODULUS in answer.prior)
-    theta = np.concatenate([_as(answer, names, prior) for answer in counted])
+    theta = np.concatenate([_convert_draws(answer, names, prior) for answer in counted])
     weight = np.concatenate([np.log(answer.weights + 1e-300) + np.log(share[answer.material]) for answer in counted])
     rivals = [replace(as_alternative(answer), weight=share[answer.material]) for answer in answers if answer is not top]
     laws = {answer.material: answer for answer in counted}
@@ -219,18 +221,18 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
 def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
     """The checks of the likeliest law, but with the bounds of the average, and with the probabilities of all laws."""
     checks, ends = answer.checks, intervals(answer.names, answer.theta, answer.log_weight)
-    inferred = {name: answer.bound(name) for name in ends if of_the_law(name) or name == "stretch"}
-    bounds = [of_bound(name, bound, ends[name]) for name, bound in inferred.items() if bound]
+    inferred = {name: answer.bound(name) for name in ends if is_law_parameter(name) or name == "stretch"}
+    bounds = [message_of_bound(name, bound, ends[name]) for name, bound in inferred.items() if bound]
     verdict: Verdict = "undetermined" if bounds else "ok"
     without_bounds = [message for message in checks.messages if not message.code.startswith("bound.")]
     return replace(
         checks,
-        verdict=verdict if checks.verdict in _FOLLOWED else checks.verdict,
+        verdict=verdict if checks.verdict in _FITTING else checks.verdict,
         messages=(*bounds, *without_bounds, Message("model.averaged", {"laws": share})),
     )
 
 
-def of_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
+def keep_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
     """The answers of shots of one material, with each average over laws replaced by its answer for one law: that with
     the largest evidence of all these shots together. A shot without draws of this law keeps its answer."""
     several, evidences = [answer for answer in answers if answer.laws], list[dict[str, float]]()
@@ -243,16 +245,16 @@ def of_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
     return [answer.laws.get(best, answer) for answer in answers]
 
 
-def _as(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, ...]]) -> Floats:
+def _convert_draws(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, ...]]) -> Floats:
     """Draws (draws, names) of an answer, in the parameters of another law."""
     columns = []
     for name in names:
         natural = natural_name(name)
-        column = name if name in answer.names else LOG10 + _SAME.get(natural, natural)
+        column = name if name in answer.names else LOG10 + _EQUIVALENT.get(natural, natural)
         if column in answer.names:
             columns.append(answer.theta[:, answer.names.index(column)])
         else:
-            assert of_the_law(name)
-            low, *_ = prior.get(name) or parameter_of(name).searched or (0.0,)
+            assert is_law_parameter(name)
+            low, *_ = prior.get(name) or parameter_of(name).search_range or (0.0,)
             columns.append(np.full(len(answer.theta), _NEWTONIAN.get(natural, low)))
     return np.column_stack(columns)

@@ -14,27 +14,27 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cavirheo.curve import RadiusCurve, several
+from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import InputError, expect_whole, require
-from cavirheo.inference.assumptions import FREE, FREED, SCALE_BOUND, Family, Options, check_stretch
-from cavirheo.inference.checks import ERRORS, curve_warnings, failed, wall_warnings, warned
+from cavirheo.inference.assumptions import FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
+from cavirheo.inference.checks import ANALYSIS_ERRORS, curve_warnings, failed_checks, wall_warnings, warned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.model import DEFAULT, Network, card, path_of
 from cavirheo.inference.network_answer import check_outputs, read_draws, read_values
 from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
 from cavirheo.inference.verify import verify
-from cavirheo.parallel import Executor, Threads, cores, each, of_this_machine, one_blas_thread
+from cavirheo.parallel import Executor, Threads, cores, default_executor, one_blas_thread, run_jobs
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.writing.packing import key_of
+from cavirheo.writing.packing import content_hash
 
 _log = logging.getLogger(__name__)
-AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
+AUTO_LAWS = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
 LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
-_DOING = {"infer": "inferring", "bdt": "inferring", "fit": "fitting", "search": "searching"}
+_METHODS = {"infer": "inferring", "bdt": "inferring", "fit": "fitting", "search": "searching"}
 Job = tuple[RadiusCurve, Posterior | None]  # a curve, and the answer with which its analysis starts
 _LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints", "source", "source_sha256"}
 _LABELS |= {"flags", "contact_sheet"}  # keys of `RadiusCurve.meta` on which no answer depends
@@ -79,7 +79,7 @@ class Analysis:
     ranges: Mapping[str, Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
-        require(self.method in _DOING, f"method must be {', '.join(_DOING)}, got {self.method!r}", "option.method")
+        require(self.method in _METHODS, f"method must be {', '.join(_METHODS)}, got {self.method!r}", "option.method")
         levels = LEVELS if self._networked else ("auto", "map")
         message = f"verify must be {', '.join(levels[:-1])} or {levels[-1]}, got {self.verify!r}"
         require(self.verify in levels, message, "option.verify")
@@ -91,7 +91,7 @@ class Analysis:
         point = kind.get("kind") == "point"
         settings["bubble"] = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
         if self.free is None:
-            settings["free"] = FREED if self.method == "fit" else tuple(FREE)
+            settings["free"] = FREE_BY_DEFAULT if self.method == "fit" else tuple(FREE)
         if self._networked:
             settings["method"] = "bdt" if point else "infer"
         if point:
@@ -133,7 +133,7 @@ class Analysis:
     @property
     def laws(self) -> Sequence[str]:
         """The laws that are analysed; with damage, those with an elastic part. Raises InputError: none has one."""
-        laws = AUTO if self.material == "auto" else (str(self.material),)
+        laws = AUTO_LAWS if self.material == "auto" else (str(self.material),)
         if self.bubbles[0].damage == "none":
             return laws
         elastic = [law for law in laws if Family(law).elastic]
@@ -142,12 +142,12 @@ class Analysis:
         return elastic
 
     @property
-    def doing(self) -> str:
+    def activity(self) -> str:
         """A word for the work in progress."""
-        return "weighing" if self.before else _DOING[self.method]
+        return "weighing" if self.starting_analysis else _METHODS[self.method]
 
     @property
-    def before(self) -> Analysis | None:
+    def starting_analysis(self) -> Analysis | None:
         """The analysis whose answers are the start of this one; None if this one starts with the curves alone."""
         return replace(self, verify="map") if self.method == "search" and self.verify != "map" else None
 
@@ -166,8 +166,8 @@ class Analysis:
         content = {field.name: getattr(curve, field.name) for field in fields(curve)}
         if len(curve.time):  # a curve without samples keeps its labels, which distinguish it
             content["meta"] = {name: value for name, value in curve.meta.items() if name not in _LABELS}
-        made_with = self.network.sha256 if self._networked else ""
-        return key_of([version("cavirheo"), made_with, self, content])
+        network_sha256 = self.network.sha256 if self._networked else ""
+        return content_hash([version("cavirheo"), network_sha256, self, content])
 
     def check(self, curves: Sequence[RadiusCurve]) -> None:
         """Raises InputError: none of these curves can be answered with these settings, because the wall is within R_max
@@ -187,10 +187,10 @@ class Analysis:
         """An answer for each curve, in their order, computed on `workers` cores (default: all), on whose number it does
         not depend. done: called with the index and the answer of each curve when it is ready. starts: the `start` of
         `answer` for each curve. Raises InputError: none of the curves can be answered with these settings."""
-        curves = several(curves)
+        curves = as_curves(curves)
         self.check(curves)
         function, jobs, executor = self._workload(curves, starts, None, workers)
-        return each(function, jobs, executor, done)
+        return run_jobs(function, jobs, executor, done)
 
     def flow(
         self,
@@ -201,7 +201,7 @@ class Analysis:
         """(index of the curve, its answer) in the order in which they are ready, computed by an executor or on all
         cores of this machine. starts: as in `run`. Closing the generator cancels the curves that have not started."""
         function, jobs, chosen = self._workload(curves, starts, executor, None)
-        return chosen.flow(function, jobs)
+        return chosen.map_unordered(function, jobs)
 
     def _workload(
         self,
@@ -212,13 +212,13 @@ class Analysis:
     ) -> tuple[Callable[[Job], Posterior], list[Job], Executor]:
         """The function that answers one job, the job of each curve, and the executor."""
         threads = 1 if executor else max(cores(workers) // max(len(curves), 1), 1)
-        chosen = executor or (Threads(workers) if self.verify == "none" else of_this_machine(len(curves), workers))
+        chosen = executor or (Threads(workers) if self.verify == "none" else default_executor(len(curves), workers))
         jobs = list(zip(curves, starts or repeat(None, len(curves)), strict=True))
         return partial(_answer, self, threads), jobs, chosen
 
     def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason. start: the
-        answer of `before`, if it is known."""
+        answer of `starting_analysis`, if it is known."""
         shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
         settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
         if self.method == "infer":
@@ -228,7 +228,7 @@ class Analysis:
         elif self.method == "fit":
             settings |= {"weights": self.weights, "rival": self.others}
         else:
-            settings["search"] = self.before is None
+            settings["search"] = self.starting_analysis is None
         try:
             with one_blas_thread:
                 answers = [start] if start else self.starts(curve, workers)
@@ -240,12 +240,12 @@ class Analysis:
         except Exception as error:  # a defect of this package or of a library: only this curve fails
             _log.exception("%s has no answer", curve.name)
             empty = self._empty_answer(curve, self.laws[0], self.bubbles[0])
-            return replace(empty, checks=failed(error, curve, medium_of(self.medium)))
+            return replace(empty, checks=failed_checks(error, curve, medium_of(self.medium)))
 
     def starts(self, curve: RadiusCurve, workers: int | None = None) -> list[Posterior]:
         """The answers that start the verification, one for each law and bubble; a failed one gives the reason."""
-        if self.before:
-            return [self.before.answer(curve, workers=workers)]
+        if self.starting_analysis:
+            return [self.starting_analysis.answer(curve, workers=workers)]
         if self.method == "bdt":
             return [self._start(curve, str(self.material), FIELD)]
         return [self._start(curve, law, bubble) for law, bubble in product(self.laws, self.bubbles)]
@@ -268,8 +268,8 @@ class Analysis:
                     values, warnings = read_draws(shot, network, checks, self.discrepancy, self.seed, self.verify)
                 warnings += wall_warnings(shot)
             values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
-        except ERRORS as error:  # only this curve fails
-            values = {"checks": failed(error, curve, medium)}
+        except ANALYSIS_ERRORS as error:  # only this curve fails
+            values = {"checks": failed_checks(error, curve, medium)}
         provenance = {**empty.provenance, **values.pop("provenance", {})}
         return replace(empty, **values, provenance=provenance, seconds=perf_counter() - began)
 
@@ -287,9 +287,9 @@ class Analysis:
             else:
                 method, details["options"] = "least_squares", asdict(self._options(bubble))
         provenance = {"cavirheo": version("cavirheo"), **details, "source_sha256": curve.source_sha256}
-        how: dict[str, Any] = {"bubble": bubble, "medium": medium_of(self.medium)}
+        conditions: dict[str, Any] = {"bubble": bubble, "medium": medium_of(self.medium)}
         draws = np.empty((0, len(names)))
-        return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **how)
+        return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **conditions)
 
 
 def _answer(analysis: Analysis, workers: int, job: Job) -> Posterior:

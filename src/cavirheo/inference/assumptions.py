@@ -11,12 +11,12 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
-from cavirheo.parameters import PARAMETERS, inferred_as
-from cavirheo.physics.bubble import FIELD, FROM_NOTHING, Bubble
+from cavirheo.parameters import PARAMETERS, inferred_name
+from cavirheo.physics.bubble import FIELD, ZERO_BY_DEFAULT, Bubble
 from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
-FREED = ("t0", "rmax")  # free by default
+FREE_BY_DEFAULT = ("t0", "rmax")  # free by default
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 
 _STRETCHES, _WEIGHTS = ("plateau", "free"), ("learnt", "equal")
@@ -41,7 +41,7 @@ class Options:
     window: int | str | None = None
     end: float | None = None
     stretch: float | str | None = None
-    free: Sequence[str] | str = FREED  # or a text with commas; stored as a tuple
+    free: Sequence[str] | str = FREE_BY_DEFAULT  # or a text with commas; stored as a tuple
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
     weights: str = "learnt"
@@ -70,7 +70,7 @@ class Options:
 
 def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
     """The given numbers of the bubble model that are not 0, by name. Raises InputError: the wall is within R_max."""
-    values = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
+    values = {name: getattr(bubble, name) for name in ("accommodation", *ZERO_BY_DEFAULT)}
     if bubble.wall_distance is not None:
         values["confinement_inertia"] = bubble.inertia(max_radius)
     return {name: float(value) for name, value in values.items() if value not in ("free", 0.0)}
@@ -89,10 +89,12 @@ def _parameters(law: str) -> list[Field[Any]]:
 
 def _unfittable(law: str) -> list[str]:
     """Parameters of a law that have neither a range nor a default."""
-    return [f.name for f in _parameters(law) if not PARAMETERS[inferred_as(f.name)].searched and f.default is MISSING]
+    return [
+        f.name for f in _parameters(law) if not PARAMETERS[inferred_name(f.name)].search_range and f.default is MISSING
+    ]
 
 
-ABLE = [law for law in LAWS if not _unfittable(law)]
+FITTABLE = [law for law in LAWS if not _unfittable(law)]
 
 
 @dataclass(frozen=True)
@@ -118,9 +120,9 @@ class Family:
         for number, law in enumerate((part.strip() for part in self.name.split("+")), 1):
             hint = " without parameters (all of them are fitted)" if "(" in law else ""
             hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
-            message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
-            require(law in ABLE, message, "law.not_fittable")
-            searched = [name for f in _parameters(law) if PARAMETERS[name := inferred_as(f.name)].searched]
+            message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(FITTABLE)}"
+            require(law in FITTABLE, message, "law.not_fittable")
+            searched = [name for f in _parameters(law) if PARAMETERS[name := inferred_name(f.name)].search_range]
             names += [f"{name}_{number}" if name in names else name for name in searched]
             terms.append((law, searched))
         object.__setattr__(self, "_terms", terms)
@@ -137,4 +139,4 @@ class Family:
     def bounds(self, *, started: bool = False) -> Floats:
         """Ranges (parameters, 2) of a search, or with `started` the parts of them in which searches start."""
         names = [name for _, searched in self._terms for name in searched]
-        return np.array([PARAMETERS[n].started if started else PARAMETERS[n].searched for n in names])
+        return np.array([PARAMETERS[n].start_range if started else PARAMETERS[n].search_range for n in names])

@@ -46,29 +46,29 @@ from cavirheo.parameters import parameter_of
 from cavirheo.physics.cache import compiled, kernel
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
-FINEST = 0.004  # largest step of the grid of a simulation, t_c
-PER_FRAME = 3.0  # fewest steps of this grid for each frame
-MOST = 4000  # most steps of this grid
-STEPS = 20  # Gauss-Newton steps at most
-ROUGH_GAIN, SHAPE_GAIN, GAIN = 0.1, 0.02, 1e-5  # steps end at this gain: rough; then for a shape, a simulation
+GRID_STEP = 0.004  # largest step of the grid of a simulation, t_c
+STEPS_PER_FRAME = 3.0  # fewest steps of this grid for each frame
+MAX_GRID_STEPS = 4000  # most steps of this grid
+MAX_NEWTON_STEPS = 20  # Gauss-Newton steps at most
+ROUGH_GAIN, SHAPE_GAIN, FINAL_GAIN = 0.1, 0.02, 1e-5  # steps end at this gain: rough; then for a shape, a simulation
 # clocks at which these steps start, in standard deviations: a clock read off noisy frames may be far off
-CLOCKS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8, 2.4)
-CLIMBED = 4  # starts at most from which steps are made: those that are likelier than both neighbours,
-LIKELIEST = 2  # and this number of the likeliest
+CLOCK_STARTS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8, 2.4)
+MAX_CLIMBED_STARTS = 4  # starts at most from which steps are made: those that are likelier than both neighbours,
+LIKELIEST_STARTS = 2  # and this number of the likeliest
 SIZE_STEP = 0.02  # relative difference in size of the bubble of the second simulation
 SIZE_EFFECT = 0.15  # RMS change of R* over the relative change of size, approximately
 SIZE_SHARE = 0.25  # share of the noise above which such a change counts
 INSTANTS, SHAPE_INSTANTS = 9, 3  # instants in an exposure, for a simulation and for a shape
-MOST_COLLAPSES = 4  # collapses of a shape at most
-SHAPED = 0.1  # largest RMS error of a shape, over the noise
+MAX_COLLAPSES = 4  # collapses of a shape at most
+SHAPE_ERROR = 0.1  # largest RMS error of a shape, over the noise
 NODES = 40  # intervals between nodes of a shape from one collapse to the next, short near a collapse
-ROUGH_SHARE, SHARE = 0.1, 0.01  # least share of a noise grid point that counts in rough and final steps
+ROUGH_SHARE, FINAL_SHARE = 0.1, 0.01  # least share of a noise grid point that counts in rough and final steps
 # coefficients of `_angle`, the highest power first
 ANGLE = (
     0.07969721832, -0.08889298994, 0.07098148633, -0.005915243983, 0.02323865936, 0.02799663997, 0.0477702493,
     0.1061027352, 0.6366197756,
 )  # fmt: skip
-NOTHING = np.empty(0)
+EMPTY = np.empty(0)
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
@@ -80,8 +80,8 @@ class SimulatedCurve(NamedTuple):
     radius: Floats
     speed: Floats
     by_size: Floats
-    speed_by_size: Floats = NOTHING
-    shape: Floats = NOTHING
+    speed_by_size: Floats = EMPTY
+    shape: Floats = EMPTY
     last: float = 0.0
 
 
@@ -102,9 +102,9 @@ class Frames(NamedTuple):
 class CameraNuisances:
     """Clock t_0, radius scale s and R_max factor f of the camera for (n,) frames. time: (n,) s after the measured
     R_max. measured: (n,) R/R_max. widths: prior standard deviations of t_0 (s), s and f; 0 for an exact one. exposure:
-    of a frame, s. step: of the grid of a simulation, s. collapses: number in a shape. sized: whether each simulation
-    has its own effect of the bubble's size. by_size: (numbers,) change of the shape for a bubble that is larger by
-    SIZE_STEP, the same for all bubbles; empty if it is not used. clock: middle of the prior of t_0, s."""
+    of a frame, s. step: of the grid of a simulation, s. collapses: number in a shape. simulates_size: whether each
+    simulation has its own effect of the bubble's size. by_size: (numbers,) change of the shape for a bubble that is
+    larger by SIZE_STEP, the same for all bubbles; empty if it is not used. clock: middle of the prior of t_0, s."""
 
     time: Floats
     measured: Floats
@@ -112,8 +112,8 @@ class CameraNuisances:
     exposure: float
     step: float
     collapses: int = 0
-    sized: bool = False
-    by_size: Floats = field(default_factory=lambda: NOTHING)
+    simulates_size: bool = False
+    by_size: Floats = field(default_factory=lambda: EMPTY)
     clock: float = 0.0
 
     @cached_property
@@ -124,7 +124,7 @@ class CameraNuisances:
     @property
     def size(self) -> int:
         """Length of an extended residual."""
-        return len(self.time) + len(self.free) + 1 + (2 if self.sized else 1) * self.numbers
+        return len(self.time) + len(self.free) + 1 + (2 if self.simulates_size else 1) * self.numbers
 
     @property
     def numbers(self) -> int:
@@ -134,13 +134,13 @@ class CameraNuisances:
     @cached_property
     def frames(self) -> Frames:
         """The frames for simulations."""
-        instants, shares = exposed(self.exposure, INSTANTS)
+        instants, shares = exposure_nodes(self.exposure, INSTANTS)
         return Frames(self.time - self.clock, self.measured, self.widths, self.free, instants, shares, self.step)
 
     @cached_property
     def shape_frames(self) -> Frames:
         """The frames for shapes, with fewer instants."""
-        instants, shares = exposed(self.exposure, SHAPE_INSTANTS)
+        instants, shares = exposure_nodes(self.exposure, SHAPE_INSTANTS)
         return self.frames._replace(instants=instants, shares=shares)
 
     @cached_property
@@ -155,10 +155,10 @@ class CameraNuisances:
 
     def extended(self, run: SimulatedCurve, noise: Noise) -> tuple[Floats, Floats]:
         """Extended residual (size,) of a simulation on `grid`, and the curvature H (m, m) in units of the prior."""
-        how = noise.covariances, noise.constants, noise.power
-        residual, curvature = _integrated(run, self.frames, self.starts, GAIN, *how)
+        noise_parts = noise.covariances, noise.constants, noise.power
+        residual, curvature = _integrated(run, self.frames, self.starts, FINAL_GAIN, *noise_parts)
         shape = _shape(run, self.step, self.collapses)
-        if not self.sized:
+        if not self.simulates_size:
             return np.concatenate([residual, shape]), curvature
         radius = run.radius + SIZE_STEP * run.by_size
         larger = SimulatedCurve(radius, run.speed + SIZE_STEP * run.speed_by_size, run.by_size)
@@ -169,55 +169,55 @@ class CameraNuisances:
         that were counted and that it has before the last frame; more if the shape does not give its frames otherwise,
         by a camera about z (m,) with any start of the clock."""
         counted = _shape(run, self.step, self.collapses)[: self.collapses] * self.grid[-1]
-        views = z + np.array(CLOCKS)[:, None] * (self.free == 0)
+        views = z + np.array(CLOCK_STARTS)[:, None] * (self.free == 0)
         best, least = self, np.inf
-        for count in range(int(np.count_nonzero(counted < np.max(self.time) - self.clock)), MOST_COLLAPSES + 1):
+        for count in range(int(np.count_nonzero(counted < np.max(self.time) - self.clock)), MAX_COLLAPSES + 1):
             camera = replace(self, collapses=count)
-            missed = np.array([camera.missed_by_shape(run, view) for view in views]) / noise.typical
+            missed = np.array([camera.shape_error(run, view) for view in views]) / noise.typical
             rms = float(np.sqrt(np.mean(missed**2)))
             if rms < least:
                 best, least = camera, rms
-            if least < SHAPED:
+            if least < SHAPE_ERROR:
                 break
         return best
 
-    def missed_by_shape(self, run: SimulatedCurve, z: Floats) -> Floats:
+    def shape_error(self, run: SimulatedCurve, z: Floats) -> Floats:
         """Radius (n,) by the shape of a simulation on `grid` minus that by the simulation, with a camera z (m,)."""
         shape = _shape(run, self.step, self.collapses)
         by_shape = _difference_of_shapes(shape[None], z[None], len(self.grid) - 1.0, self.shape_frames)[0]
         columns = np.empty((len(self.time), len(self.free) + 1))
-        _film(run._replace(by_size=NOTHING), self.frames, z, columns)
+        _linearise_frames(run._replace(by_size=EMPTY), self.frames, z, columns)
         return columns[:, -1] - by_shape
 
-    def of_shapes(self, shapes: Floats, noise: Noise) -> Floats:
+    def residuals_of_shapes(self, shapes: Floats, noise: Noise) -> Floats:
         """Extended residuals (k, n + m + 1) of bubbles of these shapes (k, numbers), without the shapes."""
-        how = noise.covariances, noise.constants, noise.power
+        noise_parts = noise.covariances, noise.constants, noise.power
         shapes, last = np.ascontiguousarray(shapes[:, : self.numbers]), len(self.grid) - 1.0
-        return np.asarray(_of_shapes(shapes, last, self.shape_frames, self.starts, *how))
+        return np.asarray(_residuals_of_shapes(shapes, last, self.shape_frames, self.starts, *noise_parts))
 
     def difference_of_shapes(self, shapes: Floats, z: Floats) -> Floats:
         """Measured minus simulated (k, n) of bubbles of these shapes (k, numbers) with a camera z (k, m); NaN where the
         simulation failed."""
-        if self.sized or len(self.by_size):
+        if self.simulates_size or len(self.by_size):
             values = self.natural(z)
             grown = values["radius_scale"] * values["max_radius_factor"] - 1.0
-            by_size = shapes[:, self.numbers :] if self.sized else self.by_size
+            by_size = shapes[:, self.numbers :] if self.simulates_size else self.by_size
             shapes = shapes[:, : self.numbers] + (grown / SIZE_STEP)[:, None] * by_size
         shapes, z = np.ascontiguousarray(shapes), np.ascontiguousarray(z)
         return np.asarray(_difference_of_shapes(shapes, z, len(self.grid) - 1.0, self.shape_frames))
 
     def radius_of(self, shape: Floats) -> Floats:
         """R/R_max on `grid` of a bubble of this shape (numbers,)."""
-        run = SimulatedCurve(NOTHING, NOTHING, NOTHING, NOTHING, shape[: self.numbers], len(self.grid) - 1.0)
+        run = SimulatedCurve(EMPTY, EMPTY, EMPTY, EMPTY, shape[: self.numbers], len(self.grid) - 1.0)
         return np.asarray(_radius(run))
 
     @cached_property
     def starts(self) -> Floats:
         """Starts (k, m) of the steps to the most likely clock, scale and factor."""
         m = len(self.free)
-        starts = np.zeros((len(CLOCKS) if m and not self.free[0] else 1, m))
+        starts = np.zeros((len(CLOCK_STARTS) if m and not self.free[0] else 1, m))
         if len(starts) > 1:  # frames near a collapse may allow two clocks
-            starts[:, 0] = CLOCKS
+            starts[:, 0] = CLOCK_STARTS
         return starts
 
     def natural(self, z: Floats) -> dict[str, Floats]:
@@ -240,7 +240,7 @@ class CameraNuisances:
         return middle + off @ spread, height - 0.5 * np.sum(off**2, axis=1)
 
 
-def exposed(exposure: float, count: int) -> tuple[Floats, Floats]:
+def exposure_nodes(exposure: float, count: int) -> tuple[Floats, Floats]:
     """Offsets of `count` Gauss-Legendre instants in an exposure, in its unit, and their weights. An exposure of 0 has
     one instant."""
     nodes, shares = np.polynomial.legendre.leggauss(count if exposure else 1)
@@ -262,20 +262,20 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
 
 @compiled
 def _integrated(
-    run: SimulatedCurve, frames: Frames, starts: Floats, finest: float, covariances: Covariances, constants: Floats,
+    run: SimulatedCurve, frames: Frames, starts: Floats, last_gain: float, covariances: Covariances, constants: Floats,
     power: float,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """The result of `CameraNuisances.extended` without the shape. starts: z (k, m) at which the steps start. finest:
+    """The result of `CameraNuisances.extended` without the shape. starts: z (k, m) at which the steps start. last_gain:
     gain at which the last steps end. covariances, constants, power: of the noise."""
-    weight, moved, rank, factor = covariances
+    weight, shifts, rank, factor = covariances
     m, residuals = len(frames.free), np.empty((len(starts), len(frames.time)))
     columns, next_columns = np.empty((len(frames.time), m + 1)), np.empty((len(frames.time), m + 1))
     for k in range(len(starts)):
-        _film(run, frames, starts[k], columns)
+        _linearise_frames(run, frames, starts[k], columns)
         residuals[k] = columns[:, m]
-    squares = squared(residuals, weight, moved, rank, factor)
+    squares = squared(residuals, weight, shifts, rank, factor)
     heights, largest = np.empty(len(starts)), np.zeros(len(rank))
-    some = moved, rank, factor, constants
+    some = shifts, rank, factor, constants
     for k in range(len(starts)):
         height, share = summed(squares[:, k], constants, power)
         heights[k] = height - 0.5 * np.sum(starts[k] ** 2)
@@ -283,25 +283,25 @@ def _integrated(
     padded = np.concatenate((np.array([-np.inf]), heights, np.array([-np.inf])))
     order = np.argsort(-heights)
     hill = (heights > padded[:-2]) & (heights >= padded[2:])
-    hill[order[:LIKELIEST]] = True
+    hill[order[:LIKELIEST_STARTS]] = True
     order = order[hill[order]]
     top, best = -np.inf, starts[order[0]]
-    tries = min(CLIMBED, len(order))
+    tries = min(MAX_CLIMBED_STARTS, len(order))
     for k in range(tries + 1):  # a few steps from each start, then all steps from the best end
-        z, least = (starts[order[k]], ROUGH_GAIN) if k < tries else (best, finest)
+        z, least = (starts[order[k]], ROUGH_GAIN) if k < tries else (best, last_gain)
         if m and (k == 0 or k == tries):
-            counted = np.flatnonzero(largest > (ROUGH_SHARE if k < tries else SHARE) * np.max(largest))
-            some = moved[counted], rank[counted], factor[counted], constants[counted]
-        _film(run, frames, z, columns)
+            counted = np.flatnonzero(largest > (ROUGH_SHARE if k < tries else FINAL_SHARE) * np.max(largest))
+            some = shifts[counted], rank[counted], factor[counted], constants[counted]
+        _linearise_frames(run, frames, z, columns)
         height, gradient, curvature = expanded(columns, weight, *some, power)
         value = height - 0.5 * np.sum(z**2)
-        for _ in range(STEPS if m else 0):
+        for _ in range(MAX_NEWTON_STEPS if m else 0):
             direction, gain = _solved(curvature, gradient + z)[0], 0.0
             if 0.5 * np.sum((gradient + z) * direction) < least:
                 break
             for length in (1.0, 0.5, 0.2, 0.05):
                 next_z = z - length * direction
-                _film(run, frames, next_z, next_columns)
+                _linearise_frames(run, frames, next_z, next_columns)
                 height, slope, curved = expanded(next_columns, weight, *some, power)
                 next_value = height - 0.5 * np.sum(next_z**2)
                 if next_value > value:
@@ -339,25 +339,25 @@ def _solved(curvature: Floats, vector: Floats) -> tuple[Floats, float]:
 
 
 @kernel
-def _film(run: SimulatedCurve, frames: Frames, z: Floats, columns: Floats) -> None:
+def _linearise_frames(run: SimulatedCurve, frames: Frames, z: Floats, columns: Floats) -> None:
     """Write the derivatives of the simulated frames by z (m,), and measured minus simulated, into columns (n, m + 1).
 
     R is an even function of time. The effect of size is linear between two instants.
     """
     free, step, m = frames.free, frames.step, len(frames.free)
-    clock, scale, factor = _seen(frames, z)
+    clock, scale, factor = _decode_camera(frames, z)
     grown = scale * factor - 1.0
     for n in range(len(frames.time)):
         radius = by_clock = by_scale = by_factor = 0.0
         for instant, share in zip(frames.instants, frames.shares):  # noqa: B905 (the compiler knows no strict)
             since = (frames.time[n] + instant - clock) / (scale * factor)
-            away = abs(since) / step
-            height, slope = _radius_at(run, away, step)
+            distance = abs(since) / step
+            height, slope = _radius_at(run, distance, step)
             larger = 0.0
             if len(run.by_size):
-                i = min(int(away), len(run.by_size) - 2)
+                i = min(int(distance), len(run.by_size) - 2)
                 rise_by_size = run.by_size[i + 1] - run.by_size[i]
-                larger = run.by_size[i] + min(away - i, 1.0) * rise_by_size
+                larger = run.by_size[i] + min(distance - i, 1.0) * rise_by_size
                 height += grown * larger
                 slope += grown * rise_by_size
             slope /= step
@@ -375,7 +375,7 @@ def _film(run: SimulatedCurve, frames: Frames, z: Floats, columns: Floats) -> No
 
 
 @kernel
-def _seen(frames: Frames, z: Floats) -> tuple[float, float, float]:
+def _decode_camera(frames: Frames, z: Floats) -> tuple[float, float, float]:
     """Clock, scale and factor of z (m,)."""
     clock, scale, factor = 0.0, 1.0, 1.0
     for k in range(len(frames.free)):
@@ -390,20 +390,20 @@ def _seen(frames: Frames, z: Floats) -> tuple[float, float, float]:
 
 
 @kernel
-def _radius_at(run: SimulatedCurve, away: float, step: float) -> tuple[float, float]:
-    """R/R_max at `away` steps of the grid after its maximum, and its derivative by `away`: cubic Hermite pieces between
-    regular instants, or between the nodes of a shape."""
+def _radius_at(run: SimulatedCurve, distance: float, step: float) -> tuple[float, float]:
+    """R/R_max at `distance` steps of the grid after its maximum, and its derivative by `distance`: cubic Hermite pieces
+    between regular instants, or between the nodes of a shape."""
     if not len(run.shape):
-        i = min(int(away), len(run.radius) - 2)
+        i = min(int(distance), len(run.radius) - 2)
         begin, end = run.speed[i] * step, run.speed[i + 1] * step
-        return _cubic(run.radius[i], run.radius[i + 1], begin, end, min(away - i, 1.0))
+        return _cubic(run.radius[i], run.radius[i + 1], begin, end, min(distance - i, 1.0))
     shape = run.shape
     collapses, part, knot = (len(shape) - NODES - 1) // (NODES + 2), 0, 0.0
-    while part < collapses and away > shape[part] * run.last:
+    while part < collapses and distance > shape[part] * run.last:
         knot = shape[part] * run.last
         part += 1
     length = max((shape[part] * run.last if part < collapses else run.last) - knot, 1e-9)
-    place, rate = _place(min(max((away - knot) / length, 0.0), 1.0), part, collapses)
+    place, rate = _place(min(max((distance - knot) / length, 0.0), 1.0), part, collapses)
     height, slope = _between_nodes(shape, collapses + part * (NODES + 1), place)
     return height, slope * rate / length
 
@@ -453,8 +453,8 @@ def _angle(share: float) -> float:
 @kernel
 def _share(place: float, part: int, collapses: int) -> float:
     """Share of the time from one collapse to the next, at a place between the nodes: the inverse of `_place`."""
-    way = place / NODES
-    return way**2 if part == collapses else np.sin(0.5 * np.pi * way) ** 2
+    fraction = place / NODES
+    return fraction**2 if part == collapses else np.sin(0.5 * np.pi * fraction) ** 2
 
 
 @compiled
@@ -466,19 +466,19 @@ def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
     for i in range(1, last):
         if count < collapses and run.speed[i] < 0.0 <= run.speed[i + 1]:
             count += 1
-            knots[count] = i + _turn(run.radius[i], run.radius[i + 1], run.speed[i] * step, run.speed[i + 1] * step)
+            knots[count] = i + _minimum(run.radius[i], run.radius[i + 1], run.speed[i] * step, run.speed[i + 1] * step)
     knots[count + 1 :] = last
     shape = np.empty(collapses + (collapses + 1) * (NODES + 1))
     shape[:collapses] = knots[1:-1] / last
     for k in range(collapses + 1):
         for j in range(NODES + 1):
-            away = knots[k] + _share(float(j), k, collapses) * (knots[k + 1] - knots[k])
-            shape[collapses + k * (NODES + 1) + j] = _radius_at(run, away, step)[0]
+            distance = knots[k] + _share(float(j), k, collapses) * (knots[k + 1] - knots[k])
+            shape[collapses + k * (NODES + 1) + j] = _radius_at(run, distance, step)[0]
     return shape
 
 
 @kernel
-def _turn(first: float, second: float, fall: float, rise: float) -> float:
+def _minimum(first: float, second: float, fall: float, rise: float) -> float:
     """Place of the minimum of R between two instants, from 0 to 1, with these radii and derivatives. R^5 is cubic
     there, because an empty cavity collapses as R^5 = A (t - t_0)^2 (Rayleigh 1917, doi:10.1080/14786440808635681)."""
     change, begin, end = second**5 - first**5, 5.0 * first**4 * fall, 5.0 * second**4 * rise
@@ -489,11 +489,11 @@ def _turn(first: float, second: float, fall: float, rise: float) -> float:
 
 
 @compiled
-def _of_shapes(
+def _residuals_of_shapes(
     shapes: Floats, last: float, frames: Frames, starts: Floats, covariances: Covariances, constants: Floats,
     power: float,
 ) -> Floats:  # fmt: skip
-    """The result of `CameraNuisances.of_shapes`."""
+    """The result of `CameraNuisances.residuals_of_shapes`."""
     residuals, nothing = np.empty((len(shapes), len(frames.time) + len(frames.free) + 1)), np.empty(0)
     for k in range(len(shapes)):
         run = SimulatedCurve(nothing, nothing, nothing, nothing, shapes[k], last)
@@ -503,7 +503,8 @@ def _of_shapes(
 
 @compiled
 def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames) -> Floats:
-    """The result of `CameraNuisances.difference_of_shapes`: as `_film`, in half the time without derivatives."""
+    """The result of `CameraNuisances.difference_of_shapes`: as `_linearise_frames`, in half the time without
+    derivatives."""
     count, each, difference = len(frames.time), len(frames.instants), np.empty((len(shapes), len(frames.time)))
     collapses = (shapes.shape[1] - NODES - 1) // (NODES + 2)
     knots, rates = np.zeros(collapses + 2), np.empty(collapses + 1)
@@ -516,16 +517,16 @@ def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames
         knots[1 : collapses + 1], knots[collapses + 1] = shape[:collapses] * last, last
         for part in range(collapses + 1):
             rates[part] = 1.0 / max(knots[part + 1] - knots[part], 1e-9)
-        clock, scale, factor = _seen(frames, z[k])
+        clock, scale, factor = _decode_camera(frames, z[k])
         rate, part = 1.0 / (scale * factor * frames.step), 0
         for n in range(count):
             for j in range(each):
-                away = abs(frames.time[n] + frames.instants[j] - clock) * rate
-                while part < collapses and away > knots[part + 1]:
+                distance = abs(frames.time[n] + frames.instants[j] - clock) * rate
+                while part < collapses and distance > knots[part + 1]:
                     part += 1
-                while part > 0 and away <= knots[part]:
+                while part > 0 and distance <= knots[part]:
                     part -= 1
-                share[n * each + j] = min(max((away - knots[part]) * rates[part], 0.0), 1.0)
+                share[n * each + j] = min(max((distance - knots[part]) * rates[part], 0.0), 1.0)
                 parts[n * each + j] = part
         for i in range(len(share)):  # a loop of its own, so that the compiler vectorises it
             share[i] = NODES * (np.sqrt(share[i]) if parts[i] == collapses else _angle(share[i]))

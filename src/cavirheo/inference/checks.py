@@ -31,7 +31,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.landmarks import RAYLEIGH
-from cavirheo.messages import Message, of_error
+from cavirheo.messages import Message, message_of_error
 from cavirheo.parameters import LOG10, natural_name
 from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import FIELD, Bubble
@@ -46,31 +46,32 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 # errors with which the analysis of one curve may fail: numbers that are refused (InputError and LinAlgError are
 # ValueErrors), simulations that fail, and a curve too large for the memory
-ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
+ANALYSIS_ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
 MISFIT = 0.03  # RMSE/R_max above which the model does not fit (docs/method/verdicts.md)
 _POINTS = 800  # points of a simulated curve, for drawing
-REBOUND = 3  # fewest frames after the first collapse that show a rebound
-FACTOR = 1.5  # factor by which a parameter must change for a warning
+REBOUND_FRAMES = 3  # fewest frames after the first collapse that show a rebound
+MIN_CHANGE = 1.5  # factor by which a parameter must change for a warning
 USUAL_COLLAPSE = (0.7, 1.4)  # first collapse of liquids and gels below 50 kPa, Rayleigh times after R_max
-STIFF, SMALL, FALL = 4e5, 3.4, 0.25  # largest stretch of gels: 3.4 for G above 400 kPa, else 3.4 (400 kPa/G)^0.25
-WRONG = 0.22  # natural logarithm of the factor of the clock above which a scale or rate is wrong
-FOLLOWS = 0.045  # largest RMS misfit over R_max of a simulation that explains a curve
-LEFT = 0.006  # RMS error of coarse simulations over R_max
-BETTER = 1.2  # factor between misfits above which one explanation is clearly better
+# largest stretch of gels: 3.4 for G above 400 kPa, else 3.4 (400 kPa/G)^0.25
+STIFF_MODULUS, STIFF_STRETCH, STIFF_FALL = 4e5, 3.4, 0.25
+WRONG_SCALE = 0.22  # natural logarithm of the factor of the clock above which a scale or rate is wrong
+EXPLAINED_MISFIT = 0.045  # largest RMS misfit over R_max of a simulation that explains a curve
+COARSE_ERROR = 0.006  # RMS error of coarse simulations over R_max
+BETTER_FACTOR = 1.2  # factor between misfits above which one explanation is clearly better
 PERIODS = 6.0  # length of the comparison, first collapse times
-PLATEAU = 1.2  # largest factor between a stretch and that of the late plateau
+PLATEAU_FACTOR = 1.2  # largest factor between a stretch and that of the late plateau
 
 _RADIUS = 150e-6  # m, R_max of the simulations
 _GRID = np.linspace(0.0, 1.1 * PERIODS, 661)  # times of the simulations over that of the first collapse
-_FINER = np.exp(np.linspace(-0.06, 0.06, 9))  # factors of the time of the first collapse, which is known to a frame
+_FACTORS = np.exp(np.linspace(-0.06, 0.06, 9))  # factors of the time of the first collapse, which is known to a frame
 _SHIFTS = np.array([-0.7, 0.0, 0.7])  # shifts of the time of R_max within its uncertainty, frames
-_BETWEEN = 0.16  # natural logarithm of the clock's factor between two moduli of the simulations
+_MODULUS_STEP = 0.16  # natural logarithm of the clock's factor between two moduli of the simulations
 _VISCOUS = (0.004, 0.015, 0.05, 0.13, 0.35)  # viscosities of the simulations, Pa s
 _BUBBLES: dict[str, list[Any]] = {  # all combinations of G (Pa), mu (Pa s), stretch and confinement damping
     "soft": [((1e3, 1.2e4, 4e4), _VISCOUS, (4.0, 4.5, 5.2, 6.2, 7.5, 9.0, 11.0), (0.1,))],
     "fast": [
         ((7.5e4, 1.3e5, 2.3e5), _VISCOUS, (1.3, 1.7, 2.1, 2.5, 2.9, 3.5, 4.2, 5.0), (0.1,)),
-        ((4e5, 6.9e5, 1.2e6, 2.1e6, 3.6e6), _VISCOUS, (1.3, 1.7, 2.1, 2.5, 2.9, SMALL), (0.1,)),
+        ((4e5, 6.9e5, 1.2e6, 2.1e6, 3.6e6), _VISCOUS, (1.3, 1.7, 2.1, 2.5, 2.9, STIFF_STRETCH), (0.1,)),
     ],
     "slow": [
         ((1e3, 1.2e4, 4e4), _VISCOUS, (1.4, 2.0, 2.8), (0.1,)),
@@ -88,7 +89,7 @@ class Window:
     collapses: int
 
     @property
-    def since_max(self) -> Floats:
+    def time_since_max(self) -> Floats:
         """(m,) s after R_max of the measured frames."""
         measured = np.isfinite(self.curve.radius)
         return self.curve.time[measured] - self.curve.time_of_max
@@ -111,11 +112,11 @@ def reconstruct(
 ) -> dict[str, Floats]:
     """The fields of `Checks` that the simulation of an answer gives. Frames before R_max (if a fit has moved the clock)
     are compared with the mirrored fall after it. Raises SolverError: the answer cannot be simulated."""
-    curve, since = view.curve, np.abs(view.since_max)
+    curve, since = view.curve, np.abs(view.time_since_max)
     times = np.union1d(since, np.linspace(0.0, view.end, _POINTS))
     run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium, bubble=bubble)
     return {
-        "compared_time": view.since_max + curve.time_of_max,
+        "compared_time": view.time_since_max + curve.time_of_max,
         "residual_over_rmax": view.normalised - run.radius[np.searchsorted(times, since)] / curve.max_radius,
         "reconstruction_time": times + curve.time_of_max,
         "reconstruction_radius": run.radius,
@@ -154,7 +155,7 @@ def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     """Warnings that need the curve alone: repeated or reversed frames, an R_max that lies further before the first
     frame than the clock of an answer can reach, a wrong scale."""
     radius, messages = curve.radius[np.isfinite(curve.radius)], [*curve.warnings]
-    if repeats := landmarks.repeated(radius):
+    if repeats := landmarks.repeated_samples(radius):
         equal, times = repeats
         messages.append(Message("check_input.frames_repeated", {"equal": equal, "frames": len(radius), "times": times}))
     if collapses := landmarks.collapses_backwards(radius):
@@ -173,7 +174,7 @@ def wall_warnings(shot: Experiment) -> list[Message]:
     if shot.family.elastic or bubble.confinement_inertia or bubble.confinement_damping or bubble.wall_distance:
         return []
     first = curve.collapse_times()[:1] - curve.time_of_max
-    if len(first) and np.count_nonzero(shot.since[shot.counted] > first[0]) >= REBOUND:
+    if len(first) and np.count_nonzero(shot.time_since_max[shot.counted] > first[0]) >= REBOUND_FRAMES:
         return []
     return [Message("check_input.no_rebound")]
 
@@ -181,7 +182,7 @@ def wall_warnings(shot: Experiment) -> list[Message]:
 def spike_warnings(
     curve: RadiusCurve, names: Sequence[str], read: Callable[[RadiusCurve], Floats], theta: Floats
 ) -> list[Message]:
-    """A message if a parameter changes by more than FACTOR without the frames that stand out. theta: (parameters,)
+    """A message if a parameter changes by more than MIN_CHANGE without the frames that stand out. theta: (parameters,)
     values with these names in the prior's scale, read off the curve; read: reads them off another curve."""
     wrong, radius = curve.spikes(), curve.radius.copy()
     if not wrong:
@@ -193,14 +194,14 @@ def spike_warnings(
         return []
     logs = [(name, by) for name, by in zip(names, change, strict=True) if name.startswith(LOG10)]
     factors = {natural_name(name): float(10.0**by) for name, by in logs}
-    far = {name: factor for name, factor in factors.items() if not 1.0 / FACTOR <= factor <= FACTOR}
+    far = {name: factor for name, factor in factors.items() if not 1.0 / MIN_CHANGE <= factor <= MIN_CHANGE}
     return [Message("check_input.spikes", {"frames": len(wrong), "factors": far})] if far else []
 
 
-def failed(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:
+def failed_checks(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:
     """The checks of a curve whose analysis ended with an error. They have its input warnings, a possible cause."""
     _log.debug("%s has no answer", curve.name, exc_info=error)
-    return warned(Checks("failed", (of_error(error),)), curve_warnings(curve, medium), trust_input=False)
+    return warned(Checks("failed", (message_of_error(error),)), curve_warnings(curve, medium), trust_input=False)
 
 
 def warned(checks: Checks, warnings: Iterable[Message], trust_input: bool) -> Checks:
@@ -264,28 +265,28 @@ def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     time, radius = curve.normalised(medium)
     time = time / (ratio * RAYLEIGH)
     frame = float(np.median(np.diff(time)))  # uncertainty of the times of maximum and collapse
-    reached = np.abs(np.log(clock)) < _BETWEEN + frame
-    right = reached & (both.stretch <= 1.001 * (SMALL * np.maximum(1.0, STIFF / modulus) ** FALL))
-    wrong = (np.arange(len(clock)) < len(soft.first)) & (np.abs(np.log(clock)) > WRONG)
+    reached = np.abs(np.log(clock)) < _MODULUS_STEP + frame
+    right = reached & (both.stretch <= 1.001 * (STIFF_STRETCH * np.maximum(1.0, STIFF_MODULUS / modulus) ** STIFF_FALL))
+    wrong = (np.arange(len(clock)) < len(soft.first)) & (np.abs(np.log(clock)) > WRONG_SCALE)
     if plateau := curve.stretch_from_tail():
-        right &= np.abs(np.log(both.stretch / plateau[0])) < np.log(PLATEAU)
+        right &= np.abs(np.log(both.stretch / plateau[0])) < np.log(PLATEAU_FACTOR)
     counted = (time >= 0.0) & (time < PERIODS)
-    missed = _missed(both.radius, time[counted], radius[counted], frame * _SHIFTS)
+    missed = _misfits(both.radius, time[counted], radius[counted], frame * _SHIFTS)
     at_stated, at_another = float(np.min(missed[right], initial=np.inf)), float(np.min(missed[wrong]))
-    better = np.hypot(at_stated, LEFT) > BETTER * np.hypot(at_another, LEFT)
-    if reached.any() and not (at_another < FOLLOWS and better):
+    better = np.hypot(at_stated, COARSE_ERROR) > BETTER_FACTOR * np.hypot(at_another, COARSE_ERROR)
+    if reached.any() and not (at_another < EXPLAINED_MISFIT and better):
         return []
-    alike = clock[wrong & (missed <= BETTER * at_another)]
+    alike = clock[wrong & (missed <= BETTER_FACTOR * at_another)]
     low, high = float(np.min(alike)), float(np.max(alike))
     factors = (low, high) if ratio < 1.0 else (1.0 / high, 1.0 / low)
     numbers = {"ratio": ratio, "max_radius": curve.max_radius}
-    return [Message("check_input.scale", {**numbers, "factors": () if at_another > FOLLOWS else factors})]
+    return [Message("check_input.scale", {**numbers, "factors": () if at_another > EXPLAINED_MISFIT else factors})]
 
 
-def _missed(shapes: Floats, time: Floats, radius: Floats, shifts: Floats) -> Floats:
+def _misfits(shapes: Floats, time: Floats, radius: Floats, shifts: Floats) -> Floats:
     """Smallest RMS difference (k,) of simulations (k, n) from frames (m,), over small changes of the clock."""
     best = np.full(len(shapes), np.inf)
-    for factor, shift in product(_FINER, shifts):
+    for factor, shift in product(_FACTORS, shifts):
         at = np.clip(np.abs(time * factor + shift) / _GRID[1], 0.0, len(_GRID) - 1.001)
         low = at.astype(int)
         share = at - low

@@ -30,27 +30,27 @@ CONFIDENCE = 0.95
 USUAL_STRETCH = 7.0  # lambda if it is not known; laser-made bubbles in gels have 5 to 10
 
 _UNIT = np.array([1e4, 0.1])  # Pa and Pa s: units of the solver's variables
-_LARGEST = np.array([1e6, 10.0])  # upper bounds in Pa and Pa s; the lower ones are zero
+_UPPER_BOUNDS = np.array([1e6, 10.0])  # upper bounds in Pa and Pa s; the lower ones are zero
 _GRID = (np.append(0.0, np.geomspace(1e2, 1e6, 33)), np.append(0.0, np.geomspace(1e-4, 10.0, 41)))
 _PAIRS = np.append(0.0, np.geomspace(1e-3, 1.0, 19))  # viscosities for which equally good pairs are sought, Pa s
 _STEP, _LEAST_STEP = 0.02, 0.005  # steps of derivatives by simulation: relative, and the least one in units
 _KNEE = 2.0  # knee of Huber's loss, standard deviations
 _FLOOR = 1e-5  # relative scatter of t_1: a smaller one is that of rounding
 _SINGULAR = 1e3  # condition number of the normalised Jacobian beyond which G and mu are one unknown
-_USUAL = 0.03  # largest usual scatter of t_1: gels have 1.2 %
-_EQUAL = 1e-3  # relative difference of t_1 within which pairs are equally good
+_MAX_SCATTER = 0.03  # largest usual scatter of t_1: gels have 1.2 %
+_EQUAL_TIME = 1e-3  # relative difference of t_1 within which pairs are equally good
 _LEAST_RE = 3.0  # least Reynolds number of pairs: below it hardly any bubble collapses (docs/method/collapse-time.md)
-_HOPELESS = 0.1  # relative misfit of t_1 above which a pair is no answer
+_MAX_MISFIT = 0.1  # relative misfit of t_1 above which a pair is no answer
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/method/collapse-time.md)
 
 
 class CollapseValue(Record):
-    """A parameter that collapse times give, SI.
+    """A parameter from collapse times, SI (Pa or Pa s); null where it is not known.
 
     Attributes:
-        value: the best.
-        low: lower end of the 95 % interval by the scatter of the shots.
-        high: its upper end.
+        value: best value.
+        low: lower end of the 95 % interval, from the scatter of the shots.
+        high: upper end of the 95 % interval.
         per_percent: change of the value if all t_1 were 1 % longer.
     """
 
@@ -61,23 +61,23 @@ class CollapseValue(Record):
 
 
 class CollapseEstimate(Record):
-    """What n collapse times say, as it is written; null where a number was not found.
+    """The estimate of G and mu from n collapse times; null where a number is not known.
 
-    An estimate that is not `identified` has the best fit if there is a single one, else null.
+    An estimate that is not `identified` has the values of the best fit if there is a single one, else null.
 
     Attributes:
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s.
-        correlation: of the two.
-        scatter: standard deviation of ln(t_1/t_model); null: not more shots than unknowns.
-        identified: whether the shots give both values, or the one that is not known.
-        at_bound: names of those at a bound of their range.
-        downweighted: names of shots that count less than half.
-        pairs: equally good (G in Pa, mu in Pa s), where not identified.
-        message: what is wrong or to be known.
-        measured: t_1/t_RC of each shot, not written here.
-        model: t_1/t_RC of the model for each shot, not written here.
-        weight: of each shot, at most 1, not written here.
+        shear_modulus_Pa: shear modulus G, Pa.
+        viscosity_Pa_s: viscosity mu, Pa s.
+        correlation: correlation coefficient of the errors of G and mu.
+        scatter: standard deviation of ln(t_1/t_model); null unless there are more shots than fitted parameters.
+        identified: whether the shots determine all fitted parameters.
+        at_bound: names of parameters at a bound of their range.
+        downweighted: names of shots with a weight below 0.5.
+        pairs: equally good pairs (G in Pa, mu in Pa s), if the shots do not identify both.
+        message: what is wrong, and other remarks.
+        measured: measured t_1/t_RC of each shot; not written.
+        model: t_1/t_RC of the model for each shot; not written.
+        weight: weight of each shot, at most 1; not written.
     """
 
     shear_modulus_Pa: CollapseValue = CollapseValue()
@@ -210,7 +210,7 @@ def estimate(
     why = "one collapse time is one relation between G and µ, not both: add shots of other R_max, or give one"
     answer = None
     if len(shots) >= len(problem.free):
-        solved = problem.solve(problem.coarse())
+        solved = problem.solve(problem.grid_minimum())
         if exact:
             problem = replace(problem, exact=True)
             solved = problem.solve(solved.values)
@@ -236,7 +236,7 @@ def _fixed(material: str, shear_modulus: float | None, viscosity: float | None) 
     if none := {"newtonian": "shear modulus", "nh": "viscosity"}.get(material):
         require(not values[none], f"material {material!r} has no {none}", "collapse_time.not_of_the_material")
         values[none] = 0.0
-    for (name, value), most in zip(values.items(), _LARGEST, strict=True):
+    for (name, value), most in zip(values.items(), _UPPER_BOUNDS, strict=True):
         expected = f"the {name} must lie between 0 and {most:g} (Pa, Pa s)"
         require(value is None or 0 <= value <= most, f"{expected}, got {value!r}", "collapse_time.out_of_range")
     both = "nothing to fit: shear modulus and viscosity are both given"
@@ -281,7 +281,7 @@ class _CollapseProblem:
         f = self.ratios(values) ** -2.0 if self.exact else inverse_square(R, stretch, G, mu, medium)
         return np.asarray((self.shots.ratio(medium) ** 2 * f - 1) / 2)
 
-    def coarse(self) -> Floats:
+    def grid_minimum(self) -> Floats:
         """(2,) the best point of a grid, by the mean absolute residual of the analytic model."""
         axes = [_GRID[k] if np.isnan(self.fixed[k]) else self.fixed[k : k + 1] for k in range(2)]
         G, mu = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
@@ -300,10 +300,10 @@ class _CollapseProblem:
         """The least-squares fit of the free ones of G and mu, from a start (2,)."""
         from scipy.optimize import least_squares  # a third of a second to import
 
-        most = (_LARGEST / _UNIT)[self.free]
+        most = (_UPPER_BOUNDS / _UNIT)[self.free]
         # the solver asks for the same points again, and a simulation takes milliseconds
-        fun = _remembered(self.residual)
-        jac = _remembered(lambda x: self.jacobian(x, fun(x)))
+        fun = _cached(self.residual)
+        jac = _cached(lambda x: self.jacobian(x, fun(x)))
         options: dict[str, Any] = {"method": "dogbox", "bounds": (0.0, most), "max_nfev": 30 if self.exact else 200}
         options |= {"xtol": 1e-5 if self.exact else 1e-9, "ftol": 1e-7 if self.exact else 1e-12, "gtol": 1e-12}
         knee = np.inf
@@ -317,7 +317,7 @@ class _CollapseProblem:
         return _CollapseFit(self.values(fit.x), fun(fit.x), jac(fit.x), bound, knee)
 
 
-def _remembered(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
+def _cached(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
     """The function with a cache of its values. Each call copies, because least_squares weights them in place."""
     cached = cache(lambda key: function(np.frombuffer(key)))
     return lambda x: cached(x.tobytes()).copy()
@@ -365,8 +365,8 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
         upper and f"{' and '.join(upper)} at the upper bound",
         wide and f"the interval of {' and '.join(wide)} holds zero: an upper limit only",
         n == p and "as many shots as unknowns: no interval",
-        scatter > _USUAL and f"the times scatter by {100 * scatter:.2g} % about the model: they do not follow it",
-        not problem.exact and _outside(problem, solved.values),
+        scatter > _MAX_SCATTER and f"the times scatter by {100 * scatter:.2g} % about the model: they do not follow it",
+        not problem.exact and _model_warning(problem, solved.values),
         np.isinf(model).any() and f"{np.sum(np.isinf(model))} shots have no collapse in the model",
     ]
     spread = float(np.sqrt(np.prod(np.diag(covariance))))
@@ -394,18 +394,18 @@ def _pairs(problem: _CollapseProblem, exact: bool = False) -> list[tuple[float, 
     per_radius = medium.velocity_scale / (medium.pressure * float(np.median(problem.shots.max_radius)))
     for mu in _PAIRS[_PAIRS * per_radius * _LEAST_RE <= 1]:
         subproblem = replace(problem, fixed=np.array([np.nan, mu]), exact=False)
-        solved = subproblem.solve(subproblem.coarse())
-        if exact and np.mean(solved.residual**2) < _HOPELESS**2:
+        solved = subproblem.solve(subproblem.grid_minimum())
+        if exact and np.mean(solved.residual**2) < _MAX_MISFIT**2:
             solved = replace(subproblem, exact=True).solve(solved.values)
         pairs.append((float(solved.values[0]), float(mu)))
         costs.append(float(np.sum(solved.residual**2)))
-    if min(costs) > n * _HOPELESS**2:  # no pair gives such times at all
+    if min(costs) > n * _MAX_MISFIT**2:  # no pair gives such times at all
         return []
     factor = 1 + 2 / (n - 2) * float(fisher.ppf(CONFIDENCE, 2, n - 2)) if n > 2 else 1.0
-    return [pair for pair, cost in zip(pairs, costs, strict=True) if cost <= factor * min(costs) + n * _EQUAL**2]
+    return [pair for pair, cost in zip(pairs, costs, strict=True) if cost <= factor * min(costs) + n * _EQUAL_TIME**2]
 
 
-def _outside(problem: _CollapseProblem, values: Floats) -> str:
+def _model_warning(problem: _CollapseProblem, values: Floats) -> str:
     """A sentence if the analytic model is known to be inaccurate for these shots; else empty."""
     medium, shots = problem.medium, problem.shots
     inverse_re = values[1] * medium.velocity_scale / (medium.pressure * shots.max_radius)

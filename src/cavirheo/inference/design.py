@@ -24,25 +24,25 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
-from cavirheo.inference.experiment import LARGEST, SIGMAS, ZETA, Experiment
-from cavirheo.inference.noise import SHAPE, MarginalNoise
+from cavirheo.inference.experiment import BOUND_SCALES, BOUND_SIGMAS, ZETA, Experiment
+from cavirheo.inference.noise import GAMMA_A, MarginalNoise
 from cavirheo.inference.verify.mode import Target, climb
-from cavirheo.parallel import each
+from cavirheo.parallel import run_jobs
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FREE as INFERRED
-from cavirheo.physics.bubble import FROM_NOTHING, REAL, Bubble
+from cavirheo.physics.bubble import REAL, ZERO_BY_DEFAULT, Bubble
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import log_normal
 
 ROUNDS = 4  # iterations of the weight of the frames and of the maximum
-GRID = 8001  # points of a marginal density
+DENSITY_POINTS = 8001  # points of a marginal density
 LN10 = float(np.log(10.0))
-GROWTH = 0.8  # t_c before R_max at which a recording begins
+RECORDED_GROWTH = 0.8  # t_c before R_max at which a recording begins
 NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
 _NODES = np.linspace(-0.5, 0.5, 9)  # instants in an exposure, in its unit
-_STARTED: Any = PARAMETERS["accommodation"].started
+_STARTED: Any = PARAMETERS["accommodation"].start_range
 
 
 @dataclass(frozen=True)
@@ -82,20 +82,20 @@ class Setting:
         rng = np.random.Generator(np.random.Philox(seed))
         late, off = rng.uniform(), rng.normal()
         frame = 1.0 / self.frame_rate
-        time = frame * (late + np.arange(self.frames)) - GROWTH * medium.time_scale(self.max_radius)
+        time = frame * (late + np.arange(self.frames)) - RECORDED_GROWTH * medium.time_scale(self.max_radius)
         instants = np.abs(time[:, None] + self.exposure * (_NODES if self.exposure else np.zeros(1))).ravel()
         order = np.argsort(instants, kind="stable")
         values = fixed_bubble(bubble, self.max_radius)
         if bubble.contents == "kinetic" and bubble.accommodation == INFERRED:
             values["accommodation"] = float(10.0 ** rng.uniform(*_STARTED))
         if bubble.confinement_damping == INFERRED:
-            values["confinement_damping"] = float(np.minimum(np.abs(ZETA * rng.normal()), LARGEST * ZETA))
-        numbers: Any = {**dict.fromkeys(FROM_NOTHING, 0.0), **values}
+            values["confinement_damping"] = float(np.minimum(np.abs(ZETA * rng.normal()), BOUND_SCALES * ZETA))
+        numbers: Any = {**dict.fromkeys(ZERO_BY_DEFAULT, 0.0), **values}
         shot: Any = {"max_radius": self.max_radius, "stretch": stretch, "medium": medium, "time": instants[order]}
         bubble = replace(bubble, damage="none", wall_distance=None, **numbers)
         simulated = np.empty(len(instants))
         simulated[order] = simulate(family.material(law), **shot, bubble=bubble).radius
-        scale = 1.0 + off * SCALE_BOUND / SIGMAS
+        scale = 1.0 + off * SCALE_BOUND / BOUND_SIGMAS
         radius = simulated.reshape(self.frames, -1).mean(axis=1) / scale + self.sigma * rng.standard_normal(self.frames)
         meta = {"name": "designed", "frame_rate_hz": self.frame_rate, "exposure_s": self.exposure}
         curve = RadiusCurve(np.asarray(time, dtype=np.float64), np.maximum(radius, 1e-3 * self.max_radius), meta=meta)
@@ -105,7 +105,7 @@ class Setting:
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
+class Expectation:
     """The expected information of one shot, for one draw of what is known. information: (l, l) of the likelihood on
     log10 of the law's parameters, at the truth. half_width: (l,) decades, half of the 90 % interval that the shot alone
     gives."""
@@ -114,17 +114,17 @@ class Expected:
     half_width: Floats
 
 
-def expected(
+def compute_expectation(
     curve: RadiusCurve, truth: dict[str, float], family: Family, medium: Medium = WATER, bubble: Bubble = REAL
-) -> Expected:
-    """`Expected` of a recording with this truth. Raises InputError: it cannot be read, or SolverError."""
+) -> Expectation:
+    """`Expectation` of a recording with this truth. Raises InputError: it cannot be read, or SolverError."""
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options)
     target = Target(shot, shot.prior(), shot.noise(discrepancy=True))
     mode = climb(target, target.start(shot.from_best(truth)), ROUGH)
     if mode is None:
         raise SolverError(f"{curve.name}: the simulation failed")
-    size, (u, covariance) = shot.law, linearised(target.noise, mode.u, mode.residual, mode.jacobian)
+    size, (u, covariance) = shot.law_size, linearised(target.noise, mode.u, mode.residual, mode.jacobian)
     prior = target.prior
     covariance, slope, middle = covariance[:size, :size], prior.slope(u)[:size], prior.to_x(u)[:size]
     information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)
@@ -133,14 +133,14 @@ def expected(
     deviation = slope / np.sqrt(np.maximum(1.0 / np.diag(covariance) - 1.0, 1e-12))
     ends = list(map(interval, middle, deviation, prior.low[:size], prior.high[:size]))
     half_width = 0.5 * np.ptp(np.array(ends), axis=1)
-    return Expected(vectors @ np.diag(np.maximum(values, 0.0)) @ vectors.T, half_width)
+    return Expectation(vectors @ np.diag(np.maximum(values, 0.0)) @ vectors.T, half_width)
 
 
 def interval(middle: float, deviation: float, low: float, high: float) -> tuple[float, float]:
     """Ends of the 90 % interval of log10 of a parameter whose likelihood is a Gaussian of the parameter itself, with
     this middle and this deviation in decades. If the frames hardly determine a modulus, the interval reaches down to
     the low end of its uniform prior."""
-    x = np.linspace(low, high, GRID)
+    x = np.linspace(low, high, DENSITY_POINTS)
     density = np.exp(-0.5 * (np.expm1(LN10 * (x - middle)) / (LN10 * deviation)) ** 2)
     below = np.cumsum(density) / np.sum(density)
     first, last = np.interp([0.05, 0.95], below, x)
@@ -156,13 +156,13 @@ def linearised(noise: MarginalNoise, u: Floats, residual: Floats, jacobian: Floa
     for product, constant in zip(noise.products(both), noise.constants, strict=True):
         curved, slope, square = product[:size, :size], product[:size, -1], float(product[-1, -1])
         for _ in range(ROUNDS):  # the size of the residual decides the weight of the frames (Student's t)
-            weight = noise.power / (SHAPE + 0.5 * square)
+            weight = noise.power / (GAMMA_A + 0.5 * square)
             covariance = np.linalg.inv(weight * curved + np.eye(size))
             step = covariance @ (weight * slope - u)
             square = float(product[-1, -1] - 2.0 * step @ slope + step @ curved @ step)
         middles.append(u + step)
         spreads.append(covariance)
-        height = constant - noise.power * np.log1p(square / (2.0 * SHAPE)) + 0.5 * np.linalg.slogdet(covariance)[1]
+        height = constant - noise.power * np.log1p(square / (2.0 * GAMMA_A)) + 0.5 * np.linalg.slogdet(covariance)[1]
         heights.append(height + log_normal(middles[-1]))
     share = np.exp(np.array(heights) - logsumexp(heights))
     mean = share @ np.array(middles)
@@ -182,32 +182,33 @@ class Draws:
     bubble: Bubble = REAL
     seed: int = 0
 
-    def shot(self, setting: Setting, k: int) -> tuple[RadiusCurve, Expected] | None:
-        """The recording of draw k and its `Expected`; None if it cannot be read: it ends before the collapse, say."""
+    def shot(self, setting: Setting, k: int) -> tuple[RadiusCurve, Expectation] | None:
+        """The recording of draw k and its `Expectation`; None if it cannot be read: it ends before the collapse,
+        say."""
         family, medium, bubble = self.family, self.medium, self.bubble
         with suppress(InputError, SolverError, np.linalg.LinAlgError):
             curve, truth = setting.film(family, self.law[k], float(self.stretch[k]), medium, self.seed + k, bubble)
-            return curve, expected(curve, truth, family, medium, bubble)
+            return curve, compute_expectation(curve, truth, family, medium, bubble)
         return None
 
-    def expected(
+    def compute_expectations(
         self, settings: Sequence[Setting], workers: int | None = None, done: Callable[[], None] | None = None
-    ) -> list[list[Expected | None]]:
-        """The `Expected` of each draw at each setting; None for a recording that cannot be read."""
+    ) -> list[list[Expectation | None]]:
+        """The `Expectation` of each draw at each setting; None for a recording that cannot be read."""
         count = len(self.law)
         jobs = [(setting, k) for setting in settings for k in range(count)]
-        shots = each(lambda job: self.shot(*job), jobs, workers, (lambda *_: done()) if done else None)
+        shots = run_jobs(lambda job: self.shot(*job), jobs, workers, (lambda *_: done()) if done else None)
         expectations = [shot[1] if shot else None for shot in shots]
         return [expectations[i : i + count] for i in range(0, len(jobs), count)]
 
-    def reached(self, setting: Setting, workers: int | None = None) -> tuple[Floats, Floats]:
+    def check_widths(self, setting: Setting, workers: int | None = None) -> tuple[Floats, Floats]:
         """Expected half-widths (answers, l) of simulated recordings in decades, and those of the intervals that `infer`
         gives for them; only for recordings that have both."""
         from cavirheo.inference import infer_many
 
-        shots = [shot for shot in each(lambda k: self.shot(setting, k), range(len(self.law)), workers) if shot]
-        how: Any = {"material": self.family.name, "medium": self.medium, "bubble": self.bubble, "workers": workers}
-        answers = infer_many([curve for curve, _ in shots], **how)
+        shots = [shot for shot in run_jobs(lambda k: self.shot(setting, k), range(len(self.law)), workers) if shot]
+        options: Any = {"material": self.family.name, "medium": self.medium, "bubble": self.bubble, "workers": workers}
+        answers = infer_many([curve for curve, _ in shots], **options)
         pairs = []
         for answer, (_, expectation) in zip(answers, shots, strict=True):
             counts = answer.theta.size and answer.checks.verdict != "check_input"  # else the width is the prior's
@@ -228,19 +229,19 @@ def gain(information: Floats, covariance: Floats) -> float:
     return 0.5 * float(np.linalg.slogdet(np.eye(len(covariance)) + covariance @ information)[1])
 
 
-def shared(information: Floats, scatter: Floats) -> Floats:
+def material_information(information: Floats, scatter: Floats) -> Floats:
     """Information (l, l) of one shot on the material; scatter: (l, l) covariance of shots about it, decades squared."""
     return np.asarray(np.linalg.solve(np.eye(len(information)) + information @ scatter, information))
 
 
-def shots_wanted(information: Floats, covariance: Floats, half_width: float, most: int = 10_000) -> int | None:
+def shots_wanted(information: Floats, covariance: Floats, half_width: float, max_count: int = 10_000) -> int | None:
     """Number of shots that bring each parameter's 90 % interval to `half_width` decades about the median; None if it is
-    more than `most`. information: (l, l) of one shot on the material. covariance: (l, l) of what is known."""
+    more than `max_count`. information: (l, l) of one shot on the material. covariance: (l, l) of what is known."""
     before = np.linalg.inv(covariance)
 
     def enough(count: int) -> bool:
         left = np.linalg.inv(before + count * information)
         return bool(np.max(NORMAL_90 * np.sqrt(np.diag(left))) <= half_width)
 
-    count = bisect_left(range(most + 1), True, key=enough)
-    return count if count <= most else None
+    count = bisect_left(range(max_count + 1), True, key=enough)
+    return count if count <= max_count else None

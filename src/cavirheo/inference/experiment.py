@@ -24,41 +24,41 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.assumptions import FREE, Family, Options, fixed_bubble
 from cavirheo.inference.camera import (
-    FINEST,
+    GRID_STEP,
     INSTANTS,
-    MOST,
+    MAX_GRID_STEPS,
     NAMES,
-    PER_FRAME,
     SIZE_STEP,
+    STEPS_PER_FRAME,
     CameraNuisances,
     SimulatedCurve,
-    exposed,
+    exposure_nodes,
     rescaled,
 )
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.noise import Noise, correlation_time
-from cavirheo.messages import Message, of_bound
+from cavirheo.messages import Message, message_of_bound
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
-from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
+from cavirheo.physics.bubble import ACCOMMODATION, ZERO_BY_DEFAULT, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import Simulation, simulate
 from cavirheo.posterior import Checks, Verdict, intervals, weighted_quantile
 from cavirheo.prior import Prior
 
-CLOCK, WIDTH = 0.02, 0.015  # smallest half-widths of the priors of the clock (t_c) and of the R_max factor
-FORWARD = 1e-3  # step of forward differences of x, times `Experiment.steps`
-FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
-TIMING = 1.0 / np.sqrt(12.0)  # standard deviation of an instant within a frame, frames
-SHARPEST = 1e-3  # smallest noise over R_max that is used: the error of the solver
-# scales of the half-normal priors of walls (inertia, damping) and of vapour (over p_inf), which are cut at LARGEST
+MIN_CLOCK, MIN_FACTOR = 0.02, 0.015  # smallest half-widths of the priors of the clock (t_c) and of the R_max factor
+DIFFERENCE_STEP = 1e-3  # step of forward differences of x, times `Experiment.steps`
+NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
+INSTANT_DEVIATION = 1.0 / np.sqrt(12.0)  # standard deviation of an instant within a frame, frames
+SOLVER_ERROR = 1e-3  # smallest noise over R_max that is used: the error of the solver
+# scales of the half-normal priors of walls (inertia, damping) and of vapour (over p_inf), which are cut at BOUND_SCALES
 BETA, ZETA, EXCESS = 0.3, 0.3, 0.03
-LARGEST = 10.0 / 3.0  # in these scales
-SIGMAS = 3.0  # standard deviations from the middle to the bound of radius scale and R_max factor
-CLEAN = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
-LEFT = 1e-3  # largest RMS misfit over R_max of a simulation of such a curve
-STATED = 0.1  # least standard deviation of a stretch that the file states, over the stretch
-TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # values of j that are tried (`Experiment`)
+BOUND_SCALES = 10.0 / 3.0  # in these scales
+BOUND_SIGMAS = 3.0  # standard deviations from the middle to the bound of radius scale and R_max factor
+CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
+CLEAN_MISFIT = 1e-3  # largest RMS misfit over R_max of a simulation of such a curve
+STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
+TIMING_FACTORS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # values of j that are tried (`Experiment`)
 _LN10 = float(np.log(10.0))
 
 
@@ -67,7 +67,7 @@ def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Flo
     the noise over R_max. late: 1 if no growth is recorded. R_max may then be up to a frame from the first one, where
     the radius is smaller by about (frame/t_c)^2/2."""
     read = np.minimum(2.25 * noise + late * frame**2, 0.2)
-    return np.maximum(0.5 * (1.0 + late) * frame, CLOCK), np.maximum(WIDTH, read)
+    return np.maximum(0.5 * (1.0 + late) * frame, MIN_CLOCK), np.maximum(MIN_FACTOR, read)
 
 
 def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
@@ -78,7 +78,7 @@ def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[f
     if not stated or not STRETCH_RANGE[0] < stated < STRETCH_RANGE[1]:
         return plateau if requested == "plateau" else None
     missed = abs(plateau[0] - stated) if plateau else 0.0
-    return stated, max(curve.stretch_std or 0.0, STATED * stated, missed)
+    return stated, max(curve.stretch_std or 0.0, STATED_DEVIATION * stated, missed)
 
 
 class Prediction(NamedTuple):
@@ -113,10 +113,10 @@ class Experiment:
     dt the frame interval, within which the instant of the frame may be unknown. j is 0 except in the result of
     `reweighted`.
 
-    names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
-    R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift. Raises InputError: the
-    curve has no maximum or not enough collapses for the window; an exposure longer than the frame interval; damage of a
-    law without elasticity; a wall nearer than R_max."""
+    names: (d,) of x. bounds: (d, 2). time_since_max, measured, sigma: (m,) of the measured frames in the window: s
+    after R_max, R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift. Raises
+    InputError: the curve has no maximum or not enough collapses for the window; an exposure longer than the frame
+    interval; damage of a law without elasticity; a wall nearer than R_max."""
 
     def __init__(
         self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None, *,
@@ -126,12 +126,12 @@ class Experiment:
         self.curve, self.family, self.medium, self.options = curve, family, medium, options
         self.max_radius: float = curve.max_radius
         self.time_scale: float = medium.time_scale(self.max_radius)
-        self.frame: float = float(np.median(np.diff(curve.time)))
+        self.frame_interval: float = float(np.median(np.diff(curve.time)))
         self.exposure = exposure = float(curve.exposure or 0.0)
         message = f"an exposure of {exposure * 1e6:.4g} us is "
         require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure", curve.name)
-        longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
-        require(exposure <= self.frame * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
+        longest = f"longer than the time between two frames ({self.frame_interval * 1e6:.4g} us)"
+        require(exposure <= self.frame_interval * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
         self.simulations: Simulations = simulations or Simulations()
         stretch = None if isinstance(options.stretch, str) else options.stretch
         self.stretch: float | None = float(stretch) if stretch else None
@@ -146,9 +146,9 @@ class Experiment:
         }
         self.free: dict[str, tuple[float, float, float]] = {FREE[name]: widths[name] for name in options.free}
         bubble, p = options.bubble, medium.pressure
-        for name, width, unit in zip(FROM_NOTHING, (BETA, ZETA, EXCESS * p), (1.0, 1.0, p), strict=True):
+        for name, width, unit in zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * p), (1.0, 1.0, p), strict=True):
             if getattr(bubble, name) == "free":
-                self.free[name] = (0.5 * LARGEST * width, 0.5 * LARGEST * width, unit)
+                self.free[name] = (0.5 * BOUND_SCALES * width, 0.5 * BOUND_SCALES * width, unit)
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
         message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
         require(bubble.damage == "none" or family.elastic, message, "physics.damage_without_elasticity")
@@ -157,20 +157,20 @@ class Experiment:
             "accommodation": bubble.contents == "kinetic" and bubble.accommodation == "free",
             "damage_modulus": bubble.damage != "none", "damage_radius": bubble.damage != "none",
         }  # fmt: skip
-        self.logs: tuple[str, ...] = tuple(name for name, free in free_logs.items() if free)  # of the shot; log10 in x
-        self.shot_names: tuple[str, ...] = (*self.logs, *self.free)
-        self.law: int = len(family.parameters)  # number of parameters of the law, the first in x
+        self.log_names: tuple[str, ...] = tuple(name for name, free in free_logs.items() if free)  # of the shot; log10
+        self.shot_names: tuple[str, ...] = (*self.log_names, *self.free)
+        self.law_size: int = len(family.parameters)  # number of parameters of the law, the first in x
         self.names: tuple[str, ...] = (*family.parameters, *self.shot_names)
         units = [unit / width for _, width, unit in self.free.values()]
-        self.steps: Floats = np.array([1.0] * (len(self.names) - len(units)) + units)  # steps of x over FORWARD
-        ranges = [PARAMETERS[name].searched if name in self.logs else (-1.0, 1.0) for name in self.shot_names]
+        self.steps: Floats = np.array([1.0] * (len(self.names) - len(units)) + units)  # steps of x over DIFFERENCE_STEP
+        ranges = [PARAMETERS[name].search_range if name in self.log_names else (-1.0, 1.0) for name in self.shot_names]
         self.bounds: Floats = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
         requested, recorded = options.window, len(curve.collapse_times())
         if requested is None and options.end is None and recorded:
             requested = min(3, recorded)
         collapses = None if requested in (None, "all") else int(requested)
-        self.cut: tuple[int | None, float | None] = (collapses, options.end)  # the window
-        self._cut(*self.cut)
+        self.extent: tuple[int | None, float | None] = (collapses, options.end)  # the window
+        self._cut(*self.extent)
 
     def cut_to(self, collapses: int | None, end: float | None = None) -> Experiment:
         """The experiment cut to this number of collapses (None: all) and at most `end` s, with equal weights."""
@@ -180,14 +180,14 @@ class Experiment:
 
     def _cut(self, collapses: int | None, end: float | None) -> None:
         self.view: Window = window(self.curve, collapses=collapses, end=end)
-        self.since: Floats = self.view.since_max
+        self.time_since_max: Floats = self.view.time_since_max
         self.measured: Floats = self.view.normalised
         cut = self.view.curve
         finite = np.isfinite(cut.radius)
         stated, noise = cut.radius_std[finite] / self.max_radius, self.curve.noise / self.max_radius
         valid = np.isfinite(stated) & (stated > 0)
-        self._radius_sigma = np.where(valid, stated, max(noise, FLOOR))
-        self._sharpest = np.maximum(np.where(valid, stated, noise), SHARPEST)
+        self._radius_sigma = np.where(valid, stated, max(noise, NOISE_FLOOR))
+        self._measured_sigma = np.maximum(np.where(valid, stated, noise), SOLVER_ERROR)
         self.counted: Bools = ~np.isin(cut.time[finite], self.curve.time[self.curve.spikes()])
         self.counted &= ~self._drifting(cut.time[finite])
         self.noise_factor: float = 1.0
@@ -196,9 +196,9 @@ class Experiment:
     def reweighted(self, prediction: Prediction) -> Experiment:
         """The experiment with the sigma of the frames, and the share j of the wall's motion in it, for which the
         residuals of a simulation are most likely. Neighbours with similar residuals count as one (noise_factor)."""
-        noise, motion = self._radius_sigma, prediction.speed * self.frame * TIMING
+        noise, motion = self._radius_sigma, prediction.speed * self.frame_interval * INSTANT_DEVIATION
         missed = self.measured - prediction.radius
-        shares = np.array(TIMED if self.options.weights == "learnt" else (0.0,))
+        shares = np.array(TIMING_FACTORS if self.options.weights == "learnt" else (0.0,))
         squares = noise**2 + (shares[:, None] * motion) ** 2
         sizes = np.mean((missed**2 / squares)[:, self.counted], axis=1)
         lost = np.log(np.maximum(sizes, 1e-12)) + np.mean(np.log(squares[:, self.counted]), axis=1)
@@ -206,7 +206,7 @@ class Experiment:
         noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * shares[best] * motion
         experiment = copy(self)
         experiment.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
-        experiment.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SHARPEST), motion), np.inf)
+        experiment.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SOLVER_ERROR), motion), np.inf)
         return experiment
 
     def stretch_source(self) -> str:
@@ -222,7 +222,7 @@ class Experiment:
     @property
     def usual_half_widths(self) -> tuple[float, float]:
         """Half-widths of the priors of the clock, in t_c, and of the factor of R_max, where none are given."""
-        curve, frame = self.curve, self.frame / self.time_scale
+        curve, frame = self.curve, self.frame_interval / self.time_scale
         clock, read = half_widths(*map(np.array, (frame, curve.noise / self.max_radius, float(curve.begins_late))))
         return float(clock), float(read)
 
@@ -244,15 +244,15 @@ class Experiment:
         values |= self.bubble
         if self.stretch:
             values["stretch"] = self.stretch
-        for name, value in zip(self.logs, x[self.law :], strict=False):
+        for name, value in zip(self.log_names, x[self.law_size :], strict=False):
             values[name] = 10.0**value
         for (name, (middle, width, _)), value in zip(self.free.items(), x[len(x) - len(self.free) :], strict=True):
             values[name] = value * width + middle
         return values
 
-    def simulated(self, natural: Mapping[str, Any]) -> Bubble:
+    def bubble_with(self, natural: Mapping[str, Any]) -> Bubble:
         """The bubble with these natural values, as `simulate` takes it."""
-        values = {name: natural[name] for name in ("accommodation", *FROM_NOTHING) if name in natural}
+        values = {name: natural[name] for name in ("accommodation", *ZERO_BY_DEFAULT) if name in natural}
         damage = self.options.bubble.damage
         if isinstance(damage, str) and damage != "none":
             values["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"], damage)
@@ -263,7 +263,7 @@ class Experiment:
         x = np.array(x)
         for i, name in enumerate(self.names):
             if name in self.free:
-                x[..., i] = -0.8 if name in FROM_NOTHING else 0.0
+                x[..., i] = -0.8 if name in ZERO_BY_DEFAULT else 0.0
         return x
 
     def from_best(self, best: Mapping[str, float]) -> Floats:
@@ -288,21 +288,22 @@ class Experiment:
                 at_limit[:, i] = self.bounds[i, 1]
         return at_limit
 
-    def best(self, x: Floats) -> dict[str, float]:
+    def all_values(self, x: Floats) -> dict[str, float]:
         """Every parameter by its natural name in SI, including those that were held fixed."""
-        law = dict(zip(self.family.parameters, (10.0 ** x[: self.law]).tolist(), strict=True))
+        law = dict(zip(self.family.parameters, (10.0 ** x[: self.law_size]).tolist(), strict=True))
         return law | {name: float(value) for name, value in self.natural(x).items()}
 
-    def answer(self, x: Floats) -> tuple[tuple[str, ...], Floats]:
+    def to_theta(self, x: Floats) -> tuple[tuple[str, ...], Floats]:
         """Names and theta (draws, d) as in a Posterior from x (draws, d): log10 for the law, natural values for the
         rest."""
         natural = self.natural(x.T)
         names = (*(LOG10 + name for name in self.family.parameters), *self.shot_names)
-        return names, np.column_stack([x[:, : self.law], *(natural[name] for name in self.shot_names)])
+        return names, np.column_stack([x[:, : self.law_size], *(natural[name] for name in self.shot_names)])
 
-    def log_stretched(self, theta: Floats) -> Floats:
-        """log |dtheta/dx| (draws,) at theta (draws, d) of `answer`; it is added to log densities over theta, for x."""
-        logs = theta[:, self.law : self.law + len(self.logs)]  # values, not logarithms as in x
+    def log_jacobian(self, theta: Floats) -> Floats:
+        """log |dtheta/dx| (draws,) at theta (draws, d) of `to_theta`; it is added to log densities over theta, for
+        x."""
+        logs = theta[:, self.law_size : self.law_size + len(self.log_names)]  # values, not logarithms as in x
         widths = np.sum(np.log([width for _, width, _ in self.free.values()]))
         return np.asarray(widths + np.sum(np.log(logs * _LN10), axis=1))
 
@@ -324,24 +325,24 @@ class Experiment:
                 value, deviation = self.stretch_prior
                 mean[i], std[i] = float(np.log10(value)), deviation / (value * _LN10)
             if name in ("radius_scale", "max_radius_factor"):
-                std[i] = 1.0 / SIGMAS
-            if name in FROM_NOTHING:
-                mean[i], std[i] = -1.0, 2.0 / LARGEST
+                std[i] = 1.0 / BOUND_SIGMAS
+            if name in ZERO_BY_DEFAULT:
+                mean[i], std[i] = -1.0, 2.0 / BOUND_SCALES
         message = f"no prior range can be set for {', '.join(unused)}; known: {', '.join(self.names)}"
         require(not unused, message, "prior.name")
         return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std)
 
-    def of_law(self, prior: Prior) -> dict[str, tuple[float, ...]]:
+    def law_prior(self, prior: Prior) -> dict[str, tuple[float, ...]]:
         """The prior of the law's parameters, by their names in theta, as a Posterior stores it."""
         rows = prior.to_dict()
         return {LOG10 + name: tuple(rows[name]) for name in self.family.parameters}
 
-    def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, since: Floats | None = None) -> Prediction | None:
+    def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, times: Floats | None = None) -> Prediction | None:
         """The frames that the camera would have measured at x (d,), at their times or at other times since R_max (m,),
         s; None if the simulation failed. Instants before R_max are mirrored (R is even to third order there)."""
-        natural, (offsets, shares) = self.natural(x), exposed(self.exposure, INSTANTS)
-        since = self.since if since is None else since
-        instants = (since[:, None] - natural["time_origin"] + offsets).ravel()
+        natural, (offsets, shares) = self.natural(x), exposure_nodes(self.exposure, INSTANTS)
+        times = self.time_since_max if times is None else times
+        instants = (times[:, None] - natural["time_origin"] + offsets).ravel()
         side, instants = np.sign(instants), np.abs(instants)
         order = np.argsort(instants, kind="stable")
         scale = natural["radius_scale"]
@@ -359,8 +360,8 @@ class Experiment:
         """The simulation of x (d,) with its natural values at these times, s; None if it failed. Both are counted."""
         try:
             run = simulate(
-                self.family.material(x[: self.law]), max_radius=max_radius, stretch=natural["stretch"], time=time,
-                medium=self.medium, bubble=self.simulated(natural), accuracy=accuracy, throw=False,
+                self.family.material(x[: self.law_size]), max_radius=max_radius, stretch=natural["stretch"], time=time,
+                medium=self.medium, bubble=self.bubble_with(natural), accuracy=accuracy, throw=False,
             )  # fmt: skip
             good = run.ok and bool(np.all(np.isfinite(run.radius)))
         except InputError:  # parameters that exclude each other count as a failed simulation
@@ -371,13 +372,13 @@ class Experiment:
     @property
     def camera(self) -> CameraNuisances:
         """The unknown clock, radius scale and R_max factor of the frames that count."""
-        units = (1.0 / np.sqrt(3.0), 1.0 / SIGMAS, 1.0 / SIGMAS)  # deviations over half-widths
+        units = (1.0 / np.sqrt(3.0), 1.0 / BOUND_SIGMAS, 1.0 / BOUND_SIGMAS)  # deviations over half-widths
         widths = [
             self.free[name][1] * unit if name in self.free else 0.0 for name, unit in zip(NAMES, units, strict=True)
         ]
-        time, measured = self.since[self.counted], self.measured[self.counted]
-        step = min(self.frame / PER_FRAME, FINEST * self.time_scale)
-        step = max(step, float(np.max(time, initial=0.0)) / MOST)
+        time, measured = self.time_since_max[self.counted], self.measured[self.counted]
+        step = min(self.frame_interval / STEPS_PER_FRAME, GRID_STEP * self.time_scale)
+        step = max(step, float(np.max(time, initial=0.0)) / MAX_GRID_STEPS)
         clock = self.free[NAMES[0]][0] if NAMES[0] in self.free else 0.0
         return CameraNuisances(time, measured, np.array(widths), self.exposure, step, self.view.collapses, clock=clock)
 
@@ -386,21 +387,21 @@ class Experiment:
     ) -> tuple[Floats, Floats]:  # fmt: skip
         """Extended residual (size,) (camera.py) of x (d,), without the camera's part of x, and the curvature (m, m)
         about the most likely camera; NaN if the simulation failed."""
-        curve, m = self.sampled(x, camera, accuracy), len(camera.free)
+        curve, m = self.solve_on_grid(x, camera, accuracy), len(camera.free)
         if curve is None:
             return np.full(camera.size, np.nan), np.full((m, m), np.nan)
         return camera.extended(curve, noise)
 
-    def sampled(self, x: Floats, camera: CameraNuisances, accuracy: Accuracy = DEFAULT) -> SimulatedCurve | None:
+    def solve_on_grid(self, x: Floats, camera: CameraNuisances, accuracy: Accuracy = DEFAULT) -> SimulatedCurve | None:
         """The simulation of x (d,) on the camera's grid, for `extended`; None if it failed."""
         natural, by_size, speed_by_size = self.natural(x), *np.zeros((2, len(camera.grid)))
         run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
         if run is None:
             return None
-        if camera.sized:
+        if camera.simulates_size:
             size = 1.0 + SIZE_STEP
-            law = rescaled(self.family.parameters, x[None, : self.law], np.array([size]))[0]
-            x = np.concatenate([law, x[self.law :]])
+            law = rescaled(self.family.parameters, x[None, : self.law_size], np.array([size]))[0]
+            x = np.concatenate([law, x[self.law_size :]])
             larger = self._run(x, natural, size * self.max_radius, size * camera.grid, accuracy)
             if larger is None:
                 return None
@@ -417,8 +418,8 @@ class Experiment:
         """Derivatives (m, camera) of the residual by the free ones of clock, scale and factor, without a simulation:
         bubbles of all sizes are alike (camera.py). prediction: at x. by_law: (m, law) derivatives by the law's."""
         natural, weight = self.natural(x), 1.0 / (self.sigma * self.noise_factor)
-        power = rescaled(self.family.parameters, x[None, : self.law], np.array([10.0]))[0] - x[: self.law]
-        later = prediction.velocity * (self.since - natural["time_origin"])
+        power = rescaled(self.family.parameters, x[None, : self.law_size], np.array([10.0]))[0] - x[: self.law_size]
+        later = prediction.velocity * (self.time_since_max - natural["time_origin"])
         same = by_law @ power / _LN10  # a larger bubble is like an equal one in a thinner law
         slopes = {
             "time_origin": prediction.velocity * weight,
@@ -426,11 +427,11 @@ class Experiment:
             "max_radius_factor": ((later - prediction.radius) * weight - same) / natural["max_radius_factor"],
         }
         columns = [slopes[name] * self.free[name][1] for name in self.names if name in slopes]
-        return np.array(columns).reshape(len(columns), len(self.since)).T
+        return np.array(columns).reshape(len(columns), len(self.time_since_max)).T
 
     def difference(self, x: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(n,) measured minus simulated, over R_max, of the frames that count; NaN if the simulation failed."""
-        prediction = self.predict(x, accuracy, since=self.since[self.counted])
+        prediction = self.predict(x, accuracy, times=self.time_since_max[self.counted])
         measured = self.measured[self.counted]
         return np.full(len(measured), np.nan) if prediction is None else measured - prediction.radius
 
@@ -447,16 +448,16 @@ class Experiment:
         count = int(np.sum(self.counted))
         message = f"{count} frames are too few for a posterior"
         require(count >= 3, message, "experiment.too_few_frames", self.curve.name)
-        velocity, turn = np.gradient(self.measured, self.since), np.zeros(len(self.measured))
+        velocity, turn = np.gradient(self.measured, self.time_since_max), np.zeros(len(self.measured))
         turn[1:-1] = np.diff(self.measured, 2) / 8.0
-        deviation = np.hypot(self._radius_sigma, turn) if discrepancy else self._sharpest
-        deviation, since, velocity = (values[self.counted] for values in (deviation, self.since, velocity))
+        deviation = np.hypot(self._radius_sigma, turn) if discrepancy else self._measured_sigma
+        deviation, since, velocity = (values[self.counted] for values in (deviation, self.time_since_max, velocity))
         return Noise(deviation, since, self.time_scale, discrepancy, velocity)
 
     def white_noise(self) -> Noise:
         """Independent noise with the weights of a fit (`reweighted`) in the frames that count."""
         deviation = (self.sigma * self.noise_factor)[self.counted]
-        return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy=False)
+        return Noise(deviation, self.time_since_max[self.counted], self.time_scale, discrepancy=False)
 
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[Message]) -> Checks:
         """The checks of the simulation at x. What is drawn has clock and scale of the measurement, not those of x."""
@@ -465,12 +466,12 @@ class Experiment:
         maximum = (cut.time_of_max + origin, self.max_radius * scale * natural["max_radius_factor"])
         moved = replace(cut, radius=cut.radius * scale, radius_std=cut.radius_std * scale, maximum=maximum)
         view = Window(moved, self.view.end - origin, self.view.collapses)
-        material, bubble = self.family.material(x[: self.law]), self.simulated(natural)
+        material, bubble = self.family.material(x[: self.law_size]), self.bubble_with(natural)
         simulated = reconstruct(view, material, self.medium, natural["stretch"], bubble)
         simulated["reconstruction_radius"] = simulated["reconstruction_radius"] / scale
         for name in ("compared_time", "residual_over_rmax"):
             simulated[name] = simulated[name][self.counted]
-        limit = LEFT if self.clean else MISFIT
+        limit = CLEAN_MISFIT if self.clean else MISFIT
         return check_simulation(self.view, simulated, self.time_scale, verdict, messages, limit)
 
     @property
@@ -478,9 +479,9 @@ class Experiment:
         """Whether the curve is no measurement: its stated deviation, else its noise, is smaller than a camera's."""
         stated = self.curve.radius_std[self.curve.radius_std > 0]
         deviation = float(np.median(stated)) if len(stated) else self.curve.noise
-        return deviation < CLEAN * self.max_radius
+        return deviation < CLEAN_DEVIATION * self.max_radius
 
-    def unbounded(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> list[Message]:
+    def bound_messages(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> list[Message]:
         """A message for each parameter of the law, and for the stretch, of which the central 90 % of x (draws, d) reach
         an end of the range from low to high (d,)."""
         messages = list[Message]()
@@ -489,13 +490,15 @@ class Experiment:
                 continue
             low_end, high_end = weighted_quantile(values, np.array([0.05, 0.95]), log_weight)
             if bound := bound_of(low_end, high_end, (a, b)):
-                messages.append(of_bound(name, bound, intervals([LOG10 + name], values[:, None], log_weight)[name]))
+                messages.append(
+                    message_of_bound(name, bound, intervals([LOG10 + name], values[:, None], log_weight)[name])
+                )
         return messages
 
     @property
     def messages(self) -> list[Message]:
         """Messages on frames that do not count, and on the use of a stretch that the recording gives."""
-        spikes = int(np.count_nonzero(~self.counted & ~self._drifting(self.since + self.curve.time_of_max)))
+        spikes = int(np.count_nonzero(~self.counted & ~self._drifting(self.time_since_max + self.curve.time_of_max)))
         messages, stated, (low, high) = list[Message](), self.curve.stretch, STRETCH_RANGE
         if self.stretch_prior:
             value, deviation = self.stretch_prior

@@ -24,12 +24,12 @@ from pydantic import BaseModel, Field, NonNegativeInt, PositiveInt, ValidationEr
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, read_bytes, read_object, require, validation_message
 from cavirheo.inference.session import session, try_out
-from cavirheo.parameters import LOG10, natural, parameter_of
+from cavirheo.parameters import LOG10, parameter_of, to_natural
 from cavirheo.prior import TrainingProblem
 
 DEFAULT = "posterior"
-LARGEST, LARGEST_CARD = 100_000_000, 10_000_000  # bytes: largest .onnx file and card
-MOST_FIELDS = 300_000  # of a graph; a usual network has some thousand
+MAX_BYTES, MAX_CARD_BYTES = 100_000_000, 10_000_000  # bytes: largest .onnx file and card
+MAX_FIELDS = 300_000  # of a graph; a usual network has some thousand
 _ALLOWED = """
 Abs Add And ArgMax ArgMin AveragePool BatchNormalization Cast CastLike Ceil Clip Concat Constant ConstantOfShape Conv
 Cos CumSum Div Einsum Elu Equal Erf Exp Expand Flatten Floor Gather GatherElements GatherND Gelu Gemm GlobalAveragePool
@@ -51,12 +51,12 @@ Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Reads(BaseModel):
-    """What a network reads.
+    """The input of a network.
 
     Attributes:
-        name: of the input.
-        shape: "batch" and the number of frames.
-        dtype: of the numbers.
+        name: name of the input.
+        shape: shape of the input: "batch" (any number of curves) and the number of frames.
+        dtype: type of the numbers.
     """
 
     name: Literal["radius"]
@@ -65,12 +65,12 @@ class _Reads(BaseModel):
 
 
 class _Answers(BaseModel):
-    """One number that a network gives.
+    """One output of a network.
 
     Attributes:
-        name: of the parameter, in the scale of the prior.
-        unit: of the SI value.
-        scale: "log10" or "linear".
+        name: name of the parameter in the scale of the prior, "log10_viscosity".
+        unit: SI unit of the parameter.
+        scale: scale of the output: "log10" or "linear".
     """
 
     name: str
@@ -82,8 +82,8 @@ class _Trained(BaseModel):
     """How a network was trained.
 
     Attributes:
-        seed: of the training.
-        best_epoch: the one that is exported.
+        seed: random seed of the training.
+        best_epoch: number of the epoch, from 1, whose weights are exported.
     """
 
     seed: NonNegativeInt
@@ -91,14 +91,14 @@ class _Trained(BaseModel):
 
 
 class _Data(BaseModel):
-    """What a network was trained on.
+    """The training set of a network.
 
     Attributes:
-        n: curves of the training set.
-        seed: of the training set.
-        sha256: of its content.
-        train: curves that the network saw.
-        test: curves that it was tested with.
+        n: number of curves in the set.
+        seed: random seed of the set.
+        sha256: SHA-256 of the content of the set.
+        train: number of curves in the training part.
+        test: number of curves in the test part.
     """
 
     n: PositiveInt
@@ -109,11 +109,11 @@ class _Data(BaseModel):
 
 
 class _Score(BaseModel):
-    """How well a network answers the curves of the test part.
+    """The accuracy of an output on the curves of the test part.
 
     Attributes:
-        r2: coefficient of determination, in the scale of the prior.
-        median_absolute_error: in the scale of the prior.
+        r2: coefficient of determination R², in the scale of the prior.
+        median_absolute_error: median absolute error, in the scale of the prior (decades for "log10").
     """
 
     r2: float
@@ -124,28 +124,29 @@ class _File(BaseModel):
     """The .onnx file.
 
     Attributes:
-        sha256: of the file, by which it is known.
+        sha256: SHA-256 of the file, which identifies it.
     """
 
     sha256: Digest
 
 
 class ModelCard(BaseModel):
-    """The card of a network that gives one value; a card says more, for people (training/train.py).
+    """The card of a network that gives one value for each output. It has further entries for readers
+    (training/train.py).
 
     Attributes:
-        schema_version: `schema` in the file; always 1.
-        name: of the network and its files.
-        kind: "point".
-        material: the law.
-        problem: prior, medium, grid and reference R_max of the training set.
-        input: R/R_max at R_max and at equal steps after it.
-        outputs: the numbers that it gives.
-        training: how it was trained.
-        data: what it was trained on.
-        metrics: scores by output.
-        history: losses of every epoch.
-        onnx: the file that the card is of.
+        schema_version: number of the schema, 1; its key in the file is `schema`.
+        name: name of the network and its files.
+        kind: kind of the network: "point".
+        material: name of the law.
+        problem: prior, medium, grid of times and reference R_max of the training set.
+        input: the input: R/R_max at R_max and at equal time steps after it.
+        outputs: the outputs.
+        training: how the network was trained.
+        data: the training set.
+        metrics: accuracy on the test part, by output.
+        history: losses of every epoch on the "train" and "validation" parts.
+        onnx: the file that the card describes.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -180,9 +181,9 @@ class _Scores(BaseModel):
     """How a posterior network was trained.
 
     Attributes:
-        samples: recordings that it saw.
-        seconds: wall time, s.
-        loss: of recordings that it was not trained on, at the end.
+        samples: number of recordings in the training.
+        seconds: wall time of the training, s.
+        loss: loss of the exported network on recordings of curves that were not used in the training.
     """
 
     samples: PositiveInt
@@ -191,18 +192,19 @@ class _Scores(BaseModel):
 
 
 class PosteriorCard(BaseModel):
-    """The card of a posterior network; a card says more, for people (training/train.py).
+    """The card of a posterior network. It has further entries for readers (training/train.py).
 
     Attributes:
-        schema_version: `schema` in the file; always 1.
-        name: of the network and its files.
-        kind: "posterior".
-        kinds: (law, bubble) in the order in which the network knows them.
-        trained: ranges of R_max (um), frame interval (us), frames, noise over R_max, and of the medium's density
-            (kg/m3) and pressure (Pa).
-        training: how it was trained.
-        coverage: share of truths within its intervals, by slot.
-        onnx: the file that the card is of.
+        schema_version: number of the schema, 1; its key in the file is `schema`.
+        name: name of the network and its files.
+        kind: kind of the network: "posterior".
+        kinds: (law, bubble) of each model that the network knows, in the order of its input.
+        trained: (low, high) of R_max (um), frame interval (us), number of frames and noise over R_max in the training,
+            and of the medium's density (kg/m3) and pressure (Pa).
+        training: how the network was trained.
+        coverage: number of "recordings" that were tested, and "by_slot", for each parameter, the shares of true values
+            in the central 50 % and 90 % intervals.
+        onnx: the file that the card describes.
     """
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -237,7 +239,7 @@ class Network:
         not finite ("model.not_finite")."""
         theta = self._run(features)
         with np.errstate(over="ignore"):
-            values = [natural(name, column) for name, column in zip(self.outputs, theta.T, strict=True)]
+            values = [to_natural(name, column) for name, column in zip(self.outputs, theta.T, strict=True)]
         fine = np.isfinite(theta).all() and np.isfinite(values).all()
         message = f"the model {self.path} answers a curve with what is no number: train it anew"
         require(bool(fine), message, "model.not_finite")
@@ -247,7 +249,7 @@ class Network:
 def checked_content(path: Path, sha256: str, inputs: Sequence[str], frames: int = 0, outputs: int = 0) -> bytes:
     """The content of the .onnx file whose card has this sha256. A file that is not shipped is checked and tried out;
     `check_graph` and session.py describe this and the arguments. Raises InputError as `Network`."""
-    content = read_bytes(path, LARGEST)
+    content = read_bytes(path, MAX_BYTES)
     digest = hashlib.sha256(content).hexdigest()
     message = f"{path} is not the file that its card describes (sha256 {digest[:12]}...)"
     require(digest == sha256, message, "model.changed")
@@ -270,7 +272,7 @@ def check_graph(content: bytes, inputs: Sequence[str] = ("radius",)) -> None:
 
 class _Graph:
     def __init__(self, content: bytes) -> None:
-        self.left = MOST_FIELDS
+        self.fields_left = MAX_FIELDS
         model = self.fields(memoryview(content))
         require(len(model[7]) == 1, f"the file holds {len(model[7])} graphs, not one", "graph.damaged")
         require(not model[20] and not model[25], "the model has functions or a training of its own", "graph.functions")
@@ -284,8 +286,8 @@ class _Graph:
         at = 0
         values: defaultdict[int, list[Value]] = defaultdict(list)
         while at < len(message):
-            self.left -= 1
-            require(self.left > 0, f"the model has more than {MOST_FIELDS} parts", "graph.size")
+            self.fields_left -= 1
+            require(self.fields_left > 0, f"the model has more than {MAX_FIELDS} parts", "graph.size")
             key, at = _varint(message, at)
             if key & 7 == 0:
                 number, at = _varint(message, at)
@@ -299,7 +301,7 @@ class _Graph:
         return values
 
     def check(self, inputs_of_model: Sequence[str]) -> None:
-        constants = {self.checked(tensor) for tensor in self.tensors}
+        constants = {self.tensor_name(tensor) for tensor in self.tensors}
         of_curve = {*inputs_of_model}
         defined = {""} | of_curve | constants
         for node in map(self.fields, self.nodes):
@@ -312,7 +314,7 @@ class _Graph:
                 inner = any(attribute[number] for number in (6, 10, 11, 22, 23))  # graphs, and lists of tensors
                 require(not inner, f"the operator {kind} holds a graph of its own", "graph.operator")
                 for tensor in attribute[5]:
-                    self.checked(tensor)
+                    self.tensor_name(tensor)
             unknown = ", ".join(sorted({*inputs} - defined))[:60]
             require(not unknown, f"the operator {kind} reads {unknown!r}, which nothing has given", "graph.order")
             sized = of_curve & {inputs[place] for place in _SIZES.get(kind, ()) if place < len(inputs)}
@@ -322,7 +324,7 @@ class _Graph:
             if kind not in ("Shape", "Size") and of_curve & {*inputs}:
                 of_curve.update({*results} - {""})
 
-    def checked(self, tensor: Value) -> str:
+    def tensor_name(self, tensor: Value) -> str:
         """The name of a tensor. Raises InputError: its numbers are in another file."""
         fields = self.fields(tensor)
         message = f"the numbers of {_text(fields[8])[:60]!r} are in another file: only a model of one file is run"
@@ -350,7 +352,7 @@ def _text(values: Sequence[Value]) -> str:
 
 def predict(path: str | Path, features: ArrayLike) -> Floats:
     """The output of the network in the user's own .onnx file, as that of `Network`; no card is needed."""
-    return session(read_bytes(path, LARGEST))(features)
+    return session(read_bytes(path, MAX_BYTES))(features)
 
 
 def card(path: Path) -> dict[str, Any]:
@@ -358,7 +360,7 @@ def card(path: Path) -> dict[str, Any]:
     file = path.with_suffix(".json")
     message = f"a model is an .onnx file with its card beside it; expected {path} and {file}"
     require(isfile(path) and isfile(file), message, "model.missing")  # isfile is False for a name that is too long, too
-    content = read_object(file, LARGEST_CARD)
+    content = read_object(file, MAX_CARD_BYTES)
     kind = PosteriorCard if content.get("kind") == "posterior" else ModelCard
     try:
         kind.model_validate(content)

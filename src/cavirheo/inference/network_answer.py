@@ -24,7 +24,7 @@ from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.model import Network
 from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.messages import Message
-from cavirheo.parameters import STRETCH_RANGE, natural, natural_name, scaled, units
+from cavirheo.parameters import STRETCH_RANGE, natural_name, to_natural, to_prior_scale, units
 from cavirheo.physics.accuracy import ROUGH, Accuracy
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import Medium
@@ -33,12 +33,12 @@ from cavirheo.posterior import Checks, Diagnostics, Verdict
 from cavirheo.prior import log_normal, natural_values
 
 DRAWS = 1000
-STARTED = 100  # draws if a verification follows
-SIMULATED = 8  # number of draws, the likeliest for the network, that are simulated to check the answer
+START_DRAWS = 100  # draws if a verification follows
+SIMULATED_DRAWS = 8  # number of draws, the likeliest for the network, that are simulated to check the answer
 MODULUS = "shear_modulus"
-SHORTEST = 0.9  # least share of the network's samples inside the recording; the others repeat the last one
-SIZES = (0.73, 1.35)  # R_max over that of the training, with an error of log10 mu up to 0.03 (docs/reproduction.md)
-_COMPARED = Accuracy(48, 1e-3)  # accuracy of simulations that are only compared with each other
+MIN_SAMPLES = 0.9  # least share of the network's samples inside the recording; the others repeat the last one
+SIZE_RANGE = (0.73, 1.35)  # R_max over that of the training, error of log10 mu up to 0.03 (docs/reproduction.md)
+_ACCURACY = Accuracy(48, 1e-3)  # accuracy of simulations that are only compared with each other
 
 Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks` with a verdict, and input warnings
 
@@ -49,7 +49,7 @@ def read_draws(
     """The answer of a posterior network, with these checks. discrepancy: whether frames and law may differ by more than
     white noise. verify: level of the verification that starts from the answer. With "none" the likeliest draws are
     simulated, and InputError is raised if the network cannot read the curve."""
-    checked, draws = verify == "none", DRAWS if verify in ("none", "map") else STARTED
+    checked, draws = verify == "none", DRAWS if verify in ("none", "map") else START_DRAWS
     source = "given" if shot.stretch else "inferred with the other parameters"
     fields: dict[str, Any] = {"checks": checks, "diagnostics": Diagnostics(stretch_source=source)}
 
@@ -60,7 +60,7 @@ def read_draws(
     def medians(curve: RadiusCurve) -> Floats:
         shot_without_spikes = Experiment(curve, shot.family, shot.medium, shot.options)
         proposal, u = network_draws(shot_without_spikes)
-        return np.asarray(np.median(shot_without_spikes.answer(proposal.prior.to_x(u))[1], axis=0))
+        return np.asarray(np.median(shot_without_spikes.to_theta(proposal.prior.to_x(u))[1], axis=0))
 
     try:
         proposal, u = network_draws(shot)
@@ -68,22 +68,22 @@ def read_draws(
         if checked or not error.code.startswith("network"):
             raise
         middle = shot.starts(np.zeros((1, len(shot.names))))
-        middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
-        names, theta = shot.answer(middle)
+        middle[:, : shot.law_size] = np.mean(shot.family.bounds(started=True), axis=1)
+        names, theta = shot.to_theta(middle)
         return fields | {"names": names, "units": units(names), "theta": theta}, []  # the verification gives the reason
     x = proposal.prior.to_x(u)
-    names, theta = shot.answer(x)
+    names, theta = shot.to_theta(x)
     log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
-    likeliest = np.argsort(-log_q)[:SIMULATED]
+    likeliest = np.argsort(-log_q)[:SIMULATED_DRAWS]
     best = x[likeliest[0]]
     if checked:
         missed = [float(np.mean(shot.difference(x[i], ROUGH) ** 2)) for i in likeliest]
         best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
-        unbounded = shot.unbounded(x, proposal.prior.low, proposal.prior.high)
+        unbounded = shot.bound_messages(x, proposal.prior.low, proposal.prior.high)
         fields["checks"] = shot.checks(best, "unverified", [Message("interval.of_network"), *unbounded])
-    values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
+    values, log_q = shot.all_values(best), log_q - shot.log_jacobian(theta)
     fields |= {"names": names, "units": units(names), "theta": theta, "log_q": log_q, "best": values}
-    fields |= {"stretch": values["stretch"], "prior": shot.of_law(shot.prior())}
+    fields |= {"stretch": values["stretch"], "prior": shot.law_prior(shot.prior())}
     return fields, spike_warnings(shot.curve, names, medians, np.median(theta, axis=0))
 
 
@@ -108,20 +108,20 @@ def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[F
     step, frames = problem.grid_step(top, medium), problem.grid.frames
     features = curve.resampled(step, frames, allow_short=True) / top
     measured = ~np.isnan(features)
-    if np.count_nonzero(measured) < SHORTEST * frames:
+    if np.count_nonzero(measured) < MIN_SAMPLES * frames:
         end = step * (frames - 1)
         last = curve.time[np.isfinite(curve.radius)][-1] - curve.time_of_max
         message = f"the recording ends {last * 1e6:.4g} us after R_max; the model reads {end * 1e6:.4g} us (t* = "
-        message += f"{end / medium.time_scale(top):.2f}) and needs at least {SHORTEST:.0%} of them"
+        message += f"{end / medium.time_scale(top):.2f}) and needs at least {MIN_SAMPLES:.0%} of them"
         raise InputError(message, "amortised.too_short", curve.name)
     theta = network(np.where(measured, features, features[measured][-1])[None])[0]
     values = problem.to_shot(natural_values(network.outputs, theta), top, medium)
     return theta, values, int(np.count_nonzero(~measured))
 
 
-def for_shot(network: Network, values: dict[str, float]) -> Floats:
+def scaled_values(network: Network, values: dict[str, float]) -> Floats:
     """Values of `shot_values` by name as (outputs,) in the prior's scale."""
-    return np.array([scaled(name, value) for name, value in zip(network.outputs, values.values(), strict=True)])
+    return np.array([to_prior_scale(name, value) for name, value in zip(network.outputs, values.values(), strict=True)])
 
 
 def read_values(
@@ -144,7 +144,7 @@ def read_values(
     if not 0.97 * low <= stretch <= 1.03 * high:
         messages.append(_outside("stretch", stretch, low, high))
     trained_at = problem.reference_max_radius
-    low, high = (trained_at * end for end in SIZES)
+    low, high = (trained_at * end for end in SIZE_RANGE)
     if not low <= curve.max_radius <= high:
         messages.append(_outside("max_radius", curve.max_radius, low, high, trained_at=trained_at))
     verdict: Verdict = "outside_training_range" if messages else "ok"
@@ -156,8 +156,8 @@ def read_values(
     simulated = reconstruct(view, material, medium, stretch)
     if not modulus and np.sqrt(np.mean(simulated["residual_over_rmax"] ** 2)) > MISFIT:
         messages.append(Message("network.elastic"))
-    point = for_shot(network, values)
-    best = {natural_name(name): float(natural(name, x)) for name, x in zip(outputs, point, strict=True)}
+    point = scaled_values(network, values)
+    best = {natural_name(name): float(to_natural(name, x)) for name, x in zip(outputs, point, strict=True)}
     fields = {
         "theta": point[None],
         "checks": check_simulation(view, simulated, medium.time_scale(curve.max_radius), verdict, messages),
@@ -168,7 +168,7 @@ def read_values(
     }
 
     def read(curve: RadiusCurve) -> Floats:
-        return for_shot(network, shot_values(network, curve, medium)[1])
+        return scaled_values(network, shot_values(network, curve, medium)[1])
 
     return fields, spike_warnings(curve, outputs, read, point)
 
@@ -183,7 +183,7 @@ def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
     """The stretch R_max/R_0 with the smallest RMSE. The whole range is scanned first, because a rebound may slip by a
     period. Raises SolverError: no simulation succeeded."""
     top, measured = view.curve.max_radius, view.normalised
-    shot: Any = {"max_radius": top, "time": view.since_max, "medium": medium, "workers": 1, "accuracy": _COMPARED}
+    shot: Any = {"max_radius": top, "time": view.time_since_max, "medium": medium, "workers": 1, "accuracy": _ACCURACY}
 
     def misfit(stretches: Floats) -> Floats:
         """(k,) RMSE/R_max, infinite where a simulation failed."""
@@ -195,10 +195,10 @@ def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
     best = int(np.argmin(errors))
     if not np.isfinite(errors[best]):
         raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
-    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    bracket = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     from scipy.optimize import minimize_scalar  # a tenth of a second to import
 
     def cost(stretch: float) -> float:
         return float(misfit(np.array([stretch]))[0])
 
-    return float(minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 0.01}).x)
+    return float(minimize_scalar(cost, bounds=bracket, method="bounded", options={"xatol": 0.01}).x)

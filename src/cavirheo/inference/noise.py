@@ -29,11 +29,11 @@ from scipy.special import gammaln
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.physics.cache import compiled
 
-SHAPE = 2.0  # A: the frame-to-frame noise is only a guess of the noise
+GAMMA_A = 2.0  # A: the frame-to-frame noise is only a guess of the noise
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
-CLOCKS = (0.0, 1.0, 4.0)  # s/r
+CLOCK_RATIOS = (0.0, 1.0, 4.0)  # s/r
 TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window
-ABSENT = 1.0 / 6.0  # prior probability that there is no discrepancy
+ABSENCE_PROBABILITY = 1.0 / 6.0  # prior probability that there is no discrepancy
 
 
 class Noise:
@@ -45,18 +45,18 @@ class Noise:
         self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0
     ) -> None:
         self.deviation, self.size = deviation, len(deviation)
-        some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCKS for tau in TIMES] if discrepancy else []
+        some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCK_RATIOS for tau in TIMES] if discrepancy else []
         self.grid: list[tuple[float, float, float]] = [(0.0, 0.0, 1.0), *some]
         self.typical: float = float(np.median(deviation))
         shapes = self.typical * np.stack([np.ones(self.size), np.broadcast_to(velocity * scale, self.size)], axis=1)
         self.covariances, log_det = Covariances.of(deviation, time, [(shapes * (r, s), tau) for r, s, tau in self.grid])
-        share = [ABSENT] + [(1.0 - ABSENT) / len(some)] * len(some) if some else [1.0]
+        share = [ABSENCE_PROBABILITY] + [(1.0 - ABSENCE_PROBABILITY) / len(some)] * len(some) if some else [1.0]
         self.log_prior: Floats = np.log(share)
-        self.power: float = SHAPE + 0.5 * self.size
-        constant = gammaln(self.power) - gammaln(SHAPE) - 0.5 * self.size * np.log(2.0 * np.pi * SHAPE)
+        self.power: float = GAMMA_A + 0.5 * self.size
+        constant = gammaln(self.power) - gammaln(GAMMA_A) - 0.5 * self.size * np.log(2.0 * np.pi * GAMMA_A)
         self.constants: Floats = constant - 0.5 * log_det + self.log_prior
 
-    def only(self, residuals: Floats, least: float) -> Noise:
+    def select_points(self, residuals: Floats, least: float) -> Noise:
         """The noise with only those grid points whose share in the density of any residual (k, n) exceeds `least`."""
         share = np.max(self._shares(residuals)[1], axis=1)
         noise, some, (weight, *parts) = copy(self), share > least, self.covariances
@@ -71,7 +71,7 @@ class Noise:
     def _shares(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """Log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
         squares = np.asarray(squared(np.ascontiguousarray(residuals), *self.covariances))
-        terms = self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE))
+        terms = self.constants[:, None] - self.power * np.log1p(squares / (2.0 * GAMMA_A))
         total = log_sum(terms, axis=0)
         return total, np.exp(terms - total), squares
 
@@ -93,32 +93,32 @@ class Noise:
     def describe(self, residual: Floats) -> dict[str, float]:
         """Of a residual (n,): noise over assumed noise, probability of a discrepancy, and its standard deviation."""
         _, share, squares = self._shares(residual[None])
-        variance = (SHAPE + 0.5 * squares) / (self.power - 1.0)
-        moved = np.sum(self.covariances.moved**2, axis=(1, 2))[:, None] / self.size
+        variance = (GAMMA_A + 0.5 * squares) / (self.power - 1.0)
+        mean_square = np.sum(self.covariances.shifts**2, axis=(1, 2))[:, None] / self.size
         return {
             "noise_over_assumed": float(np.sqrt(np.sum(share * variance))),
             "discrepancy_probability": float(1.0 - np.sum(share[0])),
-            "discrepancy_over_rmax": float(np.sqrt(np.sum(share * variance * moved))),
+            "discrepancy_over_rmax": float(np.sqrt(np.sum(share * variance * mean_square))),
         }
 
 
 class Covariances(NamedTuple):
-    """C = D + sum of (h K h') over the columns h of `moved`, for each grid point; white noise if these are 0. weight:
-    (n,) diagonal of D^-1. moved: (grid, n, 2). rank: (grid,) number of its columns that are not 0. factor: (grid, 3, 2
+    """C = D + sum of (h K h') over the columns h of `shifts`, for each grid point; white noise if these are 0. weight:
+    (n,) diagonal of D^-1. shifts: (grid, n, 2). rank: (grid,) number of its columns that are not 0. factor: (grid, 3, 2
     n) the upper Cholesky factor of P + H' D^-1 H, diagonal by diagonal, with the main one last and inverted."""
 
     weight: Floats
-    moved: Floats
+    shifts: Floats
     rank: NDArray[np.int64]
     factor: Floats
 
     @classmethod
     def of(cls, deviation: Floats, time: Floats, grid: Sequence[tuple[Floats, float]]) -> tuple[Covariances, Floats]:
-        """Covariances and log |C| (grid,) of deviations (n,) at times (n,) and (moved (n, 2), tau) by grid point."""
+        """Covariances and log |C| (grid,) of deviations (n,) at times (n,) and (shifts (n, 2), tau) by grid point."""
         n, weight = len(time), 1.0 / deviation**2
-        rank = np.array([np.count_nonzero(np.any(moved != 0.0, axis=0)) for moved, _ in grid])
+        rank = np.array([np.count_nonzero(np.any(shifts != 0.0, axis=0)) for shifts, _ in grid])
         factor, log_det = np.zeros((len(grid), 3, 2 * n)), np.full(len(grid), 2.0 * float(np.sum(np.log(deviation))))
-        for k, (moved, tau) in enumerate(grid):
+        for k, (shifts, tau) in enumerate(grid):
             columns = int(rank[k])
             if not columns:
                 continue
@@ -128,19 +128,19 @@ class Covariances(NamedTuple):
             inverse[1:] += rho**2 / gain
             inverse[:-1] += rho**2 / gain
             for i in range(columns):
-                band[-1, i::columns] = inverse + weight * moved[:, i] ** 2
+                band[-1, i::columns] = inverse + weight * shifts[:, i] ** 2
                 band[0, columns + i :: columns] = -rho / gain
             if columns == 2:
-                band[1, 1::2] = weight * moved[:, 0] * moved[:, 1]
+                band[1, 1::2] = weight * shifts[:, 0] * shifts[:, 1]
             root = cholesky_banded(band)
             log_det[k] += columns * float(np.sum(np.log(gain))) + 2.0 * float(np.sum(np.log(root[-1])))
             root[-1] = 1.0 / root[-1]
             factor[k, 2 - columns :, : columns * n] = root
-        return cls(weight, np.array([moved for moved, _ in grid]), rank, factor), log_det
+        return cls(weight, np.array([shifts for shifts, _ in grid]), rank, factor), log_det
 
 
 @compiled
-def products(columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
+def products(columns: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
     """columns' C^-1 columns (grid, k, k) of columns (n, k), by Woodbury; the rest are fields of `Covariances`."""
     n, k = columns.shape
     white = np.zeros((k, k))
@@ -157,7 +157,7 @@ def products(columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.in
         two_before[:] = 0.0
         for j in range(m * n):  # forward substitution, row by row
             i = j // m
-            h = moved[p, i, j - m * i] * weight[i]
+            h = shifts[p, i, j - m * i] * weight[i]
             first_off, second_off = factor[p, 1, j], factor[p, 0, j]
             for a in range(k):
                 row[a] = (h * columns[i, a] - first_off * one_before[a] - second_off * two_before[a]) * factor[p, 2, j]
@@ -174,7 +174,7 @@ def products(columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.in
 
 
 @compiled
-def squared(residuals: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
+def squared(residuals: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
     """(grid, k) e' C^-1 e of residuals (k, n): as `products`, each step for all residuals at once."""
     count, n = residuals.shape
     columns, white, squares = residuals.T.copy(), np.zeros(count), np.empty((len(rank), count))
@@ -187,7 +187,7 @@ def squared(residuals: Floats, weight: Floats, moved: Floats, rank: NDArray[np.i
         one_before[:], two_before[:], total[:] = 0.0, 0.0, white
         for j in range(m * n):
             i = j // m
-            column, h = columns[i], moved[p, i, j - m * i] * weight[i]
+            column, h = columns[i], shifts[p, i, j - m * i] * weight[i]
             first_off, second_off, inverse = factor[p, 1, j], factor[p, 0, j], factor[p, 2, j]
             for k in range(count):
                 value = (h * column[k] - first_off * one_before[k] - second_off * two_before[k]) * inverse
@@ -200,17 +200,17 @@ def squared(residuals: Floats, weight: Floats, moved: Floats, rank: NDArray[np.i
 
 @compiled
 def expanded(
-    columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats, constants: Floats,
+    columns: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.int64], factor: Floats, constants: Floats,
     power: float,
 ) -> tuple[float, Floats, Floats]:  # fmt: skip
     """Log density of a residual (n,), the last of the columns (n, d + 1), and gradient (d,) and Gauss-Newton curvature
     (d, d) of its negative by d parameters, of which the other columns are the derivatives of the simulated frames."""
     d = columns.shape[1] - 1
-    product = products(columns, weight, moved, rank, factor)
+    product = products(columns, weight, shifts, rank, factor)
     total, share = summed(product[:, d, d], constants, power)
     gradient, curvature = np.zeros(d), np.zeros((d, d))
     for p in range(len(rank)):
-        trust = share[p] * power / (SHAPE + 0.5 * product[p, d, d])
+        trust = share[p] * power / (GAMMA_A + 0.5 * product[p, d, d])
         for a in range(d):
             gradient[a] -= trust * product[p, a, d]
             for b in range(d):
@@ -221,7 +221,7 @@ def expanded(
 @compiled
 def summed(squares: Floats, constants: Floats, power: float) -> tuple[float, Floats]:
     """Log density of a residual with these e' C^-1 e (grid,), and the share of each grid point in it, (grid,)."""
-    terms = constants - power * np.log1p(squares / (2.0 * SHAPE))
+    terms = constants - power * np.log1p(squares / (2.0 * GAMMA_A))
     top = np.max(terms)
     share = np.exp(terms - top)
     whole = np.sum(share)
@@ -258,9 +258,9 @@ class MarginalNoise:
         gradient, curvature = self.frames.newton(frames, by_frames)
         return gradient - by_pulls.T @ pulls + by_rest, curvature + by_pulls.T @ by_pulls
 
-    def only(self, residuals: Floats, least: float) -> MarginalNoise:
-        """As `Noise.only`."""
-        return MarginalNoise(self.frames.only(self.split(residuals)[0], least), self.pulls, self.size)
+    def select_points(self, residuals: Floats, least: float) -> MarginalNoise:
+        """As `Noise.select_points`."""
+        return MarginalNoise(self.frames.select_points(self.split(residuals)[0], least), self.pulls, self.size)
 
     def products(self, columns: Floats) -> Floats:
         """As `Noise.products`, of columns (size, k); the pulls have the covariance 1, the rest is left out."""

@@ -34,9 +34,9 @@ from scipy.special import ndtr, ndtri
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.experiment import LARGEST, ZETA, Experiment
+from cavirheo.inference.experiment import BOUND_SCALES, ZETA, Experiment
 from cavirheo.inference.model import DEFAULT, Network, PosteriorCard, card, checked_content, path_of
-from cavirheo.inference.session import started
+from cavirheo.inference.session import onnx_session
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, FREE, Bubble
 from cavirheo.physics.media import WATER
@@ -49,15 +49,15 @@ SCALE = 0.005  # standard deviation of the radius scale
 CAMERA = ("max_radius_factor", "time_origin", "radius_scale")
 COORDINATES = ("stretch", "confinement_damping", "accommodation", "viscosity", "shear_modulus", "shape", *CAMERA)
 BUBBLE_NAMES = {"field": (), "real": ("confinement_damping", "accommodation")}  # coordinates besides the common ones
-_SHARED = {"reference_viscosity": "viscosity", "stiffening": "shape", "exponent": "shape"}
-_REFERENCE = (-1.5, 2.0)  # mean and standard deviation of log10 of a reference viscosity
-_FARTHEST = 3.0  # largest |z| of a given damping: one in a thousand of the training is beyond
-_INSIDE = 1e-9  # least probability between z and a bound
-_POOL, _LEAST = 1000, 0.01  # draws that estimate the share within the bounds, and its smallest value
+_SHARED_COORDINATES = {"reference_viscosity": "viscosity", "stiffening": "shape", "exponent": "shape"}
+_REFERENCE_VISCOSITY = (-1.5, 2.0)  # mean and standard deviation of log10 of a reference viscosity
+_MAX_DAMPING_Z = 3.0  # largest |z| of a given damping: one in a thousand of the training is beyond
+_MIN_P = 1e-9  # least probability between z and a bound
+_TRIAL_DRAWS, _MIN_INSIDE_SHARE = 1000, 0.01  # draws that estimate the share within the bounds, and its smallest value
 KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
 _MARGIN = 0.1  # largest relative difference of a constant from that of all training curves
-_VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # factor: 14 to 37 degrees C
+_VAPOUR_FACTOR, _VAPOUR_NAMES = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # 14 to 37 degrees C
 
 
 def binned(
@@ -92,7 +92,7 @@ def binned(
     filled = count > 0
     several = np.maximum(count, 1.0)
     mean, middle = summed(radius) / several, summed(np.asarray(offset)) / several
-    together = np.where(count > 1, summed(radius * offset) / several - mean * middle, 0.0)
+    covariance = np.where(count > 1, summed(radius * offset) / several - mean * middle, 0.0)
     spread = np.sqrt(np.maximum(summed(radius**2) / several - mean**2, 0.0))
     index = np.arange(BINS)
     before = np.maximum.accumulate(np.where(filled, index, -1), axis=1)
@@ -104,7 +104,7 @@ def binned(
     share = np.clip((index + 0.5 - start) / np.maximum(stop - start, 1e-9), 0.0, 1.0)
     line = np.where(filled, mean, (1.0 - share) * mean[rows, a] + share * mean[rows, b])
     channels = [np.where(within, 2.0 * line - 1.0, 0.0), middle, 1.0 * filled, 1.0 * within]
-    channels += [np.log1p(count), 20.0 * together, 10.0 * spread]
+    channels += [np.log1p(count), 20.0 * covariance, 10.0 * spread]
     frames = np.bincount(sample, minlength=m)
     end = np.zeros(m)
     np.maximum.at(end, sample, place * (END / BINS))
@@ -117,10 +117,10 @@ def binned(
 
 def z_index(name: str) -> int:
     """Index of the coordinate of a parameter."""
-    return COORDINATES.index(_SHARED.get(name, name))
+    return COORDINATES.index(_SHARED_COORDINATES.get(name, name))
 
 
-def used(law: str, bubble: str) -> list[int]:
+def coordinate_indices(law: str, bubble: str) -> list[int]:
     """Ascending indices of the coordinates of a law (`Family`), of this bubble (of BUBBLE_NAMES) and of the camera."""
     return sorted(map(z_index, [*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA]))
 
@@ -130,10 +130,10 @@ def to_latent(names: tuple[str, ...], log10: Floats) -> Floats:
     z = np.zeros((len(log10), len(COORDINATES)))
     for name, value in zip(names, log10.T, strict=True):
         if name == "reference_viscosity":
-            z[:, z_index(name)] = (value - _REFERENCE[0]) / _REFERENCE[1]
+            z[:, z_index(name)] = (value - _REFERENCE_VISCOSITY[0]) / _REFERENCE_VISCOSITY[1]
         else:
-            low, high = PARAMETERS[name].searched  # type: ignore[misc]
-            z[:, z_index(name)] = ndtri(np.clip((value - low) / (high - low), _INSIDE, 1.0 - _INSIDE))
+            low, high = PARAMETERS[name].search_range  # type: ignore[misc]
+            z[:, z_index(name)] = ndtri(np.clip((value - low) / (high - low), _MIN_P, 1.0 - _MIN_P))
     return z
 
 
@@ -143,10 +143,10 @@ def from_latent(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
     for i, name in enumerate(names):
         coordinate = z[:, z_index(name)]
         if name == "reference_viscosity":
-            log10[:, i] = _REFERENCE[0] + _REFERENCE[1] * coordinate
-            log_jacobian -= np.log(_REFERENCE[1])
+            log10[:, i] = _REFERENCE_VISCOSITY[0] + _REFERENCE_VISCOSITY[1] * coordinate
+            log_jacobian -= np.log(_REFERENCE_VISCOSITY[1])
         else:
-            low, high = PARAMETERS[name].searched  # type: ignore[misc]
+            low, high = PARAMETERS[name].search_range  # type: ignore[misc]
             log10[:, i] = low + (high - low) * ndtr(coordinate)
             log_jacobian += 0.5 * (coordinate**2 + np.log(2.0 * np.pi)) - np.log(high - low)
     return log10, log_jacobian
@@ -154,13 +154,13 @@ def from_latent(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
 
 def damping(z: Floats) -> Floats:
     """The confinement damping of z; its prior is half-normal, and cut as that of an experiment."""
-    return np.asarray(ZETA * ndtri(0.5 + (ndtr(LARGEST) - 0.5) * ndtr(z)))
+    return np.asarray(ZETA * ndtri(0.5 + (ndtr(BOUND_SCALES) - 0.5) * ndtr(z)))
 
 
 def damping_to_latent(damping: float) -> float:
-    """z of a given confinement damping; 0 has z = -_FARTHEST, below which the training has hardly any damping."""
-    inside = (ndtr(damping / ZETA) - 0.5) / (ndtr(LARGEST) - 0.5)
-    return float(np.clip(ndtri(np.clip(inside, _INSIDE, 1.0 - _INSIDE)), -_FARTHEST, _FARTHEST))
+    """z of a given confinement damping; 0 has z = -_MAX_DAMPING_Z, below which the training has hardly any damping."""
+    inside = (ndtr(damping / ZETA) - 0.5) / (ndtr(BOUND_SCALES) - 0.5)
+    return float(np.clip(ndtri(np.clip(inside, _MIN_P, 1.0 - _MIN_P)), -_MAX_DAMPING_Z, _MAX_DAMPING_Z))
 
 
 class NetworkProposal:
@@ -169,9 +169,9 @@ class NetworkProposal:
 
     def __init__(self, model: PosteriorModel, shot: Experiment, prior: Prior, *, discrepancy: bool) -> None:
         self.model, self.prior, bubble = model, prior, kind_of(shot.options.bubble)
-        self.kind: int = model.kinds.index((plain(shot.family.name), bubble))
-        self.names: tuple[str, ...] = (*shot.family.parameters, *shot.logs)
-        self.inputs: Any = read(shot, discrepancy)
+        self.kind: int = model.kinds.index((without_spaces(shot.family.name), bubble))
+        self.names: tuple[str, ...] = (*shot.family.parameters, *shot.log_names)
+        self.inputs: Any = network_input(shot, discrepancy)
         width_t, width_r = shot.usual_half_widths
         camera = {"max_radius_factor": (1.0, width_r / 3.0), "time_origin": (0.0, width_t * shot.time_scale)}
         camera |= {"radius_scale": (1.0, SCALE)}
@@ -184,9 +184,9 @@ class NetworkProposal:
             elif name not in prior.names:
                 self.integrated.append(z_index(name))
             else:
-                own_middle, own_width, _ = shot.free[name]
+                prior_middle, prior_width, _ = shot.free[name]
                 place = prior.names.index(name), z_index(name)
-                self.camera.append((*place, (middle - own_middle) / own_width, width / own_width))
+                self.camera.append((*place, (middle - prior_middle) / prior_width, width / prior_width))
         for name, value in (("accommodation", shot.bubble.get("accommodation")), ("stretch", shot.stretch)):
             if value:
                 self.fixed[z_index(name)] = float(to_latent((name,), np.log10([[value]]))[0, z_index(name)])
@@ -201,10 +201,10 @@ class NetworkProposal:
         factors = {"shear_modulus": pressure, "viscosity": viscous, "reference_viscosity": viscous}
         self.shift: Floats = np.log10([factors.get(name, 1.0) for name in self.names])
         self.log_share: float = 0.0
-        inside = self._within_bounds(_POOL, np.random.Generator(np.random.Philox(0)))
+        inside = self._within_bounds(_TRIAL_DRAWS, np.random.Generator(np.random.Philox(0)))
         message = "hardly any of the network's draws is within the ranges of the parameters"
-        require(len(inside) > _LEAST * _POOL, message, "network.outside", shot.curve.name)
-        self.log_share = float(np.log(len(inside) / _POOL))
+        require(len(inside) > _MIN_INSIDE_SHARE * _TRIAL_DRAWS, message, "network.outside", shot.curve.name)
+        self.log_share = float(np.log(len(inside) / _TRIAL_DRAWS))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """Draws u (count, d)."""
@@ -250,17 +250,17 @@ def kind_of(bubble: Bubble) -> str:
     return "field" if replace(bubble, accommodation=FREE) == FIELD else ""
 
 
-def plain(material: str) -> str:
+def without_spaces(material: str) -> str:
     """The name of a law or of a sum of laws, without spaces."""
     return material.replace(" ", "")
 
 
-def read(shot: Experiment, discrepancy: bool) -> Any:
+def network_input(shot: Experiment, discrepancy: bool) -> Any:
     """Input (1, SIZE) of the network: the frames of an experiment that count."""
-    counted = shot.counted & (shot.since >= 0)
-    time = shot.since[counted] / shot.time_scale
+    counted = shot.counted & (shot.time_since_max >= 0)
+    time = shot.time_since_max[counted] / shot.time_scale
     numbers = {"max_radius": shot.max_radius, "noise": shot.curve.noise / shot.max_radius}
-    numbers |= {"frame": shot.frame / shot.time_scale, "exposure": shot.exposure / shot.time_scale}
+    numbers |= {"frame": shot.frame_interval / shot.time_scale, "exposure": shot.exposure / shot.time_scale}
     numbers |= {"discrepancy": float(discrepancy), "late": float(shot.curve.begins_late)}
     arrays = {name: np.array([value]) for name, value in numbers.items()}
     return binned(np.zeros(len(time), np.int64), time, shot.measured[counted], **arrays)
@@ -274,8 +274,8 @@ class PosteriorModel:
         self.name: str = path.stem
         self.card: PosteriorCard = PosteriorCard.model_validate(card(path))
         self.sha256: str = self.card.onnx.sha256
-        self.kinds: list[tuple[str, str]] = [(plain(law), bubble) for law, bubble in self.card.kinds]
-        self.session: Any = started(checked_content(path, self.sha256, INPUTS))
+        self.kinds: list[tuple[str, str]] = [(without_spaces(law), bubble) for law, bubble in self.card.kinds]
+        self.session: Any = onnx_session(checked_content(path, self.sha256, INPUTS))
         self.parts: int = next(int(tensor.shape[2]) for tensor in self.session.get_inputs() if tensor.name == "choice")
 
     def sample(
@@ -288,17 +288,17 @@ class PosteriorModel:
             imposed[:, k], take[k] = value, 1.0
         return self._run(inputs, kind, counted=counted, choice=choice, normal=normal, given=imposed, take=take)[0]
 
-    def log_density(self, inputs: Any, kind: int, z: Floats, without: Collection[int]) -> Floats:
-        """Log density (draws,) of z (draws, 9), each coordinate given those before it, without those in `without`."""
+    def log_density(self, inputs: Any, kind: int, z: Floats, excluded: Collection[int]) -> Floats:
+        """Log density (draws,) of z (draws, 9), each coordinate given those before it, without those in `excluded`."""
         counted = np.zeros(len(COORDINATES))
-        counted[[k for k in used(*self.kinds[kind]) if k not in without]] = 1.0
+        counted[[k for k in coordinate_indices(*self.kinds[kind]) if k not in excluded]] = 1.0
         choice, take = np.zeros((*z.shape, self.parts)), np.ones(len(COORDINATES))
         return self._run(inputs, kind, counted=counted, choice=choice, normal=z, given=z, take=take)[1]
 
     def _run(self, inputs: Any, kind: int, **numbers: Floats) -> tuple[Floats, Floats]:
         """Draws z (count, 9) and their log densities (count,), from the other inputs by their names."""
         one_hot, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(COORDINATES), np.float32)
-        one_hot[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
+        one_hot[0, kind], has[coordinate_indices(*self.kinds[kind])] = 1.0, 1.0
         feed = {"cells": inputs, "kind": one_hot, "has": has}
         feed |= {name: values.astype(np.float32) for name, values in numbers.items()}
         z, log_density, _ = self.session.run(None, feed)
@@ -306,7 +306,7 @@ class PosteriorModel:
 
     def knows(self, material: str, bubble: Bubble) -> bool:
         """Whether it was trained on this law and this bubble."""
-        return (plain(material), kind_of(bubble)) in self.kinds
+        return (without_spaces(material), kind_of(bubble)) in self.kinds
 
     def proposal(self, shot: Experiment, prior: Prior, discrepancy: bool) -> NetworkProposal:
         """The proposal for an experiment. Raises InputError: the experiment is outside the training."""
@@ -321,10 +321,10 @@ class PosteriorModel:
             return f"it knows {KNOWN_BUBBLES}"
         if not self.knows(shot.family.name, shot.options.bubble):
             return f"it was not trained on {shot.family.name} with the {bubble} bubble"
-        frames = int((shot.counted & (shot.since >= 0)).sum())
+        frames = int((shot.counted & (shot.time_since_max >= 0)).sum())
         limited: dict[str, tuple[float, str]] = {
             "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),
-            "frame_interval_us": (shot.frame * 1e6, "{:.4g} us between frames"),
+            "frame_interval_us": (shot.frame_interval * 1e6, "{:.4g} us between frames"),
             "frames": (frames, "{:.0f} frames in the window"),
             "noise_over_rmax": (shot.curve.noise / shot.max_radius, "noise of {:.2g} of R_max"),
             "density": (shot.medium.density, "a density of {:.4g} kg/m3"),
@@ -335,12 +335,12 @@ class PosteriorModel:
             if not low <= value <= high:
                 return f"{words.format(value)} is outside its training ({low:g} to {high:g})"
         for constant in fields(WATER):
-            if constant.name not in (*trained, "name", *_OF_VAPOUR):
+            if constant.name not in (*trained, "name", *_VAPOUR_NAMES):
                 value, usual = getattr(shot.medium, constant.name), getattr(WATER, constant.name)
                 if not abs(value - usual) <= _MARGIN * abs(usual):
                     return f"{constant.name} = {value:.4g} is more than {_MARGIN:.0%} from its training ({usual:.4g})"
         vapour, usual = shot.medium.vapour_pressure, WATER.vapour_pressure
-        if not usual / _VAPOUR <= vapour <= usual * _VAPOUR:
+        if not usual / _VAPOUR_FACTOR <= vapour <= usual * _VAPOUR_FACTOR:
             return f"a vapour pressure of {vapour:.4g} Pa is beyond twice or half of its training ({usual:.4g} Pa)"
         return ""
 

@@ -15,26 +15,26 @@ import numpy as np
 from cavirheo.arrays import Floats, even_points
 from cavirheo.errors import SolverError
 from cavirheo.inference.camera import NAMES
-from cavirheo.inference.experiment import FORWARD, Experiment, Prediction
+from cavirheo.inference.experiment import DIFFERENCE_STEP, Experiment, Prediction
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.accuracy import COARSE, ROUGH, Accuracy
 from cavirheo.physics.collapse import analytic_modulus
 
 STARTS = 64  # coarse simulations of the first round
 ROUNDS = (STARTS, 3 * STARTS, 6 * STARTS)  # coarse simulations of each round
-FOLLOWED = 3e-4  # RMS error over R_max of the rough simulations of a search
-NOISIEST = 0.01  # frame-to-frame noise over R_max: what is more may be motion
-ABOVE = 2.0  # residual over frame-to-frame noise: a larger one is not only noise
-WITHIN = 1.2  # a smaller one is only noise
-FIRST, FURTHER = 4, 2  # starts from coarse simulations on the first window and on each longer one; two more each round
+ROUGH_ERROR = 3e-4  # RMS error over R_max of the rough simulations of a search
+MAX_NOISE = 0.01  # frame-to-frame noise over R_max: what is more may be motion
+MISFIT_RATIO = 2.0  # residual over frame-to-frame noise: a larger one is not only noise
+NOISE_RATIO = 1.2  # a smaller one is only noise
+FIRST_STARTS, LATER_STARTS = 4, 2  # of coarse simulations, on the first and each longer window; two more each round
 BREADTH = 4  # most minima that start the next window
-LOWEST, ALIKE = 6.0, 0.02  # limit of their cost: factor of the lowest one, plus this per frame (20 % of sigma RMS)
-_QUICK = {"ftol": 1e-2, "xtol": 3e-3, "gtol": 1e-8, "max_nfev": 8}  # limits on all windows but the last
-SAME = 0.01  # of each range: a search that is nearer to a known minimum ends
-FAR = 0.08  # of a range: starts that are nearer to each other in all parameters lead to one minimum
+COST_FACTOR, COST_PER_FRAME = 6.0, 0.02  # limit of cost: lowest times this, plus this per frame (20 % of sigma RMS)
+_SHORTER_LIMITS = {"ftol": 1e-2, "xtol": 3e-3, "gtol": 1e-8, "max_nfev": 8}  # limits on all windows but the last
+SAME_MINIMUM = 0.01  # of each range: a search that is nearer to a known minimum ends
+START_DISTANCE = 0.08  # of a range: starts that are nearer to each other in all parameters lead to one minimum
 LIMITS: dict[str, Any] = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 POLISH: dict[str, Any] = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
-Cut = tuple[int | None, float | None]  # a window: number of collapses (None: all), latest end in s
+Extent = tuple[int | None, float | None]  # a window: number of collapses (None: all), latest end in s
 
 
 class Minimum(NamedTuple):
@@ -69,7 +69,7 @@ class LeastSquares:
         """(frames + priors, parameters) Jacobian by forward differences from the prediction at x; a column is 0 if its
         simulation fails. In a search, columns of clock and scales need no simulation."""
         shot, residuals = self.shot, self.weighted(x, at)
-        steps = FORWARD * shot.steps * np.where(x < np.mean(self.bounds, axis=1), 1.0, -1.0)
+        steps = DIFFERENCE_STEP * shot.steps * np.where(x < np.mean(self.bounds, axis=1), 1.0, -1.0)
         alike = accuracy is ROUGH and at is not None
         moved = [i for i, name in enumerate(shot.names) if not (alike and name in NAMES)]
         points = [x + np.where(np.arange(len(x)) == i, steps, 0.0) for i in moved]
@@ -79,7 +79,7 @@ class LeastSquares:
                 result[:frames, i] = (shot.residual(prediction) - residuals[:frames]) / steps[i]
         if alike and at is not None:
             by_camera = [i for i, name in enumerate(shot.names) if name in NAMES]
-            result[:frames, by_camera] = shot.camera_slopes(x, at, result[:frames, : shot.law])
+            result[:frames, by_camera] = shot.camera_slopes(x, at, result[:frames, : shot.law_size])
         result[range(frames, len(residuals)), self.columns] = 1.0 / self.std
         return result
 
@@ -89,12 +89,12 @@ class LeastSquares:
         accuracy: Accuracy,
         limits: Mapping[str, Any] = LIMITS,
         minima: Sequence[Minimum] = (),
-        unlike: float = 0.0,
+        min_distance: float = 0.0,
     ) -> Minimum:
         """Trust-region least squares within the bounds (scipy). Every second Jacobian is the previous one with
         Broyden's update, which needs no simulation. If a search ends on such an update, it is repeated once from its
         end, unless `minima` are given. A search that comes to one of these, or to frames that differ from its frames by
-        less than `unlike` (sum of weighted squares), ends with an infinite cost."""
+        less than `min_distance` (sum of weighted squares), ends with an infinite cost."""
         from scipy.optimize import least_squares
 
         low, high = self.bounds.T
@@ -109,8 +109,8 @@ class LeastSquares:
         def jac(x: Floats) -> Floats:
             at = self.weighted(x, last[0])
             for minimum in minima:
-                close = np.all(np.abs(x - minimum.x) < SAME * (high - low))
-                if close or np.sum((at - minimum.residual) ** 2) < unlike:
+                close = np.all(np.abs(x - minimum.x) < SAME_MINIMUM * (high - low))
+                if close or np.sum((at - minimum.residual) ** 2) < min_distance:
                     raise KnownMinimumError
             if len(slopes) == 1:
                 ((x0, at0, slope),) = slopes
@@ -150,11 +150,11 @@ class Scan:
         shot, family = fit.shot, fit.shot.family
         self.bounds = fit.bounds
         stated = shot.stretch_prior
-        logs = [PARAMETERS[name] for name in shot.logs]
-        usual = np.array([*family.bounds(started=True), *(parameter.started for parameter in logs)])
-        wide = np.array([*family.bounds(), *(parameter.searched for parameter in logs)])
-        if stated and "stretch" in shot.logs:
-            row = shot.law + shot.logs.index("stretch")
+        logs = [PARAMETERS[name] for name in shot.log_names]
+        usual = np.array([*family.bounds(started=True), *(parameter.start_range for parameter in logs)])
+        wide = np.array([*family.bounds(), *(parameter.search_range for parameter in logs)])
+        if stated and "stretch" in shot.log_names:
+            row = shot.law_size + shot.log_names.index("stretch")
             usual[row] = np.clip(np.log10([max(stated[0] - stated[1], 1e-3), stated[0] + stated[1]]), *wide[row])
         numbers = np.arange(first, first + count)
         self.points = shot.starts(np.zeros((count, len(fit.bounds))))
@@ -178,29 +178,29 @@ class Scan:
 
     def best(self, shot: Experiment, count: int, used: list[Floats]) -> list[Floats]:
         """Points with the smallest cost in the window of a shot, far from each other and from those in `used`."""
-        m = len(shot.since)
+        m = len(shot.time_since_max)
         cut = [each and Prediction(*(values[:m] for values in each)) for each in self.predictions]
         costs = [np.sum(shot.residual(prediction) ** 2) for prediction in cut]
         width = (self.bounds[:, 1] - self.bounds[:, 0])[self.searched]
         chosen: list[Floats] = []
         for point in self.points[np.argsort(costs)]:
             off = [np.abs(point - start)[self.searched] / width for start in (*used, *chosen)]
-            if len(chosen) < count and all(np.max(distance) > FAR for distance in off):
+            if len(chosen) < count and all(np.max(distance) > START_DISTANCE for distance in off):
                 chosen.append(point)
         return chosen
 
 
 class Search:
     """Searches in one or more rounds. shots: the experiment of each window, the whole one last. stages: best x of each
-    window but the last. rounds: number of rounds so far. unlike: least squared difference of the weighted frames of two
-    minima; if it is not 0, coarse simulations do not start searches on a longer window where minima from the previous
-    one leave only noise."""
+    window but the last. rounds: number of rounds so far. min_distance: least squared difference of the weighted frames
+    of two minima; if it is not 0, coarse simulations do not start searches on a longer window where minima from the
+    previous one leave only noise."""
 
-    def __init__(self, shot: Experiment, unlike: float = 0.0) -> None:
-        self.shot, self.unlike = shot, unlike
-        cuts: list[Cut] = [*((n, shot.cut[1]) for n in range(1, min(shot.view.collapses, 4))), shot.cut]
-        self.shots: dict[Cut, Experiment] = {cut: shot.cut_to(*cut) for cut in cuts}
-        self.stages: dict[Cut, Floats] = {}
+    def __init__(self, shot: Experiment, min_distance: float = 0.0) -> None:
+        self.shot, self.min_distance = shot, min_distance
+        cuts: list[Extent] = [*((n, shot.extent[1]) for n in range(1, min(shot.view.collapses, 4))), shot.extent]
+        self.shots: dict[Extent, Experiment] = {cut: shot.cut_to(*cut) for cut in cuts}
+        self.stages: dict[Extent, Floats] = {}
         self.used: list[Floats] = []
         self.rounds = 0
 
@@ -211,39 +211,40 @@ class Search:
         earlier = list[Floats]()
         *shorter, whole = self.shots
         for cut in shorter:
-            new = self._new(scan, self.shots[cut], earlier)
-            earlier = [minimum.x for minimum in self._lowest(self.shots[cut], earlier, new, _QUICK)]
+            new = self._coarse_starts(scan, self.shots[cut], earlier)
+            earlier = [minimum.x for minimum in self._lowest_minima(self.shots[cut], earlier, new, _SHORTER_LIMITS)]
             self.stages.setdefault(cut, earlier[0])
-        new = self._new(scan, self.shots[whole], earlier)
+        new = self._coarse_starts(scan, self.shots[whole], earlier)
         self.rounds += 1
         return earlier, new
 
     def minima(self) -> list[Minimum]:
         """Minima of the whole window from the starts of one more round, best first."""
-        minima = self._lowest(self.shot, *self.starts(), LIMITS)
+        minima = self._lowest_minima(self.shot, *self.starts(), LIMITS)
         # a rough simulation may step over what stops the default one, such as a chain at its limit
         return [minimum for minimum in minima if self.shot.predict(minimum.x) is not None] or minima
 
-    def enough(self, missed: Floats) -> bool:
+    def is_finished(self, missed: Floats) -> bool:
         """Whether the search stops at these differences, over R_max, of frames and simulation: only noise is left, or
         two rounds were made (all rounds on a curve without noise)."""
         rmse, noise = _rms(missed), self.shot.curve.noise / self.shot.max_radius
         if self.shot.clean:
-            return bool(rmse < max(ABOVE * noise, FOLLOWED)) or self.rounds == len(ROUNDS)
-        return bool(rmse < ABOVE * min(noise, NOISIEST) or self.rounds > 1)
+            return bool(rmse < max(MISFIT_RATIO * noise, ROUGH_ERROR)) or self.rounds == len(ROUNDS)
+        return bool(rmse < MISFIT_RATIO * min(noise, MAX_NOISE) or self.rounds > 1)
 
     def only_noise(self, missed: Floats) -> bool:
-        """Whether these differences, over R_max, of frames and simulation are only noise; never if `unlike` is 0."""
-        return self.unlike > 0 and _rms(missed) < WITHIN * self.shot.curve.noise / self.shot.max_radius
+        """Whether these differences, over R_max, of frames and simulation are only noise; never if `min_distance`
+        is 0."""
+        return self.min_distance > 0 and _rms(missed) < NOISE_RATIO * self.shot.curve.noise / self.shot.max_radius
 
-    def _new(self, scan: Scan, shot: Experiment, earlier: Sequence[Floats]) -> list[Floats]:
+    def _coarse_starts(self, scan: Scan, shot: Experiment, earlier: Sequence[Floats]) -> list[Floats]:
         """The best coarse simulations on the window of a shot that are far from the minima of the previous window."""
-        count = (FURTHER if earlier else FIRST) + 2 * self.rounds
+        count = (LATER_STARTS if earlier else FIRST_STARTS) + 2 * self.rounds
         new = scan.best(shot, count, [*earlier, *self.used])
         self.used += new
         return new
 
-    def _lowest(
+    def _lowest_minima(
         self, shot: Experiment, earlier: Sequence[Floats], new: Sequence[Floats], limits: Mapping[str, Any]
     ) -> list[Minimum]:
         """The lowest minima on the window of a shot, from minima of the previous window and from coarse simulations."""
@@ -251,13 +252,13 @@ class Search:
         for number, start in enumerate([*earlier, *new]):
             if number == len(earlier) and any(self.only_noise(_missed(shot, minimum)) for minimum in minima):
                 break
-            minimum = fit.minimise(start, ROUGH, limits, minima, self.unlike)
+            minimum = fit.minimise(start, ROUGH, limits, minima, self.min_distance)
             if np.isfinite(minimum.cost):
                 minima.append(minimum)
-            if minimum.cost < 0.5 * np.sum((FOLLOWED / shot.sigma) ** 2):
+            if minimum.cost < 0.5 * np.sum((ROUGH_ERROR / shot.sigma) ** 2):
                 break
         minima.sort(key=lambda minimum: minimum.cost)
-        limit = LOWEST * minima[0].cost + ALIKE * len(shot.measured)
+        limit = COST_FACTOR * minima[0].cost + COST_PER_FRAME * len(shot.measured)
         return [minimum for minimum in minima if minimum.cost < limit][:BREADTH]
 
 

@@ -26,7 +26,7 @@ MEMORY, SECONDS = 2 << 30, 20.0  # bytes and time of the first run
 
 def session(content: bytes) -> Callable[[ArrayLike], Floats]:
     """(curves, frames) -> (curves, outputs) of the content of an .onnx file."""
-    model = started(content)
+    model = onnx_session(content)
 
     def run(features: ArrayLike) -> Floats:
         curves = np.asarray(features, dtype=np.float32)
@@ -37,7 +37,7 @@ def session(content: bytes) -> Callable[[ArrayLike], Floats]:
     return run
 
 
-def started(content: bytes) -> Any:
+def onnx_session(content: bytes) -> Any:
     """onnxruntime's session of the content of an .onnx file."""
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read at import: its wheels come with telemetry
     import onnxruntime  # half a second, which listing models or reading curves does not need
@@ -49,9 +49,9 @@ def started(content: bytes) -> Any:
     return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 
-def draws_of_nothing(content: bytes) -> bool:
+def has_finite_draws(content: bytes) -> bool:
     """Whether a posterior network gives finite draws for inputs of zeros: the trial of a file not shipped."""
-    model = started(content)
+    model = onnx_session(content)
     shapes = {tensor.name: [n if isinstance(n, int) else DRAWS for n in tensor.shape] for tensor in model.get_inputs()}
     outputs = model.run(None, {name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
     return all(bool(np.isfinite(values).all()) for values in outputs)
@@ -86,7 +86,7 @@ if __name__ == "__main__":  # session.py MEMORY FRAMES OUTPUTS < model.onnx
     try:
         content = sys.stdin.buffer.read()
         if not frames:
-            sys.exit(None if draws_of_nothing(content) else "its draws are not finite; its weights may be damaged")
+            sys.exit(None if has_finite_draws(content) else "its draws are not finite; its weights may be damaged")
         answers = session(content)
         for count in (BATCH, 5, 1):  # a full block, and fewer
             theta = answers(np.tile(curve, (count, 1)))

@@ -17,7 +17,7 @@ from cavirheo.inference.checks import Window, window
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.model import Network
 from cavirheo.inference.network_answer import network_window
-from cavirheo.messages import of_error
+from cavirheo.messages import message_of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import Medium
@@ -69,13 +69,13 @@ def predict_radius(
     log_evidence = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
     rng, end, radii = np.random.default_rng(0), _compared_end(curve, posterior), list[Floats]()
     for part, count in zip(parts, rng.multinomial(draws, np.exp(log_evidence - log_sum(log_evidence))), strict=True):
-        about = part.material, cast(Medium, posterior.medium), end
-        shots = {bubble: _experiment(curve, bubble, *about) for bubble in (part.bubble, FIELD)}
+        setup = part.material, cast(Medium, posterior.medium), end
+        shots = {bubble: _experiment(curve, bubble, *setup) for bubble in (part.bubble, FIELD)}
         chosen = rng.choice(len(part.theta), count, p=part.weights)
         for values in zip(*(part.draws(name)[chosen].tolist() for name in part.parameters), strict=True):
             draw = dict(zip(part.parameters, values, strict=True))
             shot = shots[_bubble_of(part, draw)]
-            simulated = shot.predict(shot.from_best({**part.best, **draw}), since=time - curve.time_of_max)
+            simulated = shot.predict(shot.from_best({**part.best, **draw}), times=time - curve.time_of_max)
             if simulated is not None:
                 radii.append(simulated.radius * curve.max_radius)
     if 2 * len(radii) < draws:
@@ -103,7 +103,7 @@ def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, f
         shot = _experiment(curve, bubble, posterior.material, medium_of(analysis.medium), end)
         return shot.checks(shot.from_best({**posterior.best, **values}), "ok", [])
     except (InputError, SolverError) as error:
-        return Checks("failed", (of_error(error),))
+        return Checks("failed", (message_of_error(error),))
 
 
 def _bubble_of(posterior: Posterior, values: Mapping[str, float]) -> Bubble:
@@ -142,7 +142,7 @@ def slider(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, fl
     number about three times as large; for the stretch from 1.2 to at least 20."""
     if name not in (*Family(posterior.material).parameters, "stretch"):
         return None
-    middle = 10.0 ** float(np.mean(PARAMETERS[name].started))  # type: ignore[arg-type]
+    middle = 10.0 ** float(np.mean(PARAMETERS[name].start_range))  # type: ignore[arg-type]
     value = float(f"{posterior.best.get(name, middle) * factor:.4g}")
     if name == "stretch":
         return {"minimum": 1.2, "maximum": max(20.0, value), "step": 0.05, "value": value}

@@ -30,19 +30,19 @@ from cavirheo.writing.document import write_rows
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a placeholder factor until R_max is given
 _PLAUSIBLE = (5e-6, 5e-3)  # m; limits of the largest radius: a number is within them in only one of the units m, mm, um
-_ABSURD = 1e9  # in any unit; larger numbers are damaged data and would overflow later
-_SAME_TIME = 1e-15  # s; times closer than this are one time and differ only by rounding
-_NO_BUBBLE = 1e-9  # m; a smaller radius means an empty frame (one published file has denormal numbers there)
-ONE_SCALE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
-_EITHER = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # recognises a unit of another quantity, to report it
+_LARGEST_NUMBER = 1e9  # in any unit; larger numbers are damaged data and would overflow later
+_TIME_TOLERANCE = 1e-15  # s; times closer than this are one time and differ only by rounding
+_LEAST_RADIUS = 1e-9  # m; a smaller radius means an empty frame (one published file has denormal numbers there)
+SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
+_UNITS = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # recognises a unit of another quantity, to report it
 _SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
 _NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last number in a title
 _SEPARATOR = -1000.0
-_PROVEN = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
+_RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 _ADVICE = "begin the file with a header line such as time_us,radius_um, or time_us,R1_um,R2_um for several shots"
 
 
-def _of_one_shot(title: str) -> Name:
+def _shot_name(title: str) -> Name:
     """Return what a title with a shot number names (`R2_um`, `Radius shot 2 (um)`, `Shot 2 (um)`); `R0` has none."""
     match = _NUMBER.search(title[:200])
     if not match or not match[2].strip("0"):
@@ -58,35 +58,35 @@ def _of_one_shot(title: str) -> Name:
 
 CURVES = Vocabulary(
     {
-        "time": Term("t time elapsedtime zeit temps tiempo tempo 時間 时间", _EITHER),
+        "time": Term("t time elapsedtime zeit temps tiempo tempo 時間 时间", _UNITS),
         "frame": Term(
             "frame frames frameno framenumber framenr frameindex framenum image imageno imagenumber bild bildnr "
             "bildnummer fotograma cuadro numeroimage numerodimage フレーム フレーム番号 コマ 帧 帧号 帧数",
-            _EITHER,
+            _UNITS,
         ),
         "radius": Term(
             "r radius rt rnew bubbleradius radiusofbubble radiusofthebubble meanradius averageradius equivalentradius "
             "blasenradius rayon rayonbulle rayondebulle rayondelabulle radio radioburbuja radiodeburbuja "
             "radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
-            _EITHER,
-            twice="the shots of a file are R1_um, R2_um, or have a column `shot`",
+            _UNITS,
+            duplicate_advice="the shots of a file are R1_um, R2_um, or have a column `shot`",
         ),
-        "max_radius": Term("rmax truermax maxradius maximumradius", _EITHER),
+        "max_radius": Term("rmax truermax maxradius maximumradius", _UNITS),
         "stretch": Term("stretch lambdamax lambdamaxmean"),
         "stretch_std": Term("stretchstd lambdamaxstd"),
-        "radius_std": Term("radiusstd rstd radiussd rsd", _EITHER),
+        "radius_std": Term("radiusstd rstd radiussd rsd", _UNITS),
         "diameter": Term(
             "diameter bubblediameter meandiameter equivalentdiameter durchmesser blasendurchmesser diametre "
             "diametrebulle diametredebulle diametredelabulle diametro 直径 直徑 気泡直径 气泡直径",
-            _EITHER,
+            _UNITS,
         ),
         "curve": Term("curve shot"),
     },
     _ADVICE,
-    need=("time|frame", "radius|diameter"),
+    required=("time|frame", "radius|diameter"),
     codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
-    fallback=_of_one_shot,
-    bare=True,
+    fallback=_shot_name,
+    allows_no_header=True,
 )
 
 
@@ -104,38 +104,38 @@ _TRACE = Vocabulary(
 def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
     """Read the curves of a table. Raises InputError: unknown layout, a missing column, or a cell that is no number."""
     (table,) = read_columns(path, CURVES)
-    curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
+    curves = _read_with_header(table, frame_rate) if table.titles else _read_without_header(table, density, pressure)
     return [curve.with_notes("read from the first sheet of the workbook") if table.sheet else curve for curve in curves]
 
 
-def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
-    shot, std, max_radius, *stretches = map(table.only, ("curve", "radius_std", "max_radius", "stretch", "stretch_std"))
-    radii, (clock, time_unit) = _radii(table), _clock(table, frame_rate)
+def _read_with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
+    shot, std, max_radius, *stretches = map(table.find, ("curve", "radius_std", "max_radius", "stretch", "stretch_std"))
+    radii, (times, time_unit) = _radii(table), _times(table, frame_rate)
     if std and len(radii) > 1:
         table.notes.append(f"{std.title!r} is not used: there are {len(radii)} columns of radii")
         std = None
     for column in radii:
         check_units(f"the header {table.titles}", time_unit, column.unit, std.unit if std else None)
-    deviation = std.numbers if std else np.full(len(clock), np.nan)
+    deviation = std.numbers if std else np.full(len(times), np.nan)
     message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other" if shot else ""
     require(not shot or len(radii) == 1, message, "table.twice")
     shots: dict[str, list[int]] = {}
     for k, label in enumerate(shot.text if shot else [""] * len(table.rows)):
         shots.setdefault(label, []).append(k)
-    limits.few(len(shots) * len(radii), limits.CURVES, "curves")
+    limits.check(len(shots) * len(radii), limits.CURVES, "curves")
     curves = []
     for column in radii:
         radius = column.numbers * (0.5 if column.name.kind == "diameter" else 1.0)
         for label, rows in shots.items():
-            meta = _stated_stretch(stretches, rows, table.notes)
+            meta = _stretch_meta(stretches, rows, table.notes)
             if shot or len(radii) > 1:
                 meta["label"] = label if shot else re.sub(r"\s*[\[(].*", "", column.title) or column.title
-            curve = make_curve(clock[rows], radius[rows], deviation[rows], time_unit, column.unit, meta)
-            curves.append(_with_size(curve, max_radius, rows) if max_radius else curve)
+            curve = make_curve(times[rows], radius[rows], deviation[rows], time_unit, column.unit, meta)
+            curves.append(_scaled_to_column(curve, max_radius, rows) if max_radius else curve)
     return curves
 
 
-def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
+def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
     """Scale a curve to the R_max in these rows of a column, if any. Raises InputError: several, or implausible."""
     if column.unit not in RADIUS_UNITS or column.unit == "px":
         return curve.with_notes(f"the column {column.title!r} is not used: it names no unit of length, as rmax_um does")
@@ -147,14 +147,14 @@ def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCur
     RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
         factor = size / curve.max_radius
-        off = abs(factor - 1.0) >= ONE_SCALE
+        off = abs(factor - 1.0) >= SCALE_TOLERANCE
         scaled = f"radii of {curve.name} scaled by {factor:.3g}" if off else "radii scaled to it"
         hint = f"R_max of each shot as the column {column.title!r} has it: {scaled}"
         return curve.labelled(hints=(*curve.hints, hint)).with_max_radius(size)
     return curve
 
 
-def _stated_stretch(columns: list[Column | None], rows: list[int], notes: list[str]) -> dict[str, Any]:
+def _stretch_meta(columns: list[Column | None], rows: list[int], notes: list[str]) -> dict[str, Any]:
     """Return the `meta` of one curve: the stretch that the columns state for its rows, and the notes."""
     meta: dict[str, Any] = {"notes": [*notes]}
     for column in filter(None, columns):
@@ -182,7 +182,7 @@ def _radii(table: Table) -> list[Column]:
         titles = " and ".join(repr(column.title) for column in radii[:2])
         message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
         raise InputError(message, "table.twice")
-    table.single(unnumbered)
+    table.at_most_one(unnumbered)
     message = f"two columns {radii[0].title!r}; number them"
     require(len({column.title for column in radii}) == len(radii), message, "table.twice")
     if len(radii) > 1:
@@ -191,9 +191,9 @@ def _radii(table: Table) -> list[Column]:
     return radii
 
 
-def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
+def _times(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
     """Return ((rows,) times, their unit), from the times in the file or from its frame numbers and the frame rate."""
-    time, frame = table.only("time"), table.only("frame")
+    time, frame = table.find("time"), table.find("frame")
     if time:
         table.notes.extend(["the frame rate that is given is not used: the file has times"] if frame_rate else [])
         return time.numbers, time.unit
@@ -206,17 +206,17 @@ def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
     return frame.numbers / frame_rate, "s"
 
 
-def _without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
+def _read_without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
     """Read curves separated by rows of -1000, or a column of times and one of radii whose sizes prove their units."""
     width = max(len(row.texts) for row in table.rows)
-    values = [Column(table, at, "", Name(), Term("")).numbers for at in range(width)]
+    values = [Column(table, index, "", Name(), Term("")).numbers for index in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # an empty column: each line ends with a separator
         values.pop()
     require(len(values) == 2, f"{len(values)} columns and no header; {_ADVICE}", "table.header")
     numbers = np.column_stack(values)
     separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
     if len(separators):
-        limits.few(len(separators), limits.CURVES, "curves")
+        limits.check(len(separators), limits.CURVES, "curves")
         blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
         filled = [block for block in blocks if (block[:, 1] > 1e-9).any()]
         without = sum(len(block) > 0 for block in blocks) - len(filled)
@@ -228,7 +228,7 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
     meta = {"notes": ("no header: columns taken as time and radius",)}
     curve = make_curve(values[0], values[1], meta=meta).with_notes(*table.notes)
     ratio = curve.rayleigh_ratio(density, pressure)
-    proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]
+    proven = ratio is not None and _RATIOS[0] <= ratio <= _RATIOS[1]
     require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
     return [curve]
 
@@ -266,7 +266,7 @@ def check_units(where: str, time: str | None, radius: str | None, radius_std: st
     require(radius_std in (None, radius), message, "table.units")
 
 
-def unusable(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
+def unusable_curve(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
     """Return a curve without samples, with the reason. fields: other fields of the curve."""
     return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, **fields, unusable=reason)
 
@@ -293,18 +293,18 @@ def make_curve(
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
     meta = dict(meta or {})
     if len(t) != len(r) or len(std) != len(r):
-        return unusable(f"{len(t)} times but {len(r)} radii", meta, **fields)
-    timed = np.abs(t) < _ABSURD
-    t, r, std = t[timed], np.where(np.abs(r) < _ABSURD, r, np.nan)[timed], std[timed]
+        return unusable_curve(f"{len(t)} times but {len(r)} radii", meta, **fields)
+    timed = np.abs(t) < _LARGEST_NUMBER
+    t, r, std = t[timed], np.where(np.abs(r) < _LARGEST_NUMBER, r, np.nan)[timed], std[timed]
     n, missing = len(t), np.count_nonzero(np.isnan(r))
     per_time, time_hint = _time_scale(t, time_unit)
     per_radius, radius_hint, unscaled = _radius_scale(r, radius_unit)
     t, r, std = t * per_time, r * per_radius, std * per_radius
-    empty = r < _NO_BUBBLE
+    empty = r < _LEAST_RADIUS
     r[empty], std[~(std > 0)] = np.nan, np.nan
     backwards = np.count_nonzero(np.diff(t) < 0)
     order = np.argsort(t, kind="stable")
-    first = np.flatnonzero(np.diff(t[order], prepend=-np.inf) > _SAME_TIME)
+    first = np.flatnonzero(np.diff(t[order], prepend=-np.inf) > _TIME_TOLERANCE)
     t, r, std = t[order][first], _averaged(r[order], first), _averaged(std[order], first)
     warnings = (Message("check_input.time_order", {"steps": int(backwards)}),) if backwards else ()
     remarks = {
@@ -327,7 +327,7 @@ def make_curve(
     try:
         return RadiusCurve(t, r, std, meta, **{"unscaled": unscaled, **fields}, warnings=warnings)
     except InputError as error:  # not a bubble; the other curves of the file remain usable
-        return unusable(str(error), meta, **fields)
+        return unusable_curve(str(error), meta, **fields)
 
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
@@ -340,7 +340,7 @@ def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
 
 def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
     """Return (factor to metres, a note, why there is no scale) from the largest radius and the given unit, if any."""
-    finite = np.sort(r[np.isfinite(r) & (r > _NO_BUBBLE)])  # the limit holds in any unit
+    finite = np.sort(r[np.isfinite(r) & (r > _LEAST_RADIUS)])  # the limit holds in any unit
     largest = float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))  # the two largest may be wrong
     if unit == "px":
         return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"

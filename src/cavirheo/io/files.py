@@ -18,10 +18,10 @@ import numpy as np
 
 from cavirheo.errors import InputError, printable, require
 from cavirheo.io import limits
-from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_video
+from cavirheo.video.frames import ENDINGS, HEADER_ENDING, PIXELS_ENDING, STACK_ENDINGS, is_video
 
-MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
-_OURS = {  # a table or film that cavirheo writes: the file that is then in the same folder
+FILE_ENDINGS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
+_OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is then in the same folder
     "result.csv": "result.json",
     "comparison.csv": "result.json",
     "shots.csv": "collapse-time.json",
@@ -76,14 +76,14 @@ def _check(path: Path, name: str, *, folder: bool) -> None:
     kind = "a pipe" if stat.S_ISFIFO(mode) else "a socket" if stat.S_ISSOCK(mode) else "a device"
     special = f"{name} is {kind}; give a file, or send its content to standard input and give - as the file"
     require(stat.S_ISREG(mode), special, "reading.special")
-    limits.few(status.st_size, limits.FILE, f"bytes in {name}")
+    limits.check(status.st_size, limits.FILE, f"bytes in {name}")
 
 
-def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda _: None) -> list[Path]:
+def expand(arguments: Iterable[str | Path], notify: Callable[[str], None] = lambda _: None) -> list[Path]:
     """Return the files that the arguments of a command name, in their order, each once. An argument is a file; `-` for
     standard input; a folder, for its measurement files, sorted, without hidden files and files written by cavirheo (a
     folder of images is one recording); or a pattern (`gel_*.mat`) that the shell did not expand. A film and its header
-    count as one file. `say` is called for each folder with one line on how many of its files are read.
+    count as one file. `notify` is called for each folder with one line on how many of its files are read.
 
     A missing or unreadable file is returned too: its reader raises the error, and the other files are still read.
 
@@ -95,7 +95,7 @@ def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda 
         if str(argument) == "-":
             paths.append(_standard_input())
         elif isdir(path):
-            paths += _of_folder(path, say)
+            paths += _files_of_folder(path, notify)
         elif not exists(path) and glob.has_magic(str(path)):
             matches = [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if not isdir(name)]
             message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
@@ -106,14 +106,14 @@ def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda 
     return without_headers(paths)
 
 
-def measurements(folder: Path) -> tuple[list[Path], int]:
+def measurement_files(folder: Path) -> tuple[list[Path], int]:
     """Return (the measurement files in a folder, sorted; the number of its other files). Hidden files and headers
     of films are neither, files that cavirheo wrote are other files. Raises OSError: the folder cannot be listed."""
-    names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not isdir(path))
-    names_here = {path.name for path in names}
-    foreign = [path for path in names if _OURS.get(path.name) not in names_here]
-    taken = [path for path in foreign if path.suffix.lower() in MEASUREMENTS]
-    return without_headers(taken), len(names) - len(taken)
+    paths = sorted(path for path in folder.iterdir() if path.name[0] != "." and not isdir(path))
+    names = {path.name for path in paths}
+    foreign = [path for path in paths if _OUTPUT_COMPANIONS.get(path.name) not in names]
+    taken = [path for path in foreign if path.suffix.lower() in FILE_ENDINGS]
+    return without_headers(taken), len(paths) - len(taken)
 
 
 def without_headers(paths: Iterable[Path]) -> list[Path]:
@@ -124,24 +124,24 @@ def without_headers(paths: Iterable[Path]) -> list[Path]:
 
 def pixels_of(path: Path) -> Path | None:
     """Return the path of the pixels that belong to a header, existing or not; None for any other file."""
-    return path.with_suffix(PIXELS) if path.suffix == HEADER else None
+    return path.with_suffix(PIXELS_ENDING) if path.suffix == HEADER_ENDING else None
 
 
 def header_of(path: Path) -> Path | None:
     """Return the path of the header that belongs to pixels, existing or not; None for any other file."""
-    return path.with_suffix(HEADER) if path.suffix == PIXELS else None
+    return path.with_suffix(HEADER_ENDING) if path.suffix == PIXELS_ENDING else None
 
 
-def _of_folder(folder: Path, say: Callable[[str], None]) -> list[Path]:
+def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
     try:
-        taken, left = measurements(folder)
+        taken, left = measurement_files(folder)
     except OSError:
         return [folder]  # it cannot be listed: the reader reports the error
-    if is_video(folder) and {path.suffix.lower() for path in taken} <= {*STACKS}:
+    if is_video(folder) and {path.suffix.lower() for path in taken} <= {*STACK_ENDINGS}:
         return [folder]  # its images are the frames of one recording
-    kinds = ", ".join(sorted(MEASUREMENTS))
+    kinds = ", ".join(sorted(FILE_ENDINGS))
     require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
-    say(f"{folder}: {len(taken)} files" + (f"; {left} others left out" if left else ""))
+    notify(f"{folder}: {len(taken)} files" + (f"; {left} others left out" if left else ""))
     return taken
 
 
@@ -150,16 +150,16 @@ def _standard_input() -> Path:
     """Save standard input to a temporary file, whose name is shown to users."""
     path, size = Path(tempfile.mkdtemp(prefix="cavirheo-")) / "standard input", 0
     _temporary.add(path)
-    atexit.register(tidy)
+    atexit.register(remove_temporary_files)
     with path.open("wb") as file:
         while block := sys.stdin.buffer.read(1 << 20):
             size += len(block)
-            limits.few(size, limits.INFLATED, "bytes from standard input")
+            limits.check(size, limits.INFLATED, "bytes from standard input")
             file.write(block)
     return path
 
 
-def tidy() -> None:
+def remove_temporary_files() -> None:
     """Remove the temporary file of standard input; called when the program ends."""
     while _temporary:
         shutil.rmtree(_temporary.pop().parent, ignore_errors=True)

@@ -32,13 +32,13 @@ def read(path: Path) -> list[RadiusCurve]:
 
         def visit(name: str | bytes, item: Any) -> None:
             names_found.append(as_text(name))
-            limits.few(len(names_found), limits.SAMPLES // 100, "groups and datasets")
+            limits.check(len(names_found), limits.SAMPLES // 100, "groups and datasets")
             if isinstance(item, h5py.Group):
                 groups.append(item)
 
         file.visititems(visit)
         shots = [(group, arrays) for group in groups if {"time", "radius"} <= (arrays := _arrays(group)).keys()]
-        limits.few(len(shots), limits.CURVES, "curves")
+        limits.check(len(shots), limits.CURVES, "curves")
         check_sizes(item for _, arrays in shots for item, _ in arrays.values())
         names = ", ".join(names_found[:20]) or "nothing"
         none = f"no group holds a time and a radius dataset; found: {names}; expected {_EXPECTED}"
@@ -86,7 +86,7 @@ def read_variables(path: Path, names: Iterable[str]) -> tuple[dict[str, Any], li
                 continue
             check_sizes([item])
             if h5py.check_ref_dtype(item.dtype) is not None:
-                limits.few(item.size, limits.CURVES, "curves")
+                limits.check(item.size, limits.CURVES, "curves")
                 items = [file[reference] if reference else None for reference in np.ravel(item[()])]
                 arrays = all(isinstance(cell, h5py.Dataset) for cell in items)
                 require(arrays, f"a cell of {name} refers to no array", "matlab.cells")
@@ -114,10 +114,10 @@ def check_sizes(items: Iterable[Any]) -> None:
         elsewhere = f"{name} takes its numbers from another file; copy them into this one"
         require(not (item.external or item.is_virtual), elsewhere, "limits.elsewhere")
         total += prod(item.shape)
-        for what, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
-            declared = f"{name} declares the {what} {getattr(item, what)}"
+        for attribute, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
+            declared = f"{name} declares the {attribute} {getattr(item, attribute)}"
             many = f"{declared}: more than {limits.SAMPLES} samples are not read"
-            require(size <= limits.SAMPLES, many, f"limits.{what}")
+            require(size <= limits.SAMPLES, many, f"limits.{attribute}")
 
 
 def as_text(name: str | bytes) -> str:

@@ -21,7 +21,7 @@ WORKBOOK_CELLS = 1_000_000  # cells of the sheets that are read of a workbook, e
 INFLATED = 500_000_000  # bytes of a .mat file and of all its variables, unpacked; bytes from standard input
 
 
-def few(count: int, most: int, what: str) -> None:
-    """Raise InputError if count > most. Its code has the first word of `what`: "limits.lines" for lines."""
-    split = f"more than {most} are not read; split the file"
-    require(count <= most, f"{count} {what}: {split}", f"limits.{what.split()[0]}")
+def check(count: int, limit: int, items: str) -> None:
+    """Raise InputError if count > limit. Its code has the first word of `items`: "limits.lines" for lines."""
+    split = f"more than {limit} are not read; split the file"
+    require(count <= limit, f"{count} {items}: {split}", f"limits.{items.split()[0]}")

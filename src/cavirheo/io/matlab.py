@@ -29,21 +29,21 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.curves import make_curve, unusable
+from cavirheo.io.curves import make_curve, unusable_curve
 from cavirheo.messages import Message
 
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
-_ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
-VARIABLES = (*_CELL_ARRAYS, *_ONE_EACH.split())
+_SINGLE_ARRAYS = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
+VARIABLES = (*_CELL_ARRAYS, *_SINGLE_ARRAYS.split())
 HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of an HDF5 file, the format of version 7.3
-_LARGEST = 0.01  # m, largest radius of a bubble
-_HEAD = 1024  # bytes that contain the header of an array, which ends with its name
-_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_LARGEST_RADIUS = 0.01  # m, largest radius of a bubble
+_HEAD_SIZE = 1024  # bytes that contain the header of an array, which ends with its name
+_NUMBER_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _DEFLATED = 14, 15
 _CELL, _NUMERIC = 1, range(6, 16)  # array classes
 _COMPLEX = 0x800  # flag of a complex array
-_NOTHING = (0, b"")  # no element
-_DAMAGED, _CUT = "matfile.damaged", "matfile.cut"
+_NO_ELEMENT = (0, b"")  # no element
+_DAMAGED, _CUT_OFF = "matfile.damaged", "matfile.cut"
 Variables = dict[str, Any]  # name -> (…,) float64, or a list of a cell array's flattened cells (not numeric: empty)
 
 
@@ -117,14 +117,14 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         cell, max_radius = f"cell {k + 1} of {count}", float(max_radii[k]) if k < len(max_radii) else np.nan
         fields: dict[str, Any] = {"stated_time_of_max": 0.0}
         if radius.size == 0 or time.size == 0:
-            return unusable(f"{cell} is empty", meta, **fields)
+            return unusable_curve(f"{cell} is empty", meta, **fields)
         si: dict[str, Any] = {"time_unit": "s", "radius_unit": "m"} | fields
         if not len(max_radii):  # the user's R_max will scale both time and radius
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
             unscaled = make_curve(time * per_radius, radius, meta=meta, time_unscaled=True, unscaled=reason, **si)
             return unscaled.labelled(notes=(*notes, reason))
         if not max_radius > 0:
-            return unusable(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", meta, **fields)
+            return unusable_curve(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", meta, **fields)
         scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
         with_notes = {**meta, "notes": (f"seconds from t* with {scale}", *notes)}
         scaled = make_curve(time * (max_radius * per_radius), radius * max_radius, meta=with_notes, **si)
@@ -156,7 +156,7 @@ def _imr(variables: Variables) -> list[RadiusCurve]:
             raise InputError("Rnew without t or a usable deltat")
         notes.append(f"frame times from deltat = {frame * 1e6:.6g} us")
         time = frame * np.arange(radius.size)
-    unit = "m" if np.nanmax(radius, initial=0.0) < _LARGEST else None  # some files have um
+    unit = "m" if np.nanmax(radius, initial=0.0) < _LARGEST_RADIUS else None  # some files have um
     return _rows(time, radius, time_unit="s", radius_unit=unit, meta={"notes": hints + notes, "hints": hints})
 
 
@@ -180,7 +180,7 @@ def _rows(time: Floats, radius: Floats, **options: Any) -> list[RadiusCurve]:
 
 def _read_version5(path: Path, names_wanted: Container[str]) -> tuple[Variables, list[str]]:
     """Do what `read_variables` does, for versions 5 to 7."""
-    limits.few(path.stat().st_size, limits.INFLATED, "bytes")
+    limits.check(path.stat().st_size, limits.INFLATED, "bytes")
     content = path.read_bytes()
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128], "")
     require(order != "", "not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged", _DAMAGED)
@@ -191,7 +191,7 @@ def _read_version5(path: Path, names_wanted: Container[str]) -> tuple[Variables,
         if kind not in (_MATRIX, _DEFLATED) or not data:
             continue
         inflate = zlib.decompressobj()
-        head = inflate.decompress(data, _HEAD) if kind == _DEFLATED else data
+        head = inflate.decompress(data, _HEAD_SIZE) if kind == _DEFLATED else data
         name = _header(head[8:] if kind == _DEFLATED else head, order)[2]
         names += [name] if name else []
         if name not in names_wanted:
@@ -201,8 +201,8 @@ def _read_version5(path: Path, names_wanted: Container[str]) -> tuple[Variables,
             left -= len(data)
             most = f"{name} unpacks to more than {limits.INFLATED} bytes in all"
             require(left >= 0 and not inflate.unconsumed_tail, most, "limits.unpacked")
-            require(inflate.eof, f"{name} is cut off", _CUT)
-            kind, data = next(_elements(data, order), _NOTHING)
+            require(inflate.eof, f"{name} is cut off", _CUT_OFF)
+            kind, data = next(_elements(data, order), _NO_ELEMENT)
         if kind == _MATRIX and (value := _value(data, order, name)) is not None:
             variables[name] = value
     return variables, names
@@ -220,7 +220,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
             start = at + 8
             after = start + length + (0 if kind == _DEFLATED else -length % 8)
         left = len(data) - start
-        require(length <= left, f"cut off: an element of {length} bytes begins where {left} are left", _CUT)
+        require(length <= left, f"cut off: an element of {length} bytes begins where {left} are left", _CUT_OFF)
         yield kind, data[start : start + length]
         at = after
 
@@ -228,7 +228,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterator[tuple[int, bytes]]]:
     """Return (class, shape, name, the elements that follow) of an array; class 0 stands for complex numbers."""
     parts = _elements(data, order)
-    flags, shape, name = (next(parts, _NOTHING)[1] for _ in range(3))
+    flags, shape, name = (next(parts, _NO_ELEMENT)[1] for _ in range(3))
     require(len(flags) >= 4 and len(shape) % 4 == 0, "an array without flags or dimensions", _DAMAGED)
     bits = struct.unpack_from(order + "I", flags)[0]
     array_class = 0 if bits & _COMPLEX else bits & 0xFF
@@ -246,16 +246,16 @@ def _value(data: bytes, order: str, name: str = "") -> Any:
             if kind == _MATRIX:
                 value = _value(part, order)
                 arrays.append(np.empty(0) if value is None else value.ravel(order="F"))
-                limits.few(len(arrays), limits.CURVES, f"cells of {name}")
+                limits.check(len(arrays), limits.CURVES, f"cells of {name}")
         return arrays
     if array_class not in _NUMERIC:
         return None
     kind, numbers = next(parts, (9, b""))
     label = name or "a cell"
-    require(kind in _NUMBERS, f"{label}: numbers of the unknown type {kind}", _DAMAGED)
-    item = np.dtype(order + _NUMBERS[kind])
+    require(kind in _NUMBER_TYPES, f"{label}: numbers of the unknown type {kind}", _DAMAGED)
+    item = np.dtype(order + _NUMBER_TYPES[kind])
     count = len(numbers) // item.itemsize
-    limits.few(count, limits.SAMPLES, f"numbers in {label}")
+    limits.check(count, limits.SAMPLES, f"numbers in {label}")
     fits = min(shape, default=0) >= 0 and prod(shape) == count
     require(fits, f"{label}: {count} numbers for an array of the shape {shape}", _DAMAGED)
     return np.frombuffer(numbers, item, count).astype(np.float64).reshape(shape, order="F")

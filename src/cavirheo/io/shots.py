@@ -13,17 +13,17 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, numbered, require, sha256
-from cavirheo.io.curves import ONE_SCALE
+from cavirheo.errors import InputError, as_path, parse_number_list, require, sha256
+from cavirheo.io.curves import SCALE_TOLERANCE
 from cavirheo.io.files import file_label, guarded
 from cavirheo.io.tables import Name, Term, Vocabulary, kind_of, read_columns
 from cavirheo.parameters import RADIUS
 from cavirheo.video.frames import is_video
 
-SIZE = "R_max"  # given instead of the path of a table
-LOG_SIZE = "log10(R_max/µm)"  # title of the column that `SIZE` stands for
+R_MAX = "R_max"  # given instead of the path of a table
+LOG_R_MAX = "log10(R_max/µm)"  # title of the column that `R_MAX` stands for
 _LISTED = 5  # most names in a message
-_DECLARED = Vocabulary(
+_COLUMN_TABLE = Vocabulary(
     {"any": Term("")},
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
     ["any"],
@@ -129,7 +129,7 @@ def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
 
 def shot_numbers(shots: Chosen) -> list[int] | None:
     """Return the numbers, sorted and each once; None for all. Raises InputError: no valid list, or a number below 1."""
-    return None if shots is None else numbered(shots, "shots", "option.shots")
+    return None if shots is None else parse_number_list(shots, "shots", "option.shots")
 
 
 def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
@@ -179,8 +179,8 @@ def read_shots(
             curves += [path] if isinstance(path, RadiusCurve) else read_curves(path, **options)
         except InputError as error:
             problems.append(str(error))
-    curves, remarks = _without_copies(curves)
-    curves = _grouped(_with_unlike_names(curves), group)
+    curves, remarks = _unique_recordings(curves)
+    curves = _grouped(_with_unique_names(curves), group)
     groups_of: dict[str, dict[str, None]] = {}
     for curve in curves:
         for hint in curve.hints:
@@ -192,24 +192,24 @@ def read_shots(
     return CurveSet(curves, problems, remarks, hints)
 
 
-def samples_of(curve: RadiusCurve) -> bytes:
+def sample_hash(curve: RadiusCurve) -> bytes:
     """Return a hash of the samples, equal in every file with this recording; without samples, of the curve's origin."""
     content = curve.time.tobytes() + curve.radius.tobytes()
     return hashlib.sha256(content or f"{curve.source}: {curve.name}: {curve.unusable}".encode()).digest()
 
 
-def _without_copies(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
+def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
     """Return (the curves without repeated recordings, a remark on each repetition)."""
     first: dict[bytes, RadiusCurve] = {}
     remarks: list[str] = []
     for curve in curves:
-        if (earlier := first.setdefault(samples_of(curve), curve)) is not curve:
+        if (earlier := first.setdefault(sample_hash(curve), curve)) is not curve:
             copy, original = (f"{each.name} ({each.source})" for each in (curve, earlier))
             remarks.append(f"{copy} is the same recording as {original}: it is counted once")
     return list(first.values()), remarks
 
 
-def _with_unlike_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
+def _with_unique_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
     """Return the curves with unique names: a shared name gets folders before it, or the file's ending or a number."""
     sharing: dict[str, list[int]] = {}
     for k, curve in enumerate(curves):
@@ -222,8 +222,8 @@ def _with_unlike_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
         with_endings = [name + path.suffix for path in paths]
         numbered_names = [f"{name} ({k})" for k in range(1, len(places) + 1)]
         candidates = (*with_folders, with_endings)
-        unlike = next((names for names in candidates if len(set(names)) == len(places)), numbered_names)
-        for k, new in zip(places, unlike, strict=True):
+        unique = next((names for names in candidates if len(set(names)) == len(places)), numbered_names)
+        for k, new in zip(places, unique, strict=True):
             curves[k] = curves[k].labelled(name=new)
     return curves
 
@@ -263,7 +263,7 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
     option, ends = f"--rmax-um {1e6 * max_radius:g}", f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
     message = f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them: "
     message += "give the R_max of each shot in a column rmax_um of the file, or each shot in a run of its own"
-    require(factors[high] <= (1.0 + ONE_SCALE) * factors[low], message, "option.several_scales")
+    require(factors[high] <= (1.0 + SCALE_TOLERANCE) * factors[low], message, "option.several_scales")
     pixels = any(curve.unscaled for curve in curves)
     return scaled, [option + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]
 
@@ -277,12 +277,12 @@ def check_max_radius(max_radius: float | None) -> None:
 
 
 def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
-    """Return the curves, each with its value from a table (`read_column`), or log10 of its R_max if `path` is `SIZE`.
+    """Return the curves, each with its value from a table (`read_column`), or log10 of its R_max if `path` is `R_MAX`.
 
     Raises InputError: no such table, a name without a curve, a curve without a value, or no group with several values.
     """
-    if is_size(path):
-        title, labelled = LOG_SIZE, with_size(curves)
+    if is_r_max(path):
+        title, labelled = LOG_R_MAX, with_r_max(curves)
     else:
         title, values = read_column(path)
         require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
@@ -302,19 +302,19 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
     return labelled
 
 
-def is_size(path: str | Path) -> bool:
+def is_r_max(path: str | Path) -> bool:
     """Whether `path` means the R_max of each shot, not a table. Raises InputError: a file of this name exists."""
-    message = f"{SIZE} stands for the R_max of each shot, but a file has this name: rename the file (to {SIZE}.csv)"
-    require(str(path) != SIZE or not Path(path).is_file(), message, "column.size")
-    return str(path) == SIZE
+    message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename the file (to {R_MAX}.csv)"
+    require(str(path) != R_MAX or not Path(path).is_file(), message, "column.size")
+    return str(path) == R_MAX
 
 
-def with_size(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
+def with_r_max(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
     """Return the curves; each one with an R_max has log10 of it (in um) as its value."""
     labelled = list(curves)
     for k, curve in enumerate(curves):
         with suppress(InputError):  # no scale, or no maximum
-            labelled[k] = curve.labelled(column={LOG_SIZE: float(np.log10(1e6 * curve.max_radius))})
+            labelled[k] = curve.labelled(column={LOG_R_MAX: float(np.log10(1e6 * curve.max_radius))})
     return labelled
 
 
@@ -345,9 +345,9 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
     """
     path = Path(path)
     with guarded(path):
-        (table,) = read_columns(path, _DECLARED)
+        (table,) = read_columns(path, _COLUMN_TABLE)
         two = len(table.titles) == 2 and len(table.columns) == 2
-        require(two, f"the titles are {', '.join(table.titles[:3])}; {_DECLARED.expected}", "column.head")
+        require(two, f"the titles are {', '.join(table.titles[:3])}; {_COLUMN_TABLE.expected}", "column.head")
         names, numbers = table.columns
         values: dict[str, float] = {}
         for (line, texts), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
@@ -360,5 +360,5 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
 
 def listed(names: Sequence[str]) -> str:
     """Return the first names, and how many more there are, for a message."""
-    unlike = list(dict.fromkeys(names))
-    return (", ".join(unlike[:_LISTED]) or "nothing") + f" and {len(unlike) - _LISTED} more" * (len(unlike) > _LISTED)
+    unique = list(dict.fromkeys(names))
+    return (", ".join(unique[:_LISTED]) or "nothing") + f" and {len(unique) - _LISTED} more" * (len(unique) > _LISTED)

@@ -31,8 +31,8 @@ from cavirheo.writing.packing import decode, encode
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
-_KINDS = (RadiusCurve, Message, CurveSet, Footage, Measurement, StatedNumber, Track, InputError)
-KINDS: dict[str, Any] = {kind.__name__: kind for kind in _KINDS}
+_SENT_TYPES = (RadiusCurve, Message, CurveSet, Footage, Measurement, StatedNumber, Track, InputError)
+KINDS: dict[str, Any] = {kind.__name__: kind for kind in _SENT_TYPES}
 _SPAWN = multiprocessing.get_context("spawn")
 Report = Callable[[float, str], Any]
 
@@ -41,12 +41,12 @@ class Reader:
     """Child processes that read files, each one call at a time. They stay alive between the calls, and a process that
     fails is replaced."""
 
-    def __init__(self, seconds: float, *, processes: int = 1, at_once: bool = True) -> None:
-        """seconds: time limit of a call. at_once: start one process now, so that the first file need not wait."""
+    def __init__(self, seconds: float, *, processes: int = 1, prestart: bool = True) -> None:
+        """seconds: time limit of a call. prestart: start one process now, so that the first file need not wait."""
         self.seconds, self._processes = seconds, processes
         self._free: LifoQueue[_Child | None] = LifoQueue()  # the process used last comes first; None: not started
         for k in range(processes):
-            self._free.put(_Child() if at_once and k == processes - 1 else None)
+            self._free.put(_Child() if prestart and k == processes - 1 else None)
 
     def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> tuple[list[RadiusCurve], list[str]]:
         """Return (the curves, all problems, remarks and hints) of `read_shots`, without the names of folders.
@@ -64,13 +64,13 @@ class Reader:
             curves.append(curve.labelled(source=Path(curve.source).name, **group))
         return curves, remarks
 
-    def measure(self, path: Path, images: Path, most: float, say: Report, **options: Any) -> Measurement:
-        """Measure as `cavirheo.measure`; the frames, `most` bytes at most, are saved in `images` (.npy) and mapped."""
-        measurement = self.ask([path], (_measure, str(path), str(images), most, options), say)
+    def measure(self, path: Path, images: Path, limit: float, report: Report, **options: Any) -> Measurement:
+        """Measure as `cavirheo.measure`; the frames, `limit` bytes at most, are saved in `images` (.npy) and mapped."""
+        measurement = self.ask([path], (_measure, str(path), str(images), limit, options), report)
         footage = replace(measurement.recording, frames=np.load(images, mmap_mode="r"))
         return replace(measurement, recording=footage)
 
-    def ask(self, paths: Sequence[Path], call: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
+    def ask(self, paths: Sequence[Path], call: tuple[Any, ...], report: Report = lambda *_: None) -> Any:
         """Return the result of `call`, (function, *arguments), in a child, which puts its pipe before the arguments.
 
         Raises InputError: as `read`.
@@ -85,7 +85,7 @@ class Reader:
             child.pipe.send_bytes(encode((function.__module__, function.__name__, *arguments)))
             end, answer = monotonic() + self.seconds, 0.0
             while isinstance(answer, float):
-                say(answer, "of the frames")  # the share measured so far
+                report(answer, "of the frames")  # the share measured so far
                 require(child.pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
                 answer = decode(child.pipe.recv_bytes(), KINDS)
         except BaseException as error:  # after any error, Ctrl-C included, the state of the process is unknown
@@ -113,10 +113,10 @@ class _Child:
     """One process, and the pipe to it."""
 
     def __init__(self) -> None:
-        self.pipe, theirs = _SPAWN.Pipe()
-        self.process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
+        self.pipe, child_end = _SPAWN.Pipe()
+        self.process = _SPAWN.Process(target=_serve, args=(child_end,), daemon=True)
         self.process.start()
-        theirs.close()
+        child_end.close()
 
     def end(self) -> None:
         self.process.kill()
@@ -147,14 +147,14 @@ def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]
     return read_shots(files, **options)
 
 
-def _measure(pipe: Connection, path: str, images: str, most: float, options: dict[str, Any]) -> Measurement:
+def _measure(pipe: Connection, path: str, images: str, limit: float, options: dict[str, Any]) -> Measurement:
     def begin(frames: int) -> Callable[[], None]:
         frame = count(1)
         return lambda: pipe.send_bytes(encode(next(frame) / frames))
 
     measurement, _ = examine(path, begin=begin, **options)
     frames = measurement.recording.frames
-    message = f"{path}: its frames are {frames.nbytes / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are shown here"
-    require(frames.nbytes <= most, f"{message}: cut it to the bubble, or use cavirheo measure", "app.too_large")
+    message = f"{path}: its frames are {frames.nbytes / 1e6:.0f} MB; at most {limit / 1e6:.0f} MB are shown here"
+    require(frames.nbytes <= limit, f"{message}: cut it to the bubble, or use cavirheo measure", "app.too_large")
     np.save(images, frames)
     return replace(measurement, recording=replace(measurement.recording, frames=frames[:0]))

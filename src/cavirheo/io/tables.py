@@ -29,7 +29,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, from_cell, is_float, require, without_unseen
+from cavirheo.errors import InputError, from_cell, is_float, require, without_invisible
 from cavirheo.io import limits
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -47,11 +47,11 @@ _WORDS_OF_UNITS = {
 _UNITS_BY_WORD = {word: unit for unit, words in _WORDS_OF_UNITS.items() for word in words.split()}
 _SEPARATORS = ("\t", ";", ",", None)  # None: spaces
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
-_MISSING = {"nan", "na", "n/a", "null", "none", "#n/a"}
-_WITH_COMMA = re.compile(r"[+-]?\d+,\d*(e[+-]?\d+)?", re.I)
+_MISSING_WORDS = {"nan", "na", "n/a", "null", "none", "#n/a"}
+_COMMA_NUMBER = re.compile(r"[+-]?\d+,\d*(e[+-]?\d+)?", re.I)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
-_WITH_POINT = re.compile(r"[+-]?(\d+\.\d*|\.\d+)(e[+-]?\d+)?", re.I)
-_LONGEST = 120  # characters of a title; a longer text is a sentence, and slow to match
+_POINT_NUMBER = re.compile(r"[+-]?(\d+\.\d*|\.\d+)(e[+-]?\d+)?", re.I)
+_LONGEST_TITLE = 120  # characters of a title; a longer text is a sentence, and slow to match
 # words that mark a row which is no measurement, in the form of `plain_title`
 _SUMMARIES = "mean average avg median sum total std sd stdev stddev min max mittel mittelwert summe moyenne media"
 _LISTED = 8  # most titles in a message
@@ -82,7 +82,7 @@ class Term:
     unit: str | None = None  # the unit of a title without one; None: the title must name a unit
     label: str = ""  # its name in messages
     hint: str = ""  # how to write a missing unit
-    twice: str = "keep the one that counts"  # how to mend a table with two such columns
+    duplicate_advice: str = "keep the one that counts"  # how to mend a table with two such columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +92,11 @@ class Vocabulary:
 
     terms: Mapping[str, Term]
     expected: str  # what a table should contain, for messages
-    need: Sequence[str]  # kinds of column that a header must name, "time|frame" for one of two
+    required: Sequence[str]  # kinds of column that a header must name, "time|frame" for one of two
     codes: Mapping[str, str] = field(default_factory=dict)  # error code by mistake, if not "tabular.<mistake>"
     fallback: Callable[[str], Name] | None = None  # interprets a title that no term names
     sections: bool = False
-    bare: bool = False  # whether numbers without titles are a table, too
+    allows_no_header: bool = False  # whether numbers without titles are a table, too
 
     @lru_cache(4096)  # noqa: B019  a vocabulary lives as long as the program
     def name(self, title: str) -> Name:
@@ -108,7 +108,7 @@ class Vocabulary:
 
     def name_by_words(self, title: str) -> Name:
         """Do what `name` does, but only by the words of the vocabulary, without `fallback`."""
-        if len(title) > _LONGEST:
+        if len(title) > _LONGEST_TITLE:
             return Name()
         text, with_foreign_unit = _plain(title).strip(), Name()
         for cut in re.finditer(r"\s*[\s_\[(/,.\-]\s*((in|en)\s)?", text):
@@ -130,7 +130,7 @@ class Vocabulary:
     def missing(self, texts: list[str]) -> list[str]:
         """Return the columns that a table needs but these titles do not name."""
         kinds = {self.name(cell).kind for cell in texts}
-        return [kind for kind in self.need if kinds.isdisjoint(kind.split("|"))]
+        return [kind for kind in self.required if kinds.isdisjoint(kind.split("|"))]
 
     def term(self, title: str) -> Term:
         """Return the term that a title names, or an empty term without units."""
@@ -150,7 +150,7 @@ class Column:
     """One column of a table; its cells are interpreted only when they are used."""
 
     table: Table
-    at: int  # its index, from 0
+    index: int  # its index, from 0
     title: str  # as it is written, with the unit from the row below, if any
     name: Name
     term: Term
@@ -163,7 +163,7 @@ class Column:
     @property
     def text(self) -> list[str]:
         """(rows,) cells; "" for a missing one."""
-        return [texts[self.at] if self.at < len(texts) else "" for _, texts in self.table.rows]
+        return [texts[self.index] if self.index < len(texts) else "" for _, texts in self.table.rows]
 
     @cached_property
     def numbers(self) -> Floats:
@@ -175,7 +175,7 @@ class Column:
         if is_float(cell):
             return float(cell)
         vocabulary, place = self.table.vocabulary, f"row {row.number}, column {self.title!r}: {cell[:30]!r}"
-        if _WITH_COMMA.fullmatch(cell):
+        if _COMMA_NUMBER.fullmatch(cell):
             two = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
             message = f"{place} could be {two}: is the comma decimal? export with decimal points only"
             raise vocabulary.error("comma", message)
@@ -205,7 +205,7 @@ class Column:
         return units[unit]
 
     @property
-    def assumed(self) -> list[str]:
+    def assumed_unit_notes(self) -> list[str]:
         """A note, in a list, if the unit is not from the title but from the vocabulary; else empty."""
         message = f"{self.title!r} has no unit: taken to be in {self.term.unit}"
         return [message] if self.name.unit is None and self.term.unit else []
@@ -226,31 +226,31 @@ class Table:
     def columns(self) -> list[Column]:
         """The columns whose titles the vocabulary knows."""
         name, term = self.vocabulary.name, self.vocabulary.term
-        titles = [(at, title) for at, title in enumerate(self.titles) if name(title).kind]
-        return [Column(self, at, title, name(title), term(title)) for at, title in titles]
+        titles = [(index, title) for index, title in enumerate(self.titles) if name(title).kind]
+        return [Column(self, index, title, name(title), term(title)) for index, title in titles]
 
     def all(self, kind: str) -> list[Column]:
         return [column for column in self.columns if column.name.kind == kind]
 
-    def only(self, kind: str) -> Column | None:
+    def find(self, kind: str) -> Column | None:
         """Return the only column of a kind, or None. Raises InputError: there are several."""
-        return self.single(self.all(kind))
+        return self.at_most_one(self.all(kind))
 
-    def single(self, columns: Sequence[Column]) -> Column | None:
+    def at_most_one(self, columns: Sequence[Column]) -> Column | None:
         """Return the only one of these columns of one kind, or None. Raises InputError: there are several."""
         if len(columns) > 1:
             two, term = " and ".join(repr(column.title) for column in columns[:2]), columns[0].term
-            message = f"two columns for {term.label or columns[0].name.kind}: {two}; {term.twice}"
+            message = f"two columns for {term.label or columns[0].name.kind}: {two}; {term.duplicate_advice}"
             raise self.vocabulary.error("twice", message)
         return columns[0] if columns else None
 
     def column(self, kind: str) -> Column:
         """Return the only column of a kind that the table must have. Raises InputError: there are several."""
-        column = self.only(kind)
+        column = self.find(kind)
         assert column is not None
         return column
 
-    def part(self, rows: list[Row]) -> Table:
+    def with_rows(self, rows: list[Row]) -> Table:
         """Return the table with these rows only."""
         return replace(self, rows=rows)
 
@@ -267,7 +267,7 @@ def read_columns(path: Path, vocabulary: Vocabulary) -> list[Table]:
     sheets = _read_sheets(path, vocabulary)
     tables = [table for sheet in sheets for table in _tables(sheet)]
     rows = [row.texts for sheet in sheets for row in sheet.rows]
-    if not tables and vocabulary.bare and rows and all(map(is_number, rows[0])):
+    if not tables and vocabulary.allows_no_header and rows and all(map(is_number, rows[0])):
         return sheets
     if not tables:
         raise _no_titles(rows, vocabulary)
@@ -296,7 +296,7 @@ def _tables(sheet: Table) -> Iterator[Table]:
     for at, end in zip(starts, [*starts[1:], None], strict=False):
         rows, notes = sheet.rows[at + 1 : end], [*sheet.notes]
         notes += [f"{at} line{'s' * (at > 1)} above the titles left out"] if at and not vocabulary.sections else []
-        titles, below = _with_units(sheet.rows[at].texts, rows, vocabulary)
+        titles, below = _titles_with_units(sheet.rows[at].texts, rows, vocabulary)
         rows = rows[len(below) :]
         units = ", ".join(cell for row in below for cell in row.texts if cell)
         notes += [f"units from the row below the titles: {units}"] if units else []
@@ -323,21 +323,21 @@ def _begins_section(row: Row) -> bool:
     return filled[0].startswith("[") or filled[0].endswith(":") or not any(map(is_number, filled))
 
 
-def _with_units(titles: list[str], rows: list[Row], vocabulary: Vocabulary) -> tuple[list[str], list[Row]]:
+def _titles_with_units(titles: list[str], rows: list[Row], vocabulary: Vocabulary) -> tuple[list[str], list[Row]]:
     """Return (titles with units from the rows of words below, these rows). Raises InputError: the units contradict."""
-    titles, below = list(titles), list(takewhile(lambda row: _are_words(titles, row.texts, vocabulary), rows))
+    titles, below = list(titles), list(takewhile(lambda row: _is_row_of_words(titles, row.texts, vocabulary), rows))
     for _, texts in below:
         for k, (title, cell) in enumerate(zip(titles, texts, strict=False)):
             kind, unit, _ = vocabulary.name(title)
-            units, bare = vocabulary.term(title).units, cell.strip("[]() ")
-            written = unit_of(bare, units)
-            if not units or (written is None and is_number(bare)):
+            units, inner = vocabulary.term(title).units, cell.strip("[]() ")
+            written = unit_of(inner, units)
+            if not units or (written is None and is_number(inner)):
                 continue
-            if unit not in (None, written or bare):
+            if unit not in (None, written or inner):
                 both = f"the column {title!r} has the unit {unit!r} in its title, and {cell!r} in the row below"
                 raise vocabulary.error("units", both)
             if not unit:
-                words = re.sub(r"[\s\[\]()]+", " ", bare)
+                words = re.sub(r"[\s\[\]()]+", " ", inner)
                 titles[k] = f"{title} ({words})"
                 if vocabulary.name(titles[k]).kind != kind:
                     no_unit = f"{cell[:30]!r} in the row below the title {title!r} is no unit of it"
@@ -345,7 +345,7 @@ def _with_units(titles: list[str], rows: list[Row], vocabulary: Vocabulary) -> t
     return titles, below
 
 
-def _are_words(titles: list[str], texts: list[str], vocabulary: Vocabulary) -> bool:
+def _is_row_of_words(titles: list[str], texts: list[str], vocabulary: Vocabulary) -> bool:
     """Whether a row has words and units, not numbers, in the columns that have units."""
     measured = [(cell, vocabulary.term(title).units) for title, cell in zip(titles, texts, strict=False) if cell]
     measured = [(cell, units) for cell, units in measured if units]
@@ -360,9 +360,9 @@ def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Table]:
         kind = kind_of(file.read(1024))
     require(kind != "binary", "neither text nor a workbook", "tabular.binary")
     if kind == "text":
-        limits.few(path.stat().st_size, limits.TEXT, "bytes of text")
+        limits.check(path.stat().st_size, limits.TEXT, "bytes of text")
         content = path.read_bytes()
-        limits.few(content.count(b"\n") + 1, limits.ROWS, "lines")
+        limits.check(content.count(b"\n") + 1, limits.ROWS, "lines")
         sheets = [_text_table(_decoded(content), vocabulary)]
     else:
         from cavirheo.io.workbook import read_workbook
@@ -370,7 +370,7 @@ def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Table]:
         books = read_workbook(path, None if vocabulary.sections else 1)
         sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in books]
     for sheet in sheets:
-        limits.few(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
+        limits.check(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
         _replace_signs(sheet)
     return sheets
 
@@ -393,10 +393,10 @@ def _decoded(content: bytes) -> str:
 def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     """Split a text into rows by the first separator that makes one row a header, else by the first one that all of the
     first twenty lines contain. Comments are rows (without # or %) only if no other line is a header."""
-    text, invisible = without_unseen(text)
+    text, invisible = without_invisible(text)
     lines = text.splitlines()
-    limits.few(len(lines), limits.ROWS, "lines")
-    limits.few(max(map(len, lines), default=0), limits.LINE, "characters in one line")
+    limits.check(len(lines), limits.ROWS, "lines")
+    limits.check(max(map(len, lines), default=0), limits.LINE, "characters in one line")
     data = ["" if line.lstrip().startswith(("#", "%")) else line for line in lines]
     rows = _rows_with_header(data, vocabulary)
     if rows is None and data != lines:
@@ -438,7 +438,7 @@ def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
     try:
         for texts in reader:
             total += len(texts)
-            limits.few(total, limits.SAMPLES, "cells")
+            limits.check(total, limits.SAMPLES, "cells")
             if any(texts := [from_cell(cell.strip()) for cell in texts]):
                 yield Row(reader.line_num, texts)
     except csv.Error as error:
@@ -452,19 +452,19 @@ def _replace_signs(sheet: Table) -> None:
         texts[:] = [cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts]
     data = [texts for texts in rows if all(map(is_number, texts))] or rows  # lines above a table do not count
     values = {cell for texts in data for cell in texts}
-    commas = filter(_WITH_COMMA.fullmatch, values)
+    commas = filter(_COMMA_NUMBER.fullmatch, values)
     # commas are decimal if no number has a point and at least one comma cannot separate thousands
-    if not any(map(_WITH_POINT.fullmatch, values)) and not all(map(_THOUSANDS.fullmatch, commas)):
-        count = sum(bool(_WITH_COMMA.fullmatch(cell)) for texts in rows for cell in texts)
+    if not any(map(_POINT_NUMBER.fullmatch, values)) and not all(map(_THOUSANDS.fullmatch, commas)):
+        count = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for texts in rows for cell in texts)
         sheet.notes.append(f"{count} decimal commas")
         for texts in rows:
-            texts[:] = [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in texts]
+            texts[:] = [cell.replace(",", ".") if _COMMA_NUMBER.fullmatch(cell) else cell for cell in texts]
 
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number or marks a missing one: it is empty, a word such as nan, or signs such as ---."""
-    missing = cell.strip().lower() in _MISSING or not re.search(r"\w", cell)
-    return missing or is_float(cell) or bool(_WITH_COMMA.fullmatch(cell))
+    missing = cell.strip().lower() in _MISSING_WORDS or not re.search(r"\w", cell)
+    return missing or is_float(cell) or bool(_COMMA_NUMBER.fullmatch(cell))
 
 
 def _plain(text: str) -> str:
@@ -479,9 +479,9 @@ def plain_title(text: str) -> str:
     return re.sub(r"[\s_\-.,:;=/^()\[\]{}]+", "", _plain(text).lower())
 
 
-def unit_of(written: str, units: Mapping[str, float]) -> str | None:
+def unit_of(text: str, units: Mapping[str, float]) -> str | None:
     """Return the unit of `units` that is written, or None. `rad/s` is read as rads, `s^-1` as s-1, `µm` as um; capitals
     count if only they differ: mPa is not MPa."""
-    unit = re.sub(r"[\s/·⋅.*^_()\[\]{}]+", "", _plain(written).replace("μ", "u"))
+    unit = re.sub(r"[\s/·⋅.*^_()\[\]{}]+", "", _plain(text).replace("μ", "u"))
     spellings = (unit, unit.lower(), _UNITS_BY_WORD.get(unit), _UNITS_BY_WORD.get(unit.lower()))
     return next((spelling for spelling in spellings if spelling in units), None)

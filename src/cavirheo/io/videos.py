@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple, Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, number_of, sha256
+from cavirheo.errors import InputError, as_path, parse_number, sha256
 from cavirheo.io.files import file_label, guarded
-from cavirheo.video.frames import CAMERAS, STACKS
+from cavirheo.video.frames import CAMERA_ENDINGS, STACK_ENDINGS
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
 
@@ -52,9 +52,9 @@ def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> Rad
     digest = None if path.is_dir() else sha256(path)
     origin = {"name": path.stem, "group": path.stem, "source": file_label(path), "source_sha256": digest}
     if sheet:
-        from cavirheo.video.picture import address, contact_sheet
+        from cavirheo.video.picture import contact_sheet, data_url
 
-        origin["contact_sheet"] = address(contact_sheet(measurement))
+        origin["contact_sheet"] = data_url(contact_sheet(measurement))
     return measurement.curve(**origin)
 
 
@@ -75,14 +75,14 @@ class Camera(NamedTuple):
 def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -> tuple[Camera, list[str]]:
     """Return (the camera in these texts; for each field, why a recording with this ending cannot be measured with it,
     or ""). unscaled: the file is known to state no scale."""
-    played = "missing: type the rate of the camera; the file states only how fast it is played"
+    rate = "missing: type the rate of the camera; the file states only how fast it is played"
     scale = "missing: type how many micrometres a pixel shows"
-    wrong = ["" if ending in CAMERAS else played, scale if unscaled or ending not in STACKS else "", ""]
+    errors = ["" if ending in CAMERA_ENDINGS else rate, scale if unscaled or ending not in STACK_ENDINGS else "", ""]
     values: list[float | None] = [None, None, None]
     for k, (text, field) in enumerate(zip(texts, Camera._fields, strict=True)):
         try:
-            if (value := number_of(text, field.replace("_", " "))) is not None:
-                values[k], wrong[k] = value, "" if 0 < value < inf else "must be a positive number"
+            if (value := parse_number(text, field.replace("_", " "))) is not None:
+                values[k], errors[k] = value, "" if 0 < value < inf else "must be a positive number"
         except InputError as error:
-            wrong[k] = str(error)
-    return Camera(*values), wrong
+            errors[k] = str(error)
+    return Camera(*values), errors

@@ -17,23 +17,23 @@ from pathlib import Path
 
 MEMORY = 400_000_000  # bytes of address space of the child
 _SECONDS = 30.0
-_TOO_MUCH, _NO_BOOK = 3, 4  # exit statuses of the child; after the first, its message begins with the limit's code
+_TOO_LARGE, _NO_BOOK = 3, 4  # exit statuses of the child; after the first, its message begins with the limit's code
 _PARTS = ("[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml")  # a zipped workbook has one of them
 
 
-def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[tuple[int, list[str]]]]]:
-    """Return (name, [(row number from 1, cells)]) for each of the first `most` visible sheets (None: all), in the order
-    of their tabs, without empty rows.
+def read_workbook(path: Path, max_sheets: int | None = None) -> list[tuple[str, list[tuple[int, list[str]]]]]:
+    """Return (name, [(row number from 1, cells)]) for each of the first `max_sheets` visible sheets (None: all), in the
+    order of their tabs, without empty rows.
 
     Raises:
         InputError: no workbook, or damaged ("tabular.workbook"); another archive ("tabular.archive"); beyond a limit
             ("limits.bytes", "limits.unpacked", "limits.cells", "limits.text", "limits.memory", "limits.time").
     """
-    from cavirheo.errors import InputError, require, without_unseen
+    from cavirheo.errors import InputError, require, without_invisible
     from cavirheo.io import limits
 
-    most_of = (most or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.WORKBOOK_CELLS, limits.TEXT)
-    command = [sys.executable, "-P", __file__, str(path), *map(str, most_of)]
+    arguments = (max_sheets or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.WORKBOOK_CELLS, limits.TEXT)
+    command = [sys.executable, "-P", __file__, str(path), *map(str, arguments)]
     try:
         child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired:
@@ -42,7 +42,7 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
     answer = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     archive = f"a zip archive of {answer}, and no workbook: unpack it, and give the files or the folder that holds them"
     require(child.returncode != _NO_BOOK, archive, "tabular.archive")
-    if child.returncode == _TOO_MUCH:
+    if child.returncode == _TOO_LARGE:
         code, _, message = answer.partition(" ")
         raise InputError(f"the workbook {message} are not read; save the table alone as CSV", code)
     # killed by a signal, or a message such as "MemoryError" or "memory allocation ... failed"
@@ -52,7 +52,7 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
     require(child.returncode == 0, damaged, "tabular.workbook")
     sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
     for number, texts in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
-        texts = [text if text.isprintable() else without_unseen(text)[0] for text in texts]
+        texts = [text if text.isprintable() else without_invisible(text)[0] for text in texts]
         if number:
             sheets[-1][1].append((number, texts))
         else:
@@ -60,7 +60,7 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
     return sheets
 
 
-def _write_rows(path: str, most: int, size: int, unpacked: int, most_cells: int, text: int) -> None:
+def _write_rows(path: str, max_sheets: int, max_bytes: int, max_unpacked: int, max_cells: int, max_text: int) -> None:
     """Print the sheets, in the child: lines of JSON, each a list of (row number, cells); (0, [name]) begins a sheet."""
     import zipfile
 
@@ -74,8 +74,8 @@ def _write_rows(path: str, most: int, size: int, unpacked: int, most_cells: int,
                 print(f"{len(names)} file{'s' * (len(names) > 1)} ({listed})", file=sys.stderr)
                 sys.exit(_NO_BOOK)
             declared = sum(part.file_size for part in archive.infolist())
-            _few(declared, unpacked, "limits.unpacked unpacks to", "bytes")
-        _few(file.seek(0, 2), size, "limits.bytes has", "bytes")
+            _exit_above(declared, max_unpacked, "limits.unpacked unpacks to", "bytes")
+        _exit_above(file.seek(0, 2), max_bytes, "limits.bytes has", "bytes")
         file.seek(0)
         book = CalamineWorkbook.from_filelike(file)
     sheets = [sheet for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
@@ -83,24 +83,24 @@ def _write_rows(path: str, most: int, size: int, unpacked: int, most_cells: int,
         raise ValueError("no sheet of cells")
     visible = [sheet for sheet in sheets if sheet.visible == SheetVisibleEnum.Visible] or sheets
     written = total = 0
-    for metadata in visible[: most or None]:
+    for metadata in visible[: max_sheets or None]:
         sheet = book.get_sheet_by_name(metadata.name)
         total += sheet.height * sheet.width
-        _few(total, most_cells, "limits.cells has", "cells")
+        _exit_above(total, max_cells, "limits.cells has", "cells")
         rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), (sheet.start or (0, 0))[0] + 1)
         chunk = [(0, [metadata.name])]
         while chunk:
             line = json.dumps([(number, filled) for number, filled in chunk if any(filled) or not number])
             written += len(line)
-            _few(written, text, "limits.text holds", "characters")
+            _exit_above(written, max_text, "limits.text holds", "characters")
             print(line)
             chunk = list(islice(rows, 100))
 
 
-def _few(count: int, most: int, what: str, of: str) -> None:
-    if count > most:
-        print(f"{what} {count} {of}: more than {most}", file=sys.stderr)
-        sys.exit(_TOO_MUCH)
+def _exit_above(count: int, limit: int, beginning: str, unit: str) -> None:
+    if count > limit:
+        print(f"{beginning} {count} {unit}: more than {limit}", file=sys.stderr)
+        sys.exit(_TOO_LARGE)
 
 
 def _text(cell: object) -> str:
@@ -109,10 +109,10 @@ def _text(cell: object) -> str:
 
 
 if __name__ == "__main__":
-    _most, _memory, *_limits = map(int, sys.argv[2:])
+    _max_sheets, _memory, *_limits = map(int, sys.argv[2:])
     with suppress(ImportError, ValueError, OSError):  # no such limit on this system: only the time limit holds
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_AS, (_memory, _memory))
-    _write_rows(sys.argv[1], _most, *_limits)
+    _write_rows(sys.argv[1], _max_sheets, *_limits)

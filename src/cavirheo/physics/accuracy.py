@@ -5,7 +5,7 @@ Steps are those of Rodas5P, a stiffly accurate, L-stable Rosenbrock method of or
 solution (G. Steinebach, BIT Numer. Math. 63, 27 (2023), doi:10.1007/s10543-023-00967-x). Its order is not
 reduced for parabolic problems with time-dependent boundary values, as for the vapour at the wall. In transformed form
 
-    (1/(h gamma) - J) u_i = f(y + sum_j A_ij u_j) + sum_j (C_ij/h) u_j + h drift_i df/dt,  f at t + when_i h;
+    (1/(h gamma) - J) u_i = f(y + sum_j A_ij u_j) + sum_j (C_ij/h) u_j + h w_i df/dt,  f at t + c_i h;
 
 the last stage is the error estimate.
 """
@@ -93,8 +93,8 @@ class Method(NamedTuple):
 
     A: np.ndarray
     C: np.ndarray
-    when: np.ndarray
-    drift: np.ndarray
+    stage_times: np.ndarray  # c
+    time_weights: np.ndarray  # w
     gamma: float
     order: int
 
@@ -132,8 +132,10 @@ def _square(rows: list[list[float]]) -> np.ndarray:
 RODAS5P = Method(
     A=_square(_A),
     C=_square(_C),
-    when=np.array([0.0, 3 * _GAMMA, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1.0, 1.0, 1.0]),
-    drift=np.array([_GAMMA, -2 * _GAMMA, -0.3384627126235924, 1.8046452872882734, 2.325825639765069, 0.0, 0.0, 0.0]),
+    stage_times=np.array([0.0, 3 * _GAMMA, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1.0, 1.0, 1.0]),
+    time_weights=np.array(
+        [_GAMMA, -2 * _GAMMA, -0.3384627126235924, 1.8046452872882734, 2.325825639765069, 0.0, 0.0, 0.0]
+    ),
     gamma=_GAMMA,
     order=5,
 )

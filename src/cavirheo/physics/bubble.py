@@ -14,7 +14,7 @@ MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the w
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
 DAMAGES = ("none", "first-rebound", "strain")  # kinds of damage of the elastic part
 FREE = "free"  # value of a field that is inferred with the other parameters
-FROM_NOTHING = ("confinement_inertia", "confinement_damping", "vapour_excess")  # numbers that are 0 by default
+ZERO_BY_DEFAULT = ("confinement_inertia", "confinement_damping", "vapour_excess")  # numbers that are 0 by default
 ACCOMMODATION = 0.07  # of vapour at the wall: median of real gels (docs/method/physics.md, section 3.5)
 _TITLES = {"real": "real bubble", "field": "field's bubble", "kinetic": "bubble with kinetic contents"}
 _DAMAGE_WORDS = {"none": "", "first-rebound": "damage", "strain": "damage by strain"}
@@ -117,7 +117,7 @@ class Bubble:
     def check_known(self) -> None:
         """Raises InputError for a value that is "free"; the message says what to give instead."""
         usual = {"accommodation": ACCOMMODATION} if self.contents == "kinetic" else {}
-        usual |= dict.fromkeys(FROM_NOTHING, 0.0)
+        usual |= dict.fromkeys(ZERO_BY_DEFAULT, 0.0)
         free = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
         if isinstance(self.damage, str) and self.damage != "none":
             free.append(f"damage=Damage(0.5, 1.5, {self.damage!r})")
@@ -137,7 +137,7 @@ class Bubble:
         """'real', 'field', 'kinetic, damage', 'field, confinement inertia'."""
         damped = self.confinement_damping != 0
         base = {("kinetic", True): "real", ("kinetic", False): "kinetic"}.get((self.contents, damped), "field")
-        hurt = _DAMAGE_WORDS[self.damage.by if isinstance(self.damage, Damage) else self.damage]
+        damage = _DAMAGE_WORDS[self.damage.by if isinstance(self.damage, Damage) else self.damage]
         more = {
             "confinement damping": damped and base == "field",
             "confinement inertia": self.wall_distance is not None or self.confinement_inertia != 0,
@@ -145,7 +145,7 @@ class Bubble:
             self.motion: self.motion != MOTIONS[0],
             "polytropic": self.exponent is not None,
         }
-        return ", ".join(filter(None, [base, hurt, *(word for word, has in more.items() if has)]))
+        return ", ".join(filter(None, [base, damage, *(word for word, applies in more.items() if applies)]))
 
     @property
     def title(self) -> str:

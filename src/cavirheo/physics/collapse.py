@@ -45,10 +45,10 @@ def inverse_square(
     f_model = (Z + sqrt(Z^2 + beta))^-2, Z = 2 beta A_RC (0.4637/Re + 0.56598/Re^2 + 5.7331/Re^3),
     beta = 1/(1 + Be/Ca), Be = 5/2 - sqrt(2/3) pi A_RC/lambda; symbols as in docs/method/physics.md, section 1.
     """
-    lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)
+    corrections, Be, Y = _terms(max_radius, stretch, viscosity, medium)
     beta = 1 / (1 + Be * np.asarray(shear_modulus, dtype=float) / medium.pressure)
     Z = beta * Y
-    return np.asarray((Z + np.sqrt(Z * Z + beta)) ** -2 - lost)
+    return np.asarray((Z + np.sqrt(Z * Z + beta)) ** -2 - corrections)
 
 
 def _terms(max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, medium: Medium) -> tuple[Floats, ...]:
@@ -81,9 +81,9 @@ def analytic_modulus(
     Zero or negative where t_1 is not shorter than without elasticity. With s = f_model^(-1/2), the two equations
     Z + sqrt(Z^2 + beta) = s and Z = beta Y give beta = s^2/(1 + 2 s Y).
     """
-    lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)
+    corrections, Be, Y = _terms(max_radius, stretch, viscosity, medium)
     with np.errstate(invalid="ignore"):  # a time longer than any collapse of the model
-        s = ((rayleigh_time(max_radius, medium) / np.asarray(time, dtype=float)) ** 2 + lost) ** -0.5
+        s = ((rayleigh_time(max_radius, medium) / np.asarray(time, dtype=float)) ** 2 + corrections) ** -0.5
     return np.asarray(((1 + 2 * s * Y) / (s * s) - 1) * medium.pressure / Be)
 
 
@@ -113,8 +113,8 @@ def simulated_time(
         missing = np.flatnonzero(np.isinf(times))
         materials = [NeoHookeanKelvinVoigt(float(G[i]), float(mu[i])) for i in missing]
         time = np.linspace(0.0, end[missing], _SAMPLES, axis=1)
-        of: Any = {"max_radius": R[missing], "stretch": stretches[missing], "time": time, "medium": medium}
-        for i, run in zip(missing, simulate_many(materials, **of, **options), strict=True):
+        shots: Any = {"max_radius": R[missing], "stretch": stretches[missing], "time": time, "medium": medium}
+        for i, run in zip(missing, simulate_many(materials, **shots, **options), strict=True):
             times[i] = _first_minimum(run.time, run.radius, run.velocity)
             if not np.isfinite(times[i]) and not run.ok:
                 raise SolverError(f"no collapse time: {run.status}")

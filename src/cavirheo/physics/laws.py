@@ -30,23 +30,23 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import FINITE, NOT_NEGATIVE, PARAMETERS, POSITIVE, POSITIVE_OR_INFINITE, check, within
-from cavirheo.physics.table import continued, hermite, read, scaled, tabulate
+from cavirheo.parameters import FINITE, NOT_NEGATIVE, PARAMETERS, POSITIVE, POSITIVE_OR_INFINITE, check, check_domain
+from cavirheo.physics.table import extend_table, hermite, look_up, scale_table, tabulate
 
 _RAISES = "Raises:\n    InputError: a parameter that is no number or out of its domain."
-SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: wider than the range of any collapse or stretch
+RATIO_MIN, RATIO_MAX = 1e-3, 1e3  # R/R_0: wider than the range of any collapse or stretch
 
 
 def nodes(spacing: float) -> Floats:
     """Nodes from SMALLEST to LARGEST, about `spacing` apart in log L; 1 is a node."""
-    n = int(np.ceil(np.log(LARGEST) / spacing))
-    return np.concatenate([np.geomspace(SMALLEST, 1, n + 1)[:-1], np.geomspace(1, LARGEST, n + 1)])
+    n = int(np.ceil(np.log(RATIO_MAX) / spacing))
+    return np.concatenate([np.geomspace(RATIO_MIN, 1, n + 1)[:-1], np.geomspace(1, RATIO_MAX, n + 1)])
 
 
-_COARSE = nodes(0.1)  # divided further where a law needs it
-_FINE = nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
-SHEAR = 2 * sqrt(3)  # shear rate at the wall over |U/R|
-SLOWEST, FASTEST = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant
+_COARSE_NODES = nodes(0.1)  # divided further where a law needs it
+_FINE_NODES = nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
+SHEAR_RATIO = 2 * sqrt(3)  # shear rate at the wall over |U/R|
+RATE_MIN, RATE_MAX = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant
 
 
 class Parts(NamedTuple):
@@ -60,7 +60,7 @@ class Parts(NamedTuple):
 class Material:
     """Base of laws and of sums of laws: frozen dataclasses with SI parameters, which define `parts`."""
 
-    proportional: ClassVar[str] = ""  # the parameter to which the whole stress is proportional, if any
+    proportional_to: ClassVar[str] = ""  # the parameter to which the whole stress is proportional, if any
     name: ClassVar[str]  # name in texts; by default from the class, "power-law" for PowerLaw
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -71,8 +71,8 @@ class Material:
         names = [name for base in reversed(cls.__mro__) for name in get_annotations(base) if name in PARAMETERS]
         described = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
         if described:
-            own = cleandoc(cls.__dict__.get("__doc__") or "")
-            cls.__doc__ = f"{own}\n\nParameters: {', '.join(described)}.\n\n{_RAISES}"
+            docstring = cleandoc(cls.__dict__.get("__doc__") or "")
+            cls.__doc__ = f"{docstring}\n\nParameters: {', '.join(described)}.\n\n{_RAISES}"
 
     def __post_init__(self) -> None:
         check(self)
@@ -111,14 +111,14 @@ class Elastic(Material):
 
     def table(self) -> Floats:
         """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law ends."""
-        table = tabulate(self.slope, _COARSE, origin=1.0)
+        table = tabulate(self.slope, _COARSE_NODES, origin=1.0)
         why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
         require(bool(table[0, 0] < 1 < table[-1, 0]), why, "physics.no_stress_at_rest")
         return table
 
     def stress(self, ratio: ArrayLike) -> Floats:
         """S_el in Pa at R/R_0 (any shape); NaN where the law does not hold."""
-        return read(table_of(self), ratio)[0]
+        return look_up(table_of(self), ratio)[0]
 
 
 class Viscous(Material):
@@ -134,18 +134,18 @@ class Viscous(Material):
     def stress(self, rate: ArrayLike) -> Floats:
         """S_v in Pa at U/R in 1/s (any shape)."""
         rate = np.asarray(rate, float)
-        return np.sign(rate) * read(table_of(self), np.abs(rate))[0]
+        return np.sign(rate) * look_up(table_of(self), np.abs(rate))[0]
 
     def table(self) -> Floats:
         """(n, 7) S_v over g >= 0 in Pa for the solver (physics/table.py)."""
-        nodes = np.geomspace(SLOWEST, FASTEST, 200)
-        table = tabulate(lambda g: -4 * self.apparent(SHEAR * g), nodes, origin=SLOWEST)
-        fine = (table[0, 0], table[-1, 0]) == (SLOWEST, FASTEST) and np.all(table[:, 2] <= 0)
+        nodes = np.geomspace(RATE_MIN, RATE_MAX, 200)
+        table = tabulate(lambda g: -4 * self.apparent(SHEAR_RATIO * g), nodes, origin=RATE_MIN)
+        fine = (table[0, 0], table[-1, 0]) == (RATE_MIN, RATE_MAX) and np.all(table[:, 2] <= 0)
         why = f"the viscosity of {self} must be finite and not negative at all shear rates"
         require(bool(fine), why, "physics.negative_viscosity")
-        slope, (value, last_slope, _) = table[0, 2], read(table, FASTEST)
-        table[:, 1] += SLOWEST * slope
-        return continued(table, (0.0, 0.0, slope), (FASTEST, float(value) + SLOWEST * slope, float(last_slope)))
+        slope, (value, last_slope, _) = table[0, 2], look_up(table, RATE_MAX)
+        table[:, 1] += RATE_MIN * slope
+        return extend_table(table, (0.0, 0.0, slope), (RATE_MAX, float(value) + RATE_MIN * slope, float(last_slope)))
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,8 @@ class Arm(Material):
     viscosity: float = field(metadata=NOT_NEGATIVE)
     relaxation_time: float = field(metadata=POSITIVE)
     terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
-    follows: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
-    grown = True  # whether the growth to R_max leaves stress in the arm, unless the simulation starts relaxed
+    relaxes_elastic_part: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
+    stressed_by_growth = True  # whether growth to R_max leaves stress in the arm, unless the simulation starts relaxed
 
     def parts(self) -> Parts:
         return Parts(memory=(self,))
@@ -167,18 +167,20 @@ class Arm(Material):
         return self.viscosity / self.relaxation_time
 
     def table(self) -> Floats:
-        """(k, 4) rows for the solver: C_k in Pa, n_k, 1/tau in 1/s, and 1/C_k in 1/Pa if the arm follows the elastic
+        """(k, 4) rows for the solver: C_k in Pa, n_k, 1/tau in 1/s, and 1/C_k in 1/Pa if the arm relaxes the elastic
         part, else 0."""
         stiff = [(self.modulus * c, n) for c, n in self.terms]
-        return np.array([[C, n, 1 / self.relaxation_time, 1 / C if self.follows else 0.0] for C, n in stiff])
+        return np.array(
+            [[C, n, 1 / self.relaxation_time, 1 / C if self.relaxes_elastic_part else 0.0] for C, n in stiff]
+        )
 
 
 def table_of(law: Elastic | Viscous) -> Floats:
     """`law.table()`, cached; for a law that is proportional to a modulus, the table for 1 Pa is cached."""
-    if not law.proportional:
+    if not law.proportional_to:
         return _table_of(law)
-    unit: Any = {law.proportional: 1.0}
-    return scaled(_table_of(replace(cast("Any", law), **unit)), 1.0, getattr(law, law.proportional))
+    unit: Any = {law.proportional_to: 1.0}
+    return scale_table(_table_of(replace(cast("Any", law), **unit)), 1.0, getattr(law, law.proportional_to))
 
 
 @lru_cache(maxsize=128)
@@ -186,47 +188,47 @@ def _table_of(law: Elastic | Viscous) -> Floats:
     return law.table()
 
 
-class _Closed(Elastic):
+class _ClosedForm(Elastic):
     """A law with S_el(L) and two derivatives in closed form."""
 
-    def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+    def closed_form(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         """S_el, dS_el/dL, d2S_el/dL2 in Pa."""
         raise NotImplementedError
 
     def slope(self, ratio: Floats) -> Floats:
-        return self.closed(ratio)[1]
+        return self.closed_form(ratio)[1]
 
     def stress(self, ratio: ArrayLike) -> Floats:
-        return self.closed(np.asarray(ratio, float))[0]
+        return self.closed_form(np.asarray(ratio, float))[0]
 
     def table(self) -> Floats:
-        return hermite(_FINE, *self.closed(_FINE))
+        return hermite(_FINE_NODES, *self.closed_form(_FINE_NODES))
 
 
 @dataclass(frozen=True)
-class Linear(_Closed):
+class Linear(_ClosedForm):
     """Linear elasticity, shear modulus G in Pa: S_el = -(4/3) G (1 - q^3).
     Yang and Church 2005, doi:10.1121/1.2118307."""
 
-    proportional = "shear_modulus"
+    proportional_to = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
 
-    def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+    def closed_form(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         G, q = self.shear_modulus, 1 / ratio
         q3 = q * q * q
         return -4 / 3 * G * (1 - q3), -4 * G * q3 * q, 16 * G * q3 * q * q
 
 
 @dataclass(frozen=True)
-class Quadratic(_Closed):
+class Quadratic(_ClosedForm):
     """W = G/2 [(I_1-3) + alpha/2 (I_1-3)^2], G in Pa; stiffening alpha = 0 is neo-Hookean.
     Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
-    proportional = "shear_modulus"
+    proportional_to = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(default=0.0, metadata=NOT_NEGATIVE)
 
-    def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+    def closed_form(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         G, a, q = self.shear_modulus, self.stiffening, 1 / ratio
         b = 3 * a - 1
         q2 = q * q
@@ -248,7 +250,7 @@ class NeoHookean(Quadratic):
 
 
 @dataclass(frozen=True)
-class MooneyRivlin(_Closed):
+class MooneyRivlin(_ClosedForm):
     """W = C_1 (I_1-3) + C_2 (I_2-3), Pa; shear modulus 2 (C_1 + C_2).
     Mooney 1940, doi:10.1063/1.1712836; Rivlin 1948, doi:10.1098/rsta.1948.0024."""
 
@@ -257,9 +259,9 @@ class MooneyRivlin(_Closed):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        within(NOT_NEGATIVE, "C1 + C2", self.C1 + self.C2)
+        check_domain(NOT_NEGATIVE, "C1 + C2", self.C1 + self.C2)
 
-    def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+    def closed_form(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         q = 1 / ratio
         q2 = q * q
         q3, q5 = q2 * q, q2 * q2 * q
@@ -289,7 +291,7 @@ class Fung(Elastic):
     """W = G/(2a) [exp(a (I_1-3)) - 1], shear modulus G in Pa; stiffening a = 0 is neo-Hookean.
     Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532, in its isotropic form."""
 
-    proportional = "shear_modulus"
+    proportional_to = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
 
@@ -316,7 +318,7 @@ class Gent(Elastic):
     """W = -(G J_m/2) ln(1 - (I_1-3)/J_m), shear modulus G in Pa: the chains are taut (lock-up) at I_1 - 3 = J_m.
     Gent 1996, doi:10.5254/1.3538357."""
 
-    proportional = "shear_modulus"
+    proportional_to = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     limit: float = field(metadata=POSITIVE)  # J_m
 
@@ -331,7 +333,7 @@ class ArrudaBoyce(Elastic):
     W = G sum_i c_i (I_1^i - 3^i)/N^(i-1). N -> infinity is neo-Hookean; at finite N the small-strain modulus is
     somewhat above G. Arruda and Boyce 1993, doi:10.1016/0022-5096(93)90013-6."""
 
-    proportional = "shear_modulus"
+    proportional_to = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     segments: float = field(metadata=POSITIVE_OR_INFINITE)  # N
 
@@ -351,11 +353,11 @@ class Ogden(Elastic):
     def __post_init__(self) -> None:
         for name in ("moduli", "exponents"):  # lists are accepted, but only tuples can be keys of the cache
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        several = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
-        require(len(self.moduli) == len(self.exponents) > 0, several, "physics.terms")
+        message = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
+        require(len(self.moduli) == len(self.exponents) > 0, message, "physics.terms")
         for modulus, exponent in zip(self.moduli, self.exponents, strict=True):
-            within(FINITE, "modulus", modulus)
-            within(FINITE, "exponent", exponent)
+            check_domain(FINITE, "modulus", modulus)
+            check_domain(FINITE, "exponent", exponent)
             sign = f"modulus and exponent must have the same sign, the exponent not be 0; got {modulus} and {exponent}"
             require(exponent != 0 and modulus * exponent >= 0, sign, "physics.unstable")
 
@@ -397,11 +399,11 @@ class StrainEnergy(Elastic):
 
     def slope(self, ratio: Floats) -> Floats:
         close = np.abs(ratio - 1) < 2e-3  # 0/0 at 1: use a polynomial through six points near it
-        away = np.where(close, 2.0, ratio)
+        apart = np.where(close, 2.0, ratio)
         x = np.array([-3, -2, -1, 1, 2, 3])
         b = 1 + 2e-3 * x
-        through = np.polynomial.Polynomial.fit(x, -self._derivative(b) / (b**3 - 1), 5)
-        slope = np.where(close, through((ratio - 1) / 2e-3), -self._derivative(away) / (away**3 - 1))
+        polynomial = np.polynomial.Polynomial.fit(x, -self._derivative(b) / (b**3 - 1), 5)
+        slope = np.where(close, polynomial((ratio - 1) / 2e-3), -self._derivative(apart) / (apart**3 - 1))
         return np.asarray(slope, float)
 
     def table(self) -> Floats:
@@ -466,7 +468,7 @@ class _Thinning(Viscous):
     infinite_rate: float = field(metadata=NOT_NEGATIVE)
     time: float = field(metadata=NOT_NEGATIVE)
 
-    def between(self, fall: Floats) -> Floats:
+    def plateau_mixture(self, fall: Floats) -> Floats:
         """The viscosity for `fall`, which is 1 at rest and 0 at infinite rate."""
         return self.infinite_rate + (self.zero_rate - self.infinite_rate) * fall
 
@@ -481,7 +483,7 @@ class CarreauYasuda(_Thinning):
 
     def apparent(self, shear_rate: Floats) -> Floats:
         x = 1 + (self.time * shear_rate) ** self.transition
-        return self.between(x ** ((self.exponent - 1) / self.transition))
+        return self.plateau_mixture(x ** ((self.exponent - 1) / self.transition))
 
 
 @dataclass(frozen=True)
@@ -492,7 +494,7 @@ class Cross(_Thinning):
     exponent: float = field(default=1.0, metadata=POSITIVE)
 
     def apparent(self, shear_rate: Floats) -> Floats:
-        return self.between(1 / (1 + (self.time * shear_rate) ** self.exponent))
+        return self.plateau_mixture(1 / (1 + (self.time * shear_rate) ** self.exponent))
 
 
 @dataclass(frozen=True)
@@ -503,7 +505,7 @@ class PowellEyring(_Thinning):
     def apparent(self, shear_rate: Floats) -> Floats:
         x = self.time * shear_rate
         small = x < 1e-8
-        return self.between(np.where(small, 1.0, np.arcsinh(x) / np.where(small, 1.0, x)))
+        return self.plateau_mixture(np.where(small, 1.0, np.arcsinh(x) / np.where(small, 1.0, x)))
 
 
 @dataclass(frozen=True)

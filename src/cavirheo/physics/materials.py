@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import NOT_NEGATIVE, PARAMETERS, POSITIVE, RATE
+from cavirheo.parameters import NOT_NEGATIVE, PARAMETERS, POSITIVE, REFERENCE_RATE
 from cavirheo.physics import laws
 from cavirheo.physics.laws import Arm, Elastic, Linear, Material, NeoHookean, Newtonian, Parts, Quadratic, Viscous
 
@@ -56,12 +56,12 @@ class TotalRelaxation(Maxwell):
     and S -> S_el - 4 mu U/R for tau -> 0. With Z = R^3 S it is the Zener model of IMRv2 and PyIMR; for a linear spring
     G it is this spring beside a Maxwell arm of viscosity mu - G tau. Hua and Johnsen 2013, doi:10.1063/1.4817673.
 
-    grown = False: no stress at R_max, as in these codes, and so no stress of the elastic part either.
+    stressed_by_growth = False: no stress at R_max, as in these codes, and so no stress of the elastic part either.
     """
 
     viscosity: float = field(metadata=POSITIVE)
-    grown: bool = True
-    follows: ClassVar[bool] = True
+    stressed_by_growth: bool = True
+    relaxes_elastic_part: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Viscoelastic(Material):
             if part is not None and not isinstance(part, kind):
                 why = "a material takes an elastic law, a viscous law and a list of Maxwell arms, in this order"
                 raise InputError(f"{why}; got {part!r} where {kind.__name__} stands", f"physics.not_{kind.__name__}")
-        following = sum(arm.follows for arm in self.memory)
+        following = sum(arm.relaxes_elastic_part for arm in self.memory)
         why = f"the elastic part can act through one arm alone, got {following} that take it along"
         require(following < 2, why, "physics.followed_twice")
         some = bool(self.elastic or self.viscous or self.memory)
@@ -186,7 +186,7 @@ class QuadraticStandardLinearSolid(Zener):
     name: ClassVar[str] = "qsls"
 
     def parts(self) -> Parts:
-        arm = TotalRelaxation(self.viscosity, self.relaxation_time, grown=False)
+        arm = TotalRelaxation(self.viscosity, self.relaxation_time, stressed_by_growth=False)
         return Parts(Quadratic(self.shear_modulus, self.stiffening), None, (arm,))
 
 
@@ -212,7 +212,7 @@ KINDS = {
 LAWS = {name: law for kind in KINDS.values() for name, law in kind.items()}
 """All laws by name; all commands know a law that is added here."""
 EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
-_HOW = f"write a sum of laws like {EXAMPLE}"
+_ADVICE = f"write a sum of laws like {EXAMPLE}"
 
 
 def _takes_tuple(parameter: Parameter) -> bool:
@@ -242,13 +242,13 @@ def parse(text: str) -> Material:
     Raises:
         InputError: not a sum of laws, an unknown law, missing, surplus or invalid parameters, two parts of one kind.
     """
-    require(text.strip() != "", f"the material is empty; {_HOW}", "laws.empty")
+    require(text.strip() != "", f"the material is empty; {_ADVICE}", "laws.empty")
     try:
         source = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "_", " ".join(text.split()))
         terms = _terms(ast.parse(source, mode="eval").body)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         why = getattr(error, "msg", error)
-        raise InputError(f"cannot read the material {text!r}: {why}; {_HOW}", "laws.syntax") from None
+        raise InputError(f"cannot read the material {text!r}: {why}; {_ADVICE}", "laws.syntax") from None
     return combine([_law(term) for term in terms])
 
 
@@ -274,7 +274,7 @@ def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
     """Parameters of a law by name, with the consistency K in place of the reference viscosity K (1e5 1/s)^(n-1)."""
     values = dict(values)
     if "reference_viscosity" in values:
-        values["consistency"] = values.pop("reference_viscosity") * RATE ** (1.0 - values["exponent"])
+        values["consistency"] = values.pop("reference_viscosity") * REFERENCE_RATE ** (1.0 - values["exponent"])
     return values
 
 
@@ -302,7 +302,7 @@ def _terms(node: ast.expr) -> list[ast.expr]:
 def _law(node: ast.expr) -> Material:
     spelled = node.func if isinstance(node, ast.Call) else node
     if not isinstance(spelled, ast.Name):
-        raise InputError(f"{ast.unparse(node)!r} is no law with its parameters; {_HOW}", "laws.no_law")
+        raise InputError(f"{ast.unparse(node)!r} is no law with its parameters; {_ADVICE}", "laws.no_law")
     name = spelled.id.replace("_", "-")
     close = "".join(f"; did you mean {match}?" for match in get_close_matches(name.lower(), LAWS, 1))
     require(name in LAWS, f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}", "laws.unknown")

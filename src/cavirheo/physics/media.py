@@ -22,23 +22,23 @@ from cavirheo.parameters import (
     POSITIVE,
     POSITIVE_OR_INFINITE,
     Domain,
-    Plausible,
+    PlausibleRange,
     check,
     check_plausible,
     domain,
 )
-from cavirheo.physics.table import continued, hermite
+from cavirheo.physics.table import extend_table, hermite
 
-_INSIST = " (if it is meant: Medium(..., unusual=True), --trust-input)"
+_IF_MEANT = " (if it is meant: Medium(..., unusual=True), --trust-input)"
 
 
 def _constant(
-    allowed: Domain, usual: float, low: float, high: float, unit: str, *, zero: float = 0.0, **taken: float
+    allowed: Domain, usual: float, low: float, high: float, unit: str, *, zero: float = 0.0, **mistaken_units: float
 ) -> Any:
-    """A field with its domain, default, plausible range and unit; `taken`: units that are given by mistake, with their
-    size in this unit; `zero`: their zero in this unit."""
-    mistaken = {name: (size, zero) for name, size in taken.items()}
-    return field(default=usual, metadata=allowed | {"plausible": Plausible(low, high, usual, unit, mistaken)})
+    """A field with its domain, default, plausible range and unit; `mistaken_units`: units that are given by mistake,
+    with their size in this unit; `zero`: their zero in this unit."""
+    mistaken = {name: (size, zero) for name, size in mistaken_units.items()}
+    return field(default=usual, metadata=allowed | {"plausible": PlausibleRange(low, high, usual, unit, mistaken)})
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Medium:
     def __post_init__(self, unusual: bool) -> None:
         check(self)
         if not unusual:
-            check_plausible(self, _INSIST)
+            check_plausible(self, _IF_MEANT)
         boils = f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
         boils += f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
         require(self.vapour_pressure < self.pressure, boils, "physics.boiling")
@@ -177,7 +177,7 @@ class Pulse:
         slope = -n / 2 * sine * below
         curvature = (n * (n - 1) * (1 - base) - n / 2 * np.cos(x)) * below
         rows = self.amplitude * np.stack([value, slope * omega, curvature * omega**2])
-        return _held(hermite(self.centre + x / omega, *rows))
+        return _held_at_ends(hermite(self.centre + x / omega, *rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,10 +212,10 @@ class Trace:
         rows = np.zeros((self.time.size, 7))
         rows[:, 0], rows[:, 1] = self.time, self.pressure
         rows[:-1, 1:5] = PchipInterpolator(self.time, self.pressure).c[::-1].T
-        return _held(rows)
+        return _held_at_ends(rows)
 
 
-def _held(rows: Floats) -> Floats:
+def _held_at_ends(rows: Floats) -> Floats:
     """The table from rows (n, 7) at ascending times, continued at both ends by the first and the last value."""
     before, after = (min(0.0, rows[0, 0]) - 1.0, rows[0, 1], 0.0), (rows[-1, 0], rows[-1, 1], 0.0)
-    return continued(rows, before, after)
+    return extend_table(rows, before, after)

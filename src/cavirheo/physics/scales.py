@@ -12,11 +12,11 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import POSITIVE, domain, within
+from cavirheo.parameters import POSITIVE, check_domain, domain
 from cavirheo.physics.bubble import FIELD, Bubble, Damage
 from cavirheo.physics.laws import Material, table_of
 from cavirheo.physics.media import Driving, Medium
-from cavirheo.physics.table import hermite, read, scaled
+from cavirheo.physics.table import hermite, look_up, scale_table
 
 
 class Numbers(NamedTuple):
@@ -32,17 +32,17 @@ class Numbers(NamedTuple):
     pv: float  # vapour pressure/p_inf
     kappa: float
     elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
-    whole: Floats  # (n, 7) the same for R/R_max below damage[2] (`damaged`); (0, 7) without damage
-    damage: Floats  # (3,) both factors of a tenfold contraction; R/R_max below which `whole` holds, or 0 (`damaged`)
+    elastic_below_limit: Floats  # (n, 7) the same for R/R_max below damage[2] (`damage_tables`); (0, 7) without damage
+    damage: Floats  # (3,) both factors of a tenfold contraction; R/R_max of the limit, or 0 (`damage_tables`)
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
     memory: Floats  # (k, 4) C_k/p_inf, power n_k, t_c/tau, p_inf/C_k or 0, of each relaxing term (physics/laws.py)
-    delayed: bool  # whether the elastic part acts through a relaxing term alone
+    elastic_relaxes: bool  # whether the elastic part acts through a relaxing term alone
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic
     tait: float  # exponent of the liquid in Gilmore's equation; 0: Keller-Miksis
     vapour: float  # pressure of the vapour at the start/p_inf
-    rate: float  # rate of condensation, a of docs (3.11): accommodation sqrt(R_v T_inf/2 pi)/U_c; infinite: equilibrium
-    varying: bool  # whether D = Fo T^1.75/p instead of Fo
+    condensation_rate: float  # a of docs (3.11): accommodation sqrt(R_v T_inf/2 pi)/U_c; infinite: equilibrium
+    variable_D: bool  # whether D = Fo T^1.75/p instead of Fo
     inertia: float  # beta of the walls, at R_max
     radiation: float  # zeta of the tube, at R_max
     base: float  # p_b, subtracted from the pressure in the state of the solver (docs/method/physics.md, section 3.2)
@@ -53,10 +53,10 @@ class Numbers(NamedTuple):
         return self.vapour + (1 + self.stretch / self.We - self.pv) / self.stretch**3
 
 
-TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
-STRETCH = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < inf)
-ABSENT = np.zeros((2, 7))  # table that is 0 everywhere: no stress, or no driving
-ABSENT[1, 0] = np.inf
+TAIT_EXPONENT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
+STRETCH_DOMAIN = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < inf)
+ZERO_TABLE = np.zeros((2, 7))  # table that is 0 everywhere: no stress, or no driving
+ZERO_TABLE[1, 0] = np.inf
 
 
 def dimensionless(
@@ -83,8 +83,8 @@ def dimensionless(
     if damage is not None and parts.elastic is None:
         why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
         raise InputError(why, "physics.damage_without_elasticity")
-    within(POSITIVE, "max_radius", max_radius)
-    within(STRETCH, "stretch = R_max/R_0", stretch)
+    check_domain(POSITIVE, "max_radius", max_radius)
+    check_domain(STRETCH_DOMAIN, "stretch = R_max/R_0", stretch)
     U_c, p, pv = medium.velocity_scale, medium.pressure, medium.vapour_pressure / medium.pressure
     K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
     A = medium.conductivity_slope * medium.temperature / K_inf
@@ -100,47 +100,47 @@ def dimensionless(
         pv=pv,
         kappa=medium.adiabatic_index,
         polytropic=bubble.exponent or 0.0,
-        tait=TAIT if bubble.motion == "gilmore" else 0.0,
+        tait=TAIT_EXPONENT if bubble.motion == "gilmore" else 0.0,
         vapour=pv + float(bubble.vapour_excess) / p,
-        rate=float(bubble.accommodation) * mean_speed / U_c if kinetic else inf,
+        condensation_rate=float(bubble.accommodation) * mean_speed / U_c if kinetic else inf,
         inertia=bubble.inertia(max_radius),
         radiation=bubble.confinement_damping,
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # kinetic: p may fall below p_v
     )
-    elastic, viscous = (table_of(part) if part else ABSENT for part in parts[:2])
-    whole, hurt = np.zeros((0, 7)), np.zeros(3)
+    elastic, viscous = (table_of(part) if part else ZERO_TABLE for part in parts[:2])
+    elastic_below_limit, damage_numbers = np.zeros((0, 7)), np.zeros(3)
     if damage is not None:
-        elastic, whole, hurt = damaged(elastic, damage, stretch)
+        elastic, elastic_below_limit, damage_numbers = damage_tables(elastic, damage, stretch)
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c, p] for arm in parts.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # with ints the solver would be compiled again
-        varying=kinetic,
-        elastic=scaled(elastic, 1.0, 1 / p),
-        whole=scaled(whole, 1.0, 1 / p),
-        damage=hurt,
-        viscous=scaled(viscous, max_radius / U_c, 1 / p),
+        variable_D=kinetic,
+        elastic=scale_table(elastic, 1.0, 1 / p),
+        elastic_below_limit=scale_table(elastic_below_limit, 1.0, 1 / p),
+        damage=damage_numbers,
+        viscous=scale_table(viscous, max_radius / U_c, 1 / p),
         memory=np.concatenate([np.zeros((0, 4)), *arms]),
-        delayed=any(arm.follows for arm in parts.memory),
-        driving=scaled(driving.table() if driving else ABSENT, U_c / max_radius, 1 / p),
+        elastic_relaxes=any(arm.relaxes_elastic_part for arm in parts.memory),
+        driving=scale_table(driving.table() if driving else ZERO_TABLE, U_c / max_radius, 1 / p),
     )
 
 
-def damaged(elastic: Floats, damage: Damage, stretch: float) -> tuple[Floats, Floats, Floats]:
-    """(`elastic`, `whole`, `damage`) of `Numbers` from the table of a law (physics/table.py): tables for radii above
-    and below a limit, and (3,) both factors of a tenfold contraction and the limit in R/R(0).
+def damage_tables(elastic: Floats, damage: Damage, stretch: float) -> tuple[Floats, Floats, Floats]:
+    """(`elastic`, `elastic_below_limit`, `damage`) of `Numbers` from the table of a law (physics/table.py): tables for
+    radii above and below a limit, and (3,) both factors of a tenfold contraction and the limit in R/R(0).
 
     First rebound: the damaged and the undamaged law; the limit is infinite until the rebound and then 0. Strain: the
-    undamaged law, which `soften` scales when the wall turns, and the law at the smallest radius so far, x = L/stretch,
+    undamaged law, which `apply_damage` scales when the wall turns, and that at the smallest radius yet, x = L/stretch,
 
         S = x^a S_el(u),  u = L x^b,  a = -log10 modulus,  b = log10 radius.
     """
     if damage.by != "strain":
-        return scaled(elastic, damage.radius, damage.modulus), elastic, np.array([1.0, 1.0, np.inf])
+        return scale_table(elastic, damage.radius, damage.modulus), elastic, np.array([1.0, 1.0, np.inf])
     a, b = -np.log10(damage.modulus), np.log10(damage.radius)
     u = elastic[:, 0]
     u = np.append(u[u < stretch], stretch)
     L = (u * stretch**b) ** (1 / (1 + b))
-    S, S1, S2 = read(elastic, u)
+    S, S1, S2 = look_up(elastic, u)
     share, c = (L / stretch) ** a, (1 + b) * u
     first = a * S + c * S1  # first derivative by ln L, over share
     second = a * first + c * ((a + 1 + b) * S1 + c * S2)

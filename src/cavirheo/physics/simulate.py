@@ -14,14 +14,14 @@ from cavirheo import parallel
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError, brief, expect, require
 from cavirheo.landmarks import turning_points
-from cavirheo.parameters import DURATION, POSITIVE, RADIUS, within
+from cavirheo.parameters import DURATION, POSITIVE, RADIUS, check_domain
 from cavirheo.physics import cache, solver
 from cavirheo.physics.accuracy import DEFAULT, NO_SHELLS, RODAS5P, Accuracy, Grid, wall_clustered
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.laws import Material, Newtonian
 from cavirheo.physics.media import WATER, Driving, Medium
 from cavirheo.physics.media import medium as medium_of
-from cavirheo.physics.scales import ABSENT, Numbers, dimensionless
+from cavirheo.physics.scales import ZERO_TABLE, Numbers, dimensionless
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,9 +31,9 @@ KINETIC = 0.1  # factor of the relative error: kinetic contents are less stiff; 
 MAX_STEPS = 100_000
 GROWTH_TIME = np.linspace(0.0, 4.0, 401)  # in t_c; the wall turns after about one
 GROWTH_ERROR = (1e-7, 1e-5)
-GROWTH_NEAR = 0.03  # of R^3: if the miss is smaller, memories are interpolated between impulses
+GROWTH_MISS = 0.03  # of R^3: if the miss is smaller, memories are interpolated between impulses
 LARGEST_IMPULSE = 1e9  # largest impulse that is tried, over stretch^3
-_INSIST = " (if it is meant: unusual=True)"
+_IF_MEANT = " (if it is meant: unusual=True)"
 _EXAMPLE = "NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)"
 
 
@@ -165,7 +165,7 @@ def simulate(
         bubble: equation of the wall, contents, confinement and damage; no value may be "free".
         driving: pressure far from the bubble above the ambient one (`Pulse`, `Trace`).
         relaxed: start laws with memory without stress; otherwise with the stress that the growth from R_0 to R_max
-            leaves (`remembered`), except for laws that always start without (`qsls`).
+            leaves (`memories_after_growth`), except for laws that always start without (`qsls`).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         accuracy: in space and time; PRECISE of physics/accuracy.py is ten times as accurate as the default.
         throw: raise on a failed solve; otherwise return it with its status.
@@ -180,12 +180,12 @@ def simulate(
 
     Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
-    times, medium = _checked(time), medium_of(medium)
-    _check(material, bubble, accuracy, driving, fields)
-    within(POSITIVE, "max_radius", max_radius)
+    times, medium = _checked_times(time), medium_of(medium)
+    _check_types(material, bubble, accuracy, driving, fields)
+    check_domain(POSITIVE, "max_radius", max_radius)
     if not unusual:
-        RADIUS.check("max_radius", max_radius, "physics.max_radius", _INSIST)
-        DURATION.check("the last time", float(times[-1]), "physics.times_unit", _INSIST)
+        RADIUS.check("max_radius", max_radius, "physics.max_radius", _IF_MEANT)
+        DURATION.check("the last time", float(times[-1]), "physics.times_unit", _IF_MEANT)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     t_c = medium.time_scale(max_radius)
     out, shells, stats, failure = _solve(numbers, material, times, t_c, accuracy, relaxed=relaxed, fields=fields)
@@ -206,7 +206,7 @@ def simulate(
     )
 
 
-def _check(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driving | None, fields: bool) -> None:
+def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driving | None, fields: bool) -> None:
     """Raises InputError for arguments of `simulate` of a wrong type, or that exclude each other."""
     expect(material, Material, f"a material such as {_EXAMPLE}")
     expect(bubble, Bubble, "a Bubble such as Bubble(contents='kinetic', accommodation=0.07)")
@@ -234,15 +234,15 @@ def _solve(
         grid, relative_error = NO_SHELLS, min(relative_error, POLYTROPIC)
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace
     memory = np.zeros(len(numbers.memory))
-    stressed = np.array([arm.grown for arm in material.memory for _ in arm.terms], dtype=bool)
+    stressed = np.array([arm.stressed_by_growth for arm in material.memory for _ in arm.terms], dtype=bool)
     if stressed.any() and not relaxed:
         try:
-            memory = np.where(stressed, remembered(numbers, relative_error), 0.0)
+            memory = np.where(stressed, memories_after_growth(numbers, relative_error), 0.0)
         except SolverError as error:
             return out, shells, stats, f"{error}; with"
     start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
-    ways = (times / t_c, float(relative_error) * (KINETIC if numbers.rate < np.inf else 1.0), most, False)
-    code = solver.integrate(numbers, grid, RODAS5P, start, *ways, out, shells, stats)
+    args = (times / t_c, float(relative_error) * (KINETIC if numbers.condensation_rate < np.inf else 1.0), most, False)
+    code = solver.integrate(numbers, grid, RODAS5P, start, *args, out, shells, stats)
     if code == solver.OK:
         return out, shells, stats, ""
     low, high = numbers.elastic[[0, -1], 0]
@@ -261,7 +261,7 @@ def _contents(out: Floats, shells: Floats, medium: Medium, numbers: Numbers, gri
     R, p = out[:, :1], out[:, 2:3]
     temperature = np.hstack([p * R**3 / moles, np.ones_like(p)]) * medium.temperature
     wall = medium.vapour_pressure / (p * medium.pressure)
-    if numbers.rate < np.inf:
+    if numbers.condensation_rate < np.inf:
         outer = (gas / moles)[:, [-1, -2]] @ grid.wall[1:]
         states = zip(R[:, 0], (p - numbers.base)[:, 0] * R[:, 0] ** 3, outer, strict=True)
         wall = np.array([[1 - solver.gas_at_wall(numbers, a, b, grid.wall[0], c)[0]] for a, b, c in states])
@@ -324,7 +324,7 @@ def simulate_many(
         return simulate(materials[i], **shot, throw=False, **options)
 
     first = [simulate_one(0)] if m else []  # before threads start, because it may compile
-    return first + parallel.each(simulate_one, range(1, m), workers)
+    return first + parallel.run_jobs(simulate_one, range(1, m), workers)
 
 
 def load_solver() -> None:
@@ -333,7 +333,7 @@ def load_solver() -> None:
     parallel.run_in_thread(lambda: simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7]))
 
 
-def _checked(time: ArrayLike) -> Floats:
+def _checked_times(time: ArrayLike) -> Floats:
     try:
         times = np.array(time, dtype=float, ndmin=1)
     except (TypeError, ValueError):
@@ -348,7 +348,7 @@ def _checked(time: ArrayLike) -> Floats:
     return times
 
 
-def remembered(numbers: Numbers, rtol: float) -> Floats:
+def memories_after_growth(numbers: Numbers, rtol: float) -> Floats:
     """Memories (k,) at R = 1 after growth from relaxed rest at R_0 = 1/stretch, to a relative error of rtol/100 within
     GROWTH_ERROR.
 
@@ -361,28 +361,28 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
     nothing = np.zeros(len(numbers.memory))
     if numbers.stretch == 1:
         return nothing
-    quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ABSENT, vapour=numbers.pv)
-    quiet = quiet._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 causes no damage
-    exact = min(max(rtol / 100, GROWTH_ERROR[0]), GROWTH_ERROR[1])
+    growth = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ZERO_TABLE, vapour=numbers.pv)
+    growth = growth._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 causes no damage
+    tolerance = min(max(rtol / 100, GROWTH_ERROR[0]), GROWTH_ERROR[1])
     # trials, (impulse, memories) by R^3 - 1; R^3 is nearly linear in the impulse v^2, the kinetic energy
-    turns: dict[float, tuple[float, Floats]] = {numbers.stretch**-3.0 - 1.0: (0.0, nothing)}
+    trials: dict[float, tuple[float, Floats]] = {numbers.stretch**-3.0 - 1.0: (0.0, nothing)}
     low, high = 0.0, np.inf
-    impulse = whole = 2 / 3 * numbers.stretch**3  # the whole work against the ambient pressure
-    while high - low > exact * max(low, whole):
-        radius, memories = _turn(quiet, float(np.sqrt(impulse)), exact)
+    impulse = total_work = 2 / 3 * numbers.stretch**3  # the whole work against the ambient pressure
+    while high - low > tolerance * max(low, total_work):
+        radius, memories = _turning_point(growth, float(np.sqrt(impulse)), tolerance)
         miss = radius**3 - 1.0
         low, high = (impulse, high) if miss < 0 else (low, impulse)
         if radius < np.inf:
-            turns[miss] = impulse, memories
-            nearest = sorted(turns, key=abs)[:4]
-            if abs(nearest[0]) < exact:
-                return turns[nearest[0]][1]
+            trials[miss] = impulse, memories
+            nearest = sorted(trials, key=abs)[:4]
+            if abs(nearest[0]) < tolerance:
+                return trials[nearest[0]][1]
             # Lagrange weights: from values at these points to the value of their polynomial at 0
             weights = np.array([prod(b / (b - a) for b in nearest if b != a) for a in nearest])
             # the error of a cubic through four points is about the product of their misses
-            if abs(nearest[0]) < GROWTH_NEAR and len(nearest) == 4 and prod(map(abs, nearest)) < exact:
-                return np.asarray(weights @ np.array([turns[miss][1] for miss in nearest]))
-            impulse = float(weights @ np.array([turns[miss][0] for miss in nearest]))
+            if abs(nearest[0]) < GROWTH_MISS and len(nearest) == 4 and prod(map(abs, nearest)) < tolerance:
+                return np.asarray(weights @ np.array([trials[miss][1] for miss in nearest]))
+            impulse = float(weights @ np.array([trials[miss][0] for miss in nearest]))
         if not low < impulse < high:
             impulse = 2.0 * low if high == np.inf else 0.5 * (low + high)
         if impulse > LARGEST_IMPULSE * numbers.stretch**3:
@@ -390,15 +390,15 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
     raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
 
 
-def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats]:
+def _turning_point(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats]:
     """(radius, memories) where a wall that leaves R_0 with this velocity turns; radius inf if no turn is found."""
     k = len(numbers.memory)
     out = np.full((GROWTH_TIME.size, 4 + k), np.nan)
     small = 1 / numbers.stretch
     gas = (numbers.pressure - numbers.pv) * numbers.stretch**3
     start = np.concatenate([[small, velocity, numbers.pv + gas], np.zeros(k)])
-    ways = (GROWTH_TIME, rtol, 20_000, True)
-    code = solver.integrate(numbers, NO_SHELLS, RODAS5P, start, *ways, out, np.zeros((0, 0)), np.zeros(5))
+    args = (GROWTH_TIME, rtol, 20_000, True)
+    code = solver.integrate(numbers, NO_SHELLS, RODAS5P, start, *args, out, np.zeros((0, 0)), np.zeros(5))
     falling = np.flatnonzero(out[:, 1] <= 0)
     reached = np.count_nonzero(np.isfinite(out[:, 1]))
     if falling.size:
@@ -409,9 +409,9 @@ def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats
         return np.inf, out[0, 4:]
     i, step = np.array([after - 1, after]), GROWTH_TIME[after] - GROWTH_TIME[after - 1]
     R, U, m = out[i, :1], out[i, 1:2], out[i, 4:]
-    power, fading, follows = numbers.memory[:, 1:].T
-    E = np.array([solver.spring(numbers, float(radius))[:1] for radius in R[:, 0]]) if numbers.delayed else 0.0
-    rates = (follows * E - m) * fading - power * (1 + m) * U / R
+    power, relaxation_rate, compliance = numbers.memory[:, 1:].T
+    E = np.array([solver.spring(numbers, float(radius))[:1] for radius in R[:, 0]]) if numbers.elastic_relaxes else 0.0
+    rates = (compliance * E - m) * relaxation_rate - power * (1 + m) * U / R
     (y0, y1), (slope0, slope1) = np.hstack([R, m]), step * np.hstack([U, rates])
     x = U[0, 0] / (U[0, 0] - U[1, 0])  # on the cubic through values and slopes at both times
     turn = (1 - x) ** 2 * ((1 + 2 * x) * y0 + x * slope0) + x**2 * ((3 - 2 * x) * y1 - (1 - x) * slope1)

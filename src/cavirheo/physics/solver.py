@@ -34,7 +34,7 @@ OK, TOO_MANY_STEPS, STEP_TOO_SMALL, OUTSIDE_LAW = 0, 1, 2, 3
 
 
 @kernel
-def piece(table, x):
+def row_index(table, x):
     """The row of a table (physics/table.py) that holds x."""
     low, count = 0, table.shape[0] - 1
     while count > 1:  # x is in one of `count` rows from `low`
@@ -49,7 +49,7 @@ def look_up(table, x):
     """f(x), f'(x), f''(x) from the one quintic of a table that holds x; NaN outside the table."""
     if not table[0, 0] <= x <= table[-1, 0]:
         return math.nan, math.nan, math.nan
-    c = table[piece(table, x)]
+    c = table[row_index(table, x)]
     t = x - c[0]
     f0 = c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * c[6]))))
     f1 = c[2] + t * (2 * c[3] + t * (3 * c[4] + t * (4 * c[5] + t * 5 * c[6])))
@@ -57,7 +57,7 @@ def look_up(table, x):
 
 
 @kernel
-def soften(numbers, R):
+def apply_damage(numbers, R):
     """Apply the damage (physics/scales.py) when the wall turns at R, its smallest radius so far."""
     decades = math.log10(numbers.damage[2] / R)
     softer, wider = numbers.damage[0] ** decades, numbers.damage[1] ** decades
@@ -72,14 +72,14 @@ def soften(numbers, R):
 def spring(numbers, R):
     """S_el at radius R, and its derivatives dS_el/dR, d2S_el/dR2."""
     lam = numbers.stretch
-    E, E1, E2 = look_up(numbers.whole if numbers.damage[2] > R else numbers.elastic, R * lam)
+    E, E1, E2 = look_up(numbers.elastic_below_limit if numbers.damage[2] > R else numbers.elastic, R * lam)
     return E, E1 * lam, E2 * lam * lam
 
 
 @kernel
 def stress(numbers, R, rate):
     """S without the memories at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
-    E, E_R, E_RR = (0.0, 0.0, 0.0) if numbers.delayed else spring(numbers, R)
+    E, E_R, E_RR = (0.0, 0.0, 0.0) if numbers.elastic_relaxes else spring(numbers, R)
     V, V1, V2 = look_up(numbers.viscous, abs(rate))  # odd in the rate
     return E + math.copysign(1.0, rate) * V, E_R, E_RR, V1, math.copysign(1.0, rate) * V2
 
@@ -87,13 +87,13 @@ def stress(numbers, R, rate):
 @kernel
 def fault(numbers, R, P):
     """OK, or why a step to this state must be shorter: it is unphysical, or outside the range of the elastic law."""
-    law = numbers.whole if numbers.damage[2] > R else numbers.elastic
+    law = numbers.elastic_below_limit if numbers.damage[2] > R else numbers.elastic
     inside = law[0, 0] <= R * numbers.stretch <= law[-1, 0]
     return STEP_TOO_SMALL if not (R > 0 and P > 0) else OK if inside else OUTSIDE_LAW
 
 
 @kernel
-def accelerate(numbers, t, R, U, p, p_dot, memory):
+def acceleration(numbers, t, R, U, p, p_dot, memory):
     """U' and its derivatives by R, U, t, the wall's excess pressure b (or p) and its rate (or p'); docs (2.1)-(2.4).
 
     b = p - 1/(We R) + S - 1. Keller-Miksis is its enthalpy h(b) = b at constant speed of sound c; Gilmore has Tait's.
@@ -108,13 +108,13 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
     v = p_dot + U / (We * R * R) + S_R * U - (S_g * rate + 2 * loss * U) * rate  # the rate of b without its R'' part
     v_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R - 2 * loss * rate * rate
     v_U = 1 / (We * R * R) + S_R - bend / R - 4 * loss * rate
-    E, E_R, _ = spring(numbers, R) if numbers.delayed else (0.0, 0.0, 0.0)
+    E, E_R, _ = spring(numbers, R) if numbers.elastic_relaxes else (0.0, 0.0, 0.0)
     for k in range(memory.size):
-        modulus, power, fading, follows = numbers.memory[k]
+        modulus, power, relaxation_rate, compliance = numbers.memory[k]
         s = power * modulus * (1 + memory[k]) / R
         b += modulus * memory[k]
-        v -= modulus * (memory[k] - follows * E) * fading + s * U
-        v_R += s * rate + modulus * follows * E_R * fading
+        v -= modulus * (memory[k] - compliance * E) * relaxation_rate + s * U
+        v_R += s * rate + modulus * compliance * E_R * relaxation_rate
         v_U -= s
     f, f_t, f_tt = look_up(numbers.driving, t)
     if n == 0:  # i = 1/c, w the factor of the pressure's rate
@@ -158,10 +158,10 @@ def gas_at_wall(numbers, R, P, w, B):
     """
     pressed = P + numbers.base * R * R * R  # p R^3
     g = (P + (numbers.base - numbers.pv) * R * R * R) / pressed
-    if numbers.rate == math.inf:
+    if numbers.condensation_rate == math.inf:
         return g, g, 0.0
-    m = numbers.Fo / (numbers.rate * R)
-    if numbers.varying:
+    m = numbers.Fo / (numbers.condensation_rate * R)
+    if numbers.variable_D:
         m *= R * R * R / pressed
     h = g - m * w
     root = math.sqrt(h * h - 4 * m * B)
@@ -179,15 +179,15 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     p = numbers.base + P / (R * R * R)
     pressed = P + numbers.base * R * R * R  # p R^3
     memory = y[2 * M + 3 :]
-    diffusion, carried = (Fo * R, 1.0) if numbers.varying else (Fo / (R * R), p)  # D/R^2, and n D/Fo at the wall
-    carrier = out[:M] if numbers.varying else y[:M]  # n D of each shell: T^0.75, for D = Fo T^1.75/p
+    diffusion, carried = (Fo * R, 1.0) if numbers.variable_D else (Fo / (R * R), p)  # D/R^2, and n D/Fo at the wall
+    carrier = out[:M] if numbers.variable_D else y[:M]  # n D of each shell: T^0.75, for D = Fo T^1.75/p
     if M > 0:
         for i in range(M):
             r = 1 / y[i]
             T = pressed * r
             theta[i] = (0.5 * A * (T + 1) + B) * (T - 1)
             gas[i] = y[M + i] * r
-        if numbers.varying:
+        if numbers.variable_D:
             for i in range(M):
                 T = pressed / y[i]
                 carrier[i] = math.sqrt(T * math.sqrt(T))
@@ -199,12 +199,12 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     else:
         z, p_dot = 0.0, -3 * numbers.polytropic * (p - numbers.pv) * U / R
     out[2 * M] = U
-    out[2 * M + 1] = accelerate(numbers, t, R, U, p, p_dot, memory)[0]
+    out[2 * M + 1] = acceleration(numbers, t, R, U, p, p_dot, memory)[0]
     out[2 * M + 2] = R * R * R * p_dot + 3 * P * U / R
-    E = spring(numbers, R)[0] if numbers.delayed else 0.0
+    E = spring(numbers, R)[0] if numbers.elastic_relaxes else 0.0
     for k in range(memory.size):
-        _, power, fading, follows = numbers.memory[k]
-        out[2 * M + 3 + k] = (follows * E - memory[k]) * fading - power * (1 + memory[k]) * U / R
+        _, power, relaxation_rate, compliance = numbers.memory[k]
+        out[2 * M + 3 + k] = (compliance * E - memory[k]) * relaxation_rate - power * (1 + memory[k]) * U / R
     if M == 0:
         return p_dot, z
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
@@ -248,7 +248,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     swept = R * p_dot / (3 * kappa * p)
     sweep = swept + U
-    diffusion, fick = (Fo * R, Fo * R * R) if numbers.varying else (Fo / (R * R), Fo / R)
+    diffusion, fick = (Fo * R, Fo * R * R) if numbers.variable_D else (Fo / (R * R), Fo / R)
     N, G = y[:M], y[M : 2 * M]
     inverse, theta, KT, gas, by_N = cell[0], cell[1], cell[2], cell[3], cell[4]
     for i in range(M):
@@ -263,8 +263,8 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     by_N[:] = 1.0  # derivative by N of the diffusing quantity, N or T^0.75
     # on the faces: N and G times area/R, the velocities of conduction and of diffusion, N or T^0.75 times area/R
     n, g, w, v = flux[0, 1:M], flux[1, 1:M], flux[2, 1:M], flux[3, 1:M]
-    q = flux[6, 1:M] if numbers.varying else n
-    if numbers.varying:
+    q = flux[6, 1:M] if numbers.variable_D else n
+    if numbers.variable_D:
         for i in range(M):
             T = pressed * inverse[i]
             by_N[i] = math.sqrt(T * math.sqrt(T))
@@ -290,11 +290,11 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
             for i in range(M - 1):
                 N_inner[i] = (drift * (KT[i + 1] - KT[i]) * inverse_distance[i] - w[i] + swept * face[i]) / p
         if k == 0:
-            by_p, N_wall = 1 / (R * R * R), 0.0 if numbers.varying else Fo * R * z / (R * R * R)
+            by_p, N_wall = 1 / (R * R * R), 0.0 if numbers.variable_D else Fo * R * z / (R * R * R)
             for i in range(M - 1):
                 N_inner[i] *= by_p
         elif k == 1:
-            by_p, N_wall = 3 * numbers.base / R, Fo * z * (1.0 if numbers.varying else 3 * numbers.base - 2 * p)
+            by_p, N_wall = 3 * numbers.base / R, Fo * z * (1.0 if numbers.variable_D else 3 * numbers.base - 2 * p)
             for i in range(M - 1):
                 N_inner[i] = by_p * N_inner[i] + (w[i] + (sweep - 4 * swept) * face[i]) / R
         else:
@@ -305,7 +305,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
             G_inner[i] = g[i] * N_inner[i]
         for i in range(M - 1):
             N_inner[i] *= n[i]
-        if numbers.varying and k < 2:
+        if numbers.variable_D and k < 2:
             for i in range(M - 1):
                 G_inner[i] -= (0.75 * R * by_p / p + k) * q[i] * v[i]
         elif k == 1:
@@ -327,7 +327,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
         n[i] *= inverse_distance[i]
     for i in range(M - 1):
         g[i] *= inverse_distance[i]
-    if numbers.varying:
+    if numbers.variable_D:
         for i in range(M - 1):
             q[i] *= inverse_distance[i]
     for i in range(M):
@@ -393,10 +393,10 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
 
 
 @kernel
-def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):
+def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, memory_rows, schur, pivot):
     """LU-factorise the border R, U, P, p', z of (shift - J), after `eliminate` has factorised the shells.
 
-    recall (k, 4): for each memory m its inverse pivot, the derivatives of m' by R and U, and that of U' by m.
+    memory_rows (k, 4): for each memory m its inverse pivot, the derivatives of m' by R and U, and that of U' by m.
     schur (5, 5), pivot (5,): factors of the border, with inverse pivots. Returns dU'/dt, the couplings of the
     border rows to the last two shells, the derivative of the sweep by p', and the last shell's column of z.
     """
@@ -419,7 +419,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         KTa, KTb = (numbers.A * Ta + numbers.B) * Ta, (numbers.A * Tb + numbers.B) * Tb
         B_wall = wall[1] * (y[M + a] * ra) + wall[2] * (y[M + b] * rb)
         _, slack, m = gas_at_wall(numbers, R, P, wall[0], B_wall)
-        carried, per_p = (1.0, 0.0) if numbers.varying else (p, 1.0)  # n D/Fo at the wall, by p
+        carried, per_p = (1.0, 0.0) if numbers.variable_D else (p, 1.0)  # n D/Fo at the wall, by p
         heat = 3 * (kappa - 1) * numbers.chi / (R * R)
         theta_y, KT_y = wall[1] * theta_a + wall[2] * theta_b, wall[1] * KTa + wall[2] * KTb
         q_a, q_b = -heat * wall[1] * KTa * ra, -heat * wall[2] * KTb * rb
@@ -439,16 +439,16 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         q_R, q_U, q_p, q_z, z_p = n * (p - numbers.pv) * U / (R * R), -n * (p - numbers.pv) / R, -n * U / R, 0.0, 0.0
         q_a = q_b = zN_a = zN_b = zG_a = zG_b = z_N = z_G = z_R = 0.0
     # row of U
-    _, u_R, u_U, u_t, u_p, u_q = accelerate(numbers, t, R, U, p, p_dot, y[2 * M + 3 :])
-    E_R = spring(numbers, R)[1] if numbers.delayed else 0.0
-    for k in range(recall.shape[0]):
-        modulus, power, fading, follows = numbers.memory[k]
+    _, u_R, u_U, u_t, u_p, u_q = acceleration(numbers, t, R, U, p, p_dot, y[2 * M + 3 :])
+    E_R = spring(numbers, R)[1] if numbers.elastic_relaxes else 0.0
+    for k in range(memory_rows.shape[0]):
+        modulus, power, relaxation_rate, compliance = numbers.memory[k]
         pull = power * (1 + y[2 * M + 3 + k]) / R
-        recall[k, 0] = 1 / (shift + fading + power * U / R)
-        recall[k, 1], recall[k, 2] = pull * U / R + follows * E_R * fading, -pull
-        recall[k, 3] = modulus * (u_p - u_q * (fading + power * U / R))
-        u_R += recall[k, 0] * recall[k, 1] * recall[k, 3]
-        u_U += recall[k, 0] * recall[k, 2] * recall[k, 3]
+        memory_rows[k, 0] = 1 / (shift + relaxation_rate + power * U / R)
+        memory_rows[k, 1], memory_rows[k, 2] = pull * U / R + compliance * E_R * relaxation_rate, -pull
+        memory_rows[k, 3] = modulus * (u_p - u_q * (relaxation_rate + power * U / R))
+        u_R += memory_rows[k, 0] * memory_rows[k, 1] * memory_rows[k, 3]
+        u_U += memory_rows[k, 0] * memory_rows[k, 2] * memory_rows[k, 3]
     schur[:, :] = 0.0
     schur[0, 0], schur[0, 1] = shift, -1.0
     schur[1, 0], schur[1, 1], schur[1, 2], schur[1, 3] = -(u_R - by_R * u_p), shift - u_U, -u_p * by_P, -u_q
@@ -484,7 +484,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
 
 
 @kernel
-def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
+def back_substitute(r, M, blocks, border, memory_rows, schur, pivot, couplings, b):
     """Solve (shift - J) u = r in place with the factors; b (5,) is work space."""
     N, G = r[:M], r[M : 2 * M]
     a11, a21, a22 = blocks[6], blocks[7], blocks[8]
@@ -502,8 +502,8 @@ def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
         Nb, Gb = d11[m] * N[m] - c11[m] * Na, d21[m] * N[m] + d22[m] * G[m] - c21[m] * Na - c22[m] * Ga
         b[3] = q_a * Na + q_b * Nb
         b[4] = zN_a * Na + zN_b * Nb + zG_a * Ga + zG_b * Gb
-    for i in range(recall.shape[0]):
-        b[1] += recall[i, 0] * recall[i, 3] * r[2 * M + 3 + i]
+    for i in range(memory_rows.shape[0]):
+        b[1] += memory_rows[i, 0] * memory_rows[i, 3] * r[2 * M + 3 + i]
     for i in range(5):  # rows of the factors were swapped whole, so all exchanges come first
         j = pivot[i]
         b[i], b[j] = b[j], b[i]
@@ -515,8 +515,8 @@ def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
             b[i] -= schur[i, j] * b[j]
         b[i] *= schur[i, i]
     r[2 * M], r[2 * M + 1], r[2 * M + 2] = b[0], b[1], b[2]
-    for i in range(recall.shape[0]):
-        r[2 * M + 3 + i] = recall[i, 0] * (r[2 * M + 3 + i] + recall[i, 1] * b[0] + recall[i, 2] * b[1])
+    for i in range(memory_rows.shape[0]):
+        r[2 * M + 3 + i] = memory_rows[i, 0] * (r[2 * M + 3 + i] + memory_rows[i, 1] * b[0] + memory_rows[i, 2] * b[1])
     if M == 0:
         return
     by_R, by_P, by_sweep = b[0], b[2], b[1] + per_rate * b[3]
@@ -536,7 +536,7 @@ def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
 
 
 @kernel
-def add(x, weights, scale, u, count):
+def add_weighted_sum(x, weights, scale, u, count):
     """x += scale * the weighted sum of the first `count` rows of u, three rows at a time."""
     m = count % 3
     if m == 1:
@@ -558,11 +558,11 @@ def add(x, weights, scale, u, count):
 @kernel
 def longest_step(table, t):
     """The longest step from t that skips no piece of the table: to the end of the next piece."""
-    return table[min(piece(table, t) + 2, table.shape[0] - 1), 0] - t
+    return table[min(row_index(table, t) + 2, table.shape[0] - 1), 0] - t
 
 
 @kernel
-def report(k, x, h, M, numbers, y, slope, next_y, next_slope, out, fields):
+def write_row(k, x, h, M, numbers, y, slope, next_y, next_slope, out, fields):
     """Write row k of the results, at a fraction x of the step h from y to next_y."""
     # quintic Hermite in R, whose first two derivatives are known at both ends; cubic in all else
     R0, V0, A0 = y[2 * M], h * y[2 * M + 1], h * h * slope[2 * M + 1]
@@ -592,9 +592,9 @@ def report(k, x, h, M, numbers, y, slope, next_y, next_slope, out, fields):
 def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats, work):
     """The work of `integrate`, in the arrays `work` that `integrate` makes."""
     M, K = grid.centre.size, numbers.memory.shape[0]
-    A, C, when, drift, gamma, order = method.A, method.C, method.when, method.drift, method.gamma, method.order
+    A, C, stage_times, time_weights, gamma, order = method
     n, stages = 2 * M + 3 + K, A.shape[0]
-    y, next_y, slope, next_slope, u, theta, gas, F, H, cell, flux, blocks, border, recall, schur, b, pivot = work
+    y, next_y, slope, next_slope, u, theta, gas, F, H, cell, flux, blocks, border, memory_rows, schur, b, pivot = work
     R, p = start[0], start[2]
     y[:M], y[M : 2 * M] = p * R**3, (p - numbers.vapour) * R**3
     for j in range(3 + K):
@@ -607,7 +607,7 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
     last_error = last_h = 1.0
     p_dot, z = derivatives(t, y, numbers, grid, theta, gas, F, H, slope)
     while k < time.size and time[k] <= 0.0:
-        report(k, 0.0, 1.0, M, numbers, y, slope, y, slope, out, fields)
+        write_row(k, 0.0, 1.0, M, numbers, y, slope, y, slope, out, fields)
         k += 1
     while k < time.size and not (to_turn and y[2 * M + 1] < 0):
         if steps + rejected >= max_steps:
@@ -616,14 +616,14 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
         if h < 1e-14 * (1 + t):
             status = OUTSIDE_LAW if cause == OUTSIDE_LAW else STEP_TOO_SMALL
             break
-        wish = h
+        planned_step = h
         h = min(h, longest_step(numbers.driving, t))
         if fields.size > 0:  # the rates at the wall are stiff: results are accurate only at the ends of steps
             h = min(h, time[k] - t)
         shift = 1 / (h * gamma)
         if M > 0:
             eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border)
-        couplings = factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot)
+        couplings = factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, memory_rows, schur, pivot)
         for s in range(stages):
             v = u[s]
             if s == 0:
@@ -633,16 +633,16 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
                 if s < stages - 2:
                     for j in range(n):  # an assignment of slices is three times as slow
                         next_y[j] = y[j]
-                    add(next_y, A[s], 1.0, u, s)
+                    add_weighted_sum(next_y, A[s], 1.0, u, s)
                 else:  # stiffly accurate: this point is the previous stage's point plus its increment
-                    add(next_y, A[s, s - 1 :], 1.0, u[s - 1 :], 1)
+                    add_weighted_sum(next_y, A[s, s - 1 :], 1.0, u[s - 1 :], 1)
                 cause = fault(numbers, next_y[2 * M], next_y[2 * M + 2])
                 if cause != OK:
                     break
-                derivatives(t + when[s] * h, next_y, numbers, grid, theta, gas, F, H, v)
-                add(v, C[s], 1 / h, u, s)
-            v[2 * M + 1] += drift[s] * h * couplings[0]
-            back_substitute(v, M, blocks, border, recall, schur, pivot, couplings, b)
+                derivatives(t + stage_times[s] * h, next_y, numbers, grid, theta, gas, F, H, v)
+                add_weighted_sum(v, C[s], 1 / h, u, s)
+            v[2 * M + 1] += time_weights[s] * h * couplings[0]
+            back_substitute(v, M, blocks, border, memory_rows, schur, pivot, couplings, b)
         error, usable = 0.0, cause == OK
         if usable:
             last = u[stages - 1]
@@ -675,20 +675,20 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
         p_dot, z = derivatives(t + h, next_y, numbers, grid, theta, gas, F, H, next_slope)
         end = time[k] if fields.size > 0 and h == time[k] - t else t + h
         while k < time.size and time[k] <= end:
-            report(k, (time[k] - t) / h, h, M, numbers, y, slope, next_y, next_slope, out, fields)
+            write_row(k, (time[k] - t) / h, h, M, numbers, y, slope, next_y, next_slope, out, fields)
             k += 1
         t, steps = end, steps + 1
         if rebounds:
-            soften(numbers, next_y[2 * M])
+            apply_damage(numbers, next_y[2 * M])
             p_dot, z = derivatives(t, next_y, numbers, grid, theta, gas, F, H, next_slope)
         y, next_y = next_y, y
         slope, next_slope = next_slope, slope
         growth = 0.9 * max(error, 1e-8) ** (-1 / order)
-        if steps > 1 and h == wish:  # Gustafsson's control expects further growth of the error: few rejections
+        if steps > 1 and h == planned_step:  # Gustafsson's control expects further growth of the error: few rejections
             trend = (max(last_error, 1e-2) / max(error * error, 1e-8)) ** (1 / order)
             growth = min(growth, 0.9 * h / last_h * trend)
         last_error, last_h = error, h
-        h = max(h * min(growth, 1.0 if after_rejection else 5.0), wish if h < wish else 0.0)
+        h = max(h * min(growth, 1.0 if after_rejection else 5.0), planned_step if h < planned_step else 0.0)
         after_rejection = False
     total = 0.0
     for i in range(M):
@@ -716,7 +716,7 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     y, next_y, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     theta, gas, F, H = np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)
     cell, flux, blocks, border = np.zeros((5, M)), np.zeros((7, M + 1)), np.zeros((9, M)), np.zeros((6, M))
-    of_shells = theta, gas, F, H, cell, flux, blocks, border
-    of_border = np.zeros((K, 4)), np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
-    work = (y, next_y, slope, next_slope, np.empty((stages, n)), *of_shells, *of_border)
+    shell_arrays = theta, gas, F, H, cell, flux, blocks, border
+    border_arrays = np.zeros((K, 4)), np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
+    work = (y, next_y, slope, next_slope, np.empty((stages, n)), *shell_arrays, *border_arrays)
     return march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats, work)

@@ -18,15 +18,15 @@ from cavirheo.errors import require
 
 TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
 NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
-LARGEST = 1e16  # a larger slope counts as infinite: in Pa it is six decades above the pressure of any collapse
-STEEP = 1e14  # slope of the last piece from which on the end of the law is not located more precisely
-MOST = 20_000  # largest number of pieces
-_INSIDE = np.polynomial.legendre.Legendre.basis(6).deriv().roots().real  # complex from numpy 2.5 on
-_WHERE = (np.concatenate([[-1.0], _INSIDE, [1.0]]) + 1.0) / 2.0  # Lobatto points of a piece, for its slopes
-_WEIGHTS = 1.0 / (42.0 * np.polynomial.legendre.Legendre.basis(6)(2.0 * _WHERE - 1.0) ** 2)  # for integrals of slopes
+INFINITE_SLOPE = 1e16  # a larger slope counts as infinite: in Pa it is six decades above the pressure of any collapse
+STEEP_END = 1e14  # slope of the last piece from which on the end of the law is not located more precisely
+MOST_PIECES = 20_000  # largest number of pieces
+_INTERIOR_NODES = np.polynomial.legendre.Legendre.basis(6).deriv().roots().real  # complex from numpy 2.5 on
+_NODES = (np.concatenate([[-1.0], _INTERIOR_NODES, [1.0]]) + 1.0) / 2.0  # Lobatto points of a piece, for its slopes
+_WEIGHTS = 1.0 / (42.0 * np.polynomial.legendre.Legendre.basis(6)(2.0 * _NODES - 1.0) ** 2)  # for integrals of slopes
 _POWERS = np.arange(7)
 _DIFFERENCE = np.linalg.solve(  # (7, 2) weights of the slopes in their derivative at both ends
-    np.vander(_WHERE, increasing=True).T, np.stack([_POWERS == 1, _POWERS], axis=1).astype(float)
+    np.vander(_NODES, increasing=True).T, np.stack([_POWERS == 1, _POWERS], axis=1).astype(float)
 )
 MOST_PARTS = 32  # largest number of parts into which a piece is divided at once
 
@@ -65,15 +65,15 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     def f(x: Floats) -> Floats:
         with np.errstate(all="ignore"):
             value = np.broadcast_to(np.asarray(slope(x), float), x.shape)
-            return np.where(np.abs(value) < LARGEST, value, np.nan)
+            return np.where(np.abs(value) < INFINITE_SLOPE, value, np.nan)
 
     a, b = nodes[:-1], nodes[1:]
     rows_done: list[Floats] = []  # rows a, b, rise, c1 ... c5
     while a.size:
-        rough = f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
-        require(a.size + sum(map(len, rows_done)) <= MOST, rough, "physics.rough")
+        rough = f"the law is too rough: {MOST_PIECES} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
+        require(a.size + sum(map(len, rows_done)) <= MOST_PIECES, rough, "physics.rough")
         h = b - a
-        t = h * _WHERE[:, None]
+        t = h * _NODES[:, None]
         x = a + t
         x[-1] = b
         by_place = f(x)  # (7, pieces)
@@ -86,7 +86,7 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
         narrow = h <= NARROWEST * np.abs(b)
         good = (error <= 1) | (narrow & np.isfinite(error))
         rows_done.append(np.column_stack([a, b, pieces])[good])
-        left = ~good & ~narrow & (np.fmin(*np.abs(by_place[[0, -1]])) < STEEP)
+        left = ~good & ~narrow & (np.fmin(*np.abs(by_place[[0, -1]])) < STEEP_END)
         # the error falls with the fifth power of h; a piece in which the law ends gets MOST_PARTS
         parts = np.ceil(np.fmax(np.fmin(1.2 * error[left] ** 0.2, MOST_PARTS), 2)).astype(int)
         last = np.cumsum(parts) - 1
@@ -105,7 +105,7 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     return np.delete(table, 1, axis=1)
 
 
-def read(table: Floats, x: ArrayLike) -> tuple[Floats, Floats, Floats]:
+def look_up(table: Floats, x: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """The function and its first two derivatives at x (any shape); NaN outside the table, as in the solver."""
     x = np.asarray(x, float)
     inside = (x >= table[0, 0]) & (x <= table[-1, 0])
@@ -119,14 +119,14 @@ def read(table: Floats, x: ArrayLike) -> tuple[Floats, Floats, Floats]:
     )
 
 
-def continued(table: Floats, before: tuple[float, ...], after: tuple[float, ...]) -> Floats:
+def extend_table(table: Floats, before: tuple[float, ...], after: tuple[float, ...]) -> Floats:
     """The table continued by two straight lines, each given by its (x, value, slope); the second has no end."""
     ends = np.zeros((3, 7))
     ends[0, :3], ends[1, :3], ends[2, 0] = before, after, np.inf
     return np.vstack([ends[:1], table[:-1], ends[1:]])
 
 
-def scaled(table: Floats, x: float, f: float) -> Floats:
+def scale_table(table: Floats, x: float, f: float) -> Floats:
     """The same function with its argument multiplied by x and its values by f; always a new array."""
     scale = np.array([x] + [f / x**k for k in range(6)])
     return np.ascontiguousarray(table * scale)

@@ -11,7 +11,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import html, pictures, table
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
+from cavirheo.reporting.group import REFERENCE_METHODS, GroupRecord, Published
 from cavirheo.reporting.panels import answer_panels, group_panels
 from cavirheo.reporting.pictures import file_names
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, group_names, read_json, result
@@ -19,15 +19,15 @@ from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
-GROUPS = 50  # most groups of a run that have a picture in the report
-PAGE_POINTS = 240_000  # most points in the pictures of all curves of a report; those of all groups have 1/24 of it
+MAX_GROUP_PICTURES = 50  # most groups of a run that have a picture in the report
+MAX_PAGE_POINTS = 240_000  # most points in the pictures of all curves of a report; those of all groups have 1/24 of it
 DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 
 def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
     """The files that `write_report` writes, after a test of their folder. Raises InputError: as `write_report`."""
     pictures.check_figures(figures)
-    stems = pictures.stems_of([curve.name for curve in curves], group_names(curves))
+    stems = pictures.figure_stems([curve.name for curve in curves], group_names(curves))
     drawings = [f"{stem}.{kind}" for kind in figures for stem in stems]
     return Outputs(directory, *DOCUMENTS, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
@@ -44,7 +44,7 @@ def write_report(
     draw: bool = True,
     advance: Callable[[], None] | None = None,
     published: Mapping[str, Published] | None = None,
-    references: Sequence[str] = REFERENCES,
+    references: Sequence[str] = REFERENCE_METHODS,
     replace: bool = False,
 ) -> Result:
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
@@ -70,7 +70,7 @@ def write_report(
         InputError: an unknown kind of figure, a directory that cannot be written, a file in it that cavirheo did not
             write, or answers of another call in it.
     """
-    pairs, date = CurveAnswers.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    pairs, date = CurveAnswers.from_pairs(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures, draw = figures if complete else (), draw and complete
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
     claim = Claim(command, {"command": command, "curves": sources}, replace)
@@ -81,7 +81,7 @@ def write_report(
         of_curves = _curve_pictures(pairs, document) if draw else []
         of_groups = group_pictures(pairs, document, document.notes) if draw else []
         folder.write("result.json", write_json, document)
-        folder.write("result.csv", write_rows, *table.rows_of(document))
+        folder.write("result.csv", write_rows, *table.csv_rows(document))
         if figures and (failed := pictures.write_figures(folder, pairs, document, figures, advance)):
             document.notes += failed
             folder.write("result.json", write_json, document)
@@ -93,9 +93,9 @@ def write_report(
 
 
 def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
-    """SVG of each curve, or the reason why there is none; of more than html.DETAILED curves only R(t), half as high."""
-    count, height = (1, pictures.HEIGHT / 2) if len(pairs) > html.DETAILED else (2, pictures.HEIGHT)
-    points, notes = min(pictures.POINTS, PAGE_POINTS // max(len(pairs), 1)), document.notes
+    """SVG of each curve, or the reason why there is none; only R(t), half as high, if there are too many."""
+    count, height = (1, pictures.HEIGHT / 2) if len(pairs) > html.MAX_DETAILED_CURVES else (2, pictures.HEIGHT)
+    points, notes = min(pictures.POINTS, MAX_PAGE_POINTS // max(len(pairs), 1)), document.notes
 
     def draw(pair: tuple[RadiusCurve, Posterior], row: CurveRecord) -> str:
         panels = answer_panels(pair[0], pair[1].checks, row)
@@ -106,10 +106,10 @@ def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
 
 
 def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
-    """SVG of each of the first GROUPS groups with several answered shots, or the reason why there is none, which is
-    also added to `notes`."""
-    members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
-    points = min(pictures.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
+    """SVG of each of the first MAX_GROUP_PICTURES groups with several answered shots, or the reason why there is none,
+    which is also added to `notes`."""
+    members = [(group, indices) for group, indices in document.indices_by_group() if group.n > 1][:MAX_GROUP_PICTURES]
+    points = min(pictures.GROUP_POINTS, MAX_PAGE_POINTS // (24 * max(len(members), 1)))
 
     def draw(group: GroupRecord, indices: list[int]) -> str:
         return pictures.group_svg(group_panels(pairs, document, group, indices), points)

@@ -15,7 +15,7 @@ from pydantic_core import to_jsonable_python
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
-from cavirheo.parameters import AT_RATE, BUBBLE, LOG10, RATE, of_the_law, searched_bound
+from cavirheo.parameters import BUBBLE, LOG10, REFERENCE_RATE, VISCOSITY_AT_RATE, is_law_parameter, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
@@ -24,16 +24,17 @@ from cavirheo.reporting.material import KEYS, ParameterValues
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
-_AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}  # values that `simulated` leaves out
+_NEUTRAL_VALUES = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}  # values that change nothing
 Unit = tuple[float, str]  # unit of G: factor from Pa, name
 
 
 class Compared(Record):
-    """The window that was compared, from R_max on.
+    """The part of a recording in which simulation and measurement were compared; it begins at R_max.
 
     Attributes:
-        collapses: how many complete ones it holds.
-        t_star_end: its end, t/t_c after R_max.
+        collapses: number of complete collapses in it; null without an answer.
+        t_star_end: end of the window, as time after R_max over t_c = R_max sqrt(density/pressure); null without an
+            answer.
     """
 
     collapses: int | None = None
@@ -47,7 +48,7 @@ class Compared(Record):
         return ", ".join(words) or digits.MISSING
 
 
-def _medium(value: Any) -> Any:
+def _read_medium(value: Any) -> Any:
     """The medium in a document, where null is an infinite speed of sound; fields of a later version are left out."""
     if not isinstance(value, dict):
         return value
@@ -56,12 +57,12 @@ def _medium(value: Any) -> Any:
     return Medium(**constants | {"sound_speed": inf if speed is None else speed}, unusual=True)
 
 
-def _plain(value: Any) -> Any:
+def _json_data(value: Any) -> Any:
     """The value as JSON data: arrays as lists, NaN and infinity as null, other objects as their text."""
     return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda v: getattr(v, "tolist", v.__str__)())
 
 
-StoredMedium = Annotated[Medium, BeforeValidator(_medium), PlainSerializer(_plain)]
+StoredMedium = Annotated[Medium, BeforeValidator(_read_medium), PlainSerializer(_json_data)]
 
 
 class Answer(ParameterValues[Quantity]):
@@ -69,9 +70,9 @@ class Answer(ParameterValues[Quantity]):
 
     Attributes:
         material: name of the law.
-        bubble: model of the bubble; each of its parameters is a number or "free".
+        bubble: model of the bubble; each of its parameters is a number or "free" (inferred).
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        stretch: R_max/R_0, inferred or given.
+        stretch: R_max/R_0, inferred, fitted or given.
     """
 
     if TYPE_CHECKING:
@@ -79,9 +80,9 @@ class Answer(ParameterValues[Quantity]):
         bubble: Bubble
     _keys = KEYS | {"stretch": "stretch"}
 
-    def determined(self, name: str) -> float | None:
+    def determined_median(self, name: str) -> float | None:
         """The median of a parameter (natural name), SI; None if there is only a bound, or nothing."""
-        return self.value(name).determined
+        return self.value(name).determined_median
 
     @property
     def model(self) -> str:
@@ -89,18 +90,19 @@ class Answer(ParameterValues[Quantity]):
         return f"{self.material}, {self.bubble.name}"
 
     @property
-    def in_words(self) -> str:
+    def model_title(self) -> str:
         """Law and title of the bubble: 'nhkv, real bubble'."""
         return f"{self.material}, {self.bubble.title}"
 
 
 class OtherModel(Record, Answer):
-    """What another model answers for the same frames; one of the answer's own material and bubble is another mode.
+    """The answer of another model for the same frames. One with the material and bubble of the answer is another mode.
 
     Attributes:
-        log_evidence: natural logarithm of p(frames | model), to be compared with that of the answer.
-        evidence_error: its standard error; null where it has none.
-        weight: share of it in the answer, where that is an average over both models.
+        log_evidence: natural logarithm of p(frames | model), to be compared with that of the answer; null where it was
+            not computed.
+        evidence_error: standard error of log_evidence; null where it is not known.
+        weight: share of this model in the answer, 0 to 1, if the answer is an average over both models; else 0.
     """
 
     material: str
@@ -119,8 +121,8 @@ class Sentence(Record):
     """A message of an answer.
 
     Attributes:
-        code: what it is about, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected".
-        text: the sentence.
+        code: subject of the message, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected".
+        text: the message as a sentence.
     """
 
     code: str
@@ -128,36 +130,38 @@ class Sentence(Record):
 
 
 class CurveRecord(Record, Answer):
-    """One row: the answer for one curve.
+    """The answer for one curve. If the verdict is "failed", all values of the answer are null, and `messages` say why.
 
     Attributes:
-        name: of the curve.
-        source: the file, as it was given.
-        group: name of the group that it is a shot of.
-        group_source: the file or folder whose shots form the group.
+        name: name of the curve.
+        source: file of the curve, as it was given.
+        group: name of the group to which the shot belongs.
+        group_source: file or folder whose shots form the group.
         max_radius_m: R_max, m.
         time_of_max_s: time of R_max on the clock of the file, s.
         strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
-        medium: the constants of what surrounds it, SI; null in a document of an older version.
-        method: how the answer was found: "bdt", "amortised", "verified", "laplace" or "least_squares".
-        other_parameters: what was inferred besides G, mu and the stretch, or given of the bubble, by natural name,
-            SI; of a law whose viscosity is not one number also that at a shear rate of 1e5 1/s.
-        best: values, SI, of the simulation that is drawn and compared: the law's parameters, the stretch, and what the
-            bubble, the clock, the radius scale and R_max were taken to be; no medians.
-        mae_over_rmax: mean absolute difference, over R_max.
-        max_difference_over_rmax: largest absolute difference, over R_max.
-        window: the frames that were compared.
+        medium: constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older
+            version.
+        method: method of the answer: "bdt", "amortised", "verified", "laplace" or "least_squares".
+        other_parameters: further parameters by natural name, SI: those inferred besides G, mu and the stretch, those
+            given for the bubble, and the viscosity at a shear rate of 1e5 1/s if the law has no constant viscosity.
+        best: parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the
+            stretch, and the corrections of the clock, the radius scale and R_max. They are not the medians.
+        mae_over_rmax: mean absolute difference between measured and simulated radius, over R_max.
+        max_difference_over_rmax: largest absolute difference between measured and simulated radius, over R_max.
+        window: the window in which frames were compared.
         verdict: "ok", or what is wrong (docs/method/verdicts.md).
-        messages: why, and what else is to be known; input warnings first.
+        messages: reasons for the verdict, and other remarks; input warnings first.
         notes: what was recognised, converted or left out when the file was read.
-        seconds: wall time of the answer, s.
-        windows: what windows of "1", "2", "3" and "all" collapses answer, if they were fitted.
-        evidence: of the law; null where the method gives none.
-        other_models: what other models and other modes answer, if they were looked at.
-        diagnostics: how the answer was found.
+        seconds: wall time of the computation, s.
+        windows: answers from windows of "1", "2", "3" and "all" collapses, if they were fitted.
+        evidence: evidence of the law; null where the method gives none.
+        other_models: answers of other models and other modes, if they were computed.
+        diagnostics: how the answer was computed.
         column: title and value of the column declared by the user; left out where there is none.
-        stretch_prior: mean and std of the stretch as the file or the late plateau states it; left out where none does.
-        provenance: model, settings, versions and hash of the source, for people alone.
+        stretch_prior: "mean" and "std" of the normal prior of the stretch, from the file or the late plateau; left out
+            where there is no such prior.
+        provenance: model, settings, versions and hash of the source, as a record for readers; its keys may change.
     """
 
     name: str
@@ -191,7 +195,7 @@ class CurveRecord(Record, Answer):
     column: dict[str, float] = {}
     stretch_prior: dict[str, float] = {}
     provenance: dict[str, Any]
-    _if_any = ("column", "stretch_prior")
+    _omitted_if_empty = ("column", "stretch_prior")
 
     @property
     def has_answer(self) -> bool:
@@ -203,25 +207,25 @@ class CurveRecord(Record, Answer):
         return self.verdict in TRUSTED
 
     @property
-    def simulated(self) -> str:
+    def simulation_in_words(self) -> str:
         """Kind and values of the simulation that is drawn over the measurement, or "" where they are not known:
         'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs'."""
         words = []
         for name, value in self.best.items():
-            if value is not None and value != _AS_MEASURED.get(name):
-                symbol, factor, unit = in_unit(name, digits.modulus_unit([value]))
+            if value is not None and value != _NEUTRAL_VALUES.get(name):
+                symbol, factor, unit = display_unit(name, digits.modulus_unit([value]))
                 words.append(f"{symbol} = {digits.significant(factor * value, 4)} {unit}".rstrip())
-        return f"{digits.simulated(self.method)}: {', '.join(words)}" if words else ""
+        return f"{digits.simulation_name(self.method)}: {', '.join(words)}" if words else ""
 
-    def determined(self, name: str) -> float | None:
-        """As `Answer.determined`, and None also for a parameter at an end of the searched range."""
-        return None if name in self.diagnostics.at_bound else super().determined(name)
+    def determined_median(self, name: str) -> float | None:
+        """As `Answer.determined_median`, and None also for a parameter at an end of the searched range."""
+        return None if name in self.diagnostics.at_bound else super().determined_median(name)
 
     @property
-    def preferred(self) -> OtherModel | None:
+    def preferred_model(self) -> OtherModel | None:
         """The other model with the largest evidence if the evidence rejects the model of the answer, else None."""
         rivals = [model for model in self.other_models if model.model != self.model and model.log_evidence is not None]
-        return max(rivals, key=evidence, default=None) if self.verdict == "other_model_preferred" else None
+        return max(rivals, key=log_evidence_key, default=None) if self.verdict == "other_model_preferred" else None
 
     @property
     def message(self) -> str:
@@ -242,21 +246,21 @@ class CurveRecord(Record, Answer):
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     """The row of one curve."""
-    posterior = _sound(posterior)
+    posterior = _failed_if_invalid(posterior)
     checks, prior = posterior.checks, posterior.stretch_prior
     values = dict.fromkeys((*KEYS, "stretch"), Quantity())
     values |= {name: posterior.quantity(name) for name in posterior.parameters}
     assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in values}
-    values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _at_rate(posterior)
+    values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
     if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
         **{name: getattr(checks, name) for name in ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")},
         **{name: getattr(posterior, name) for name in ("material", "method", "bubble", "medium", "evidence")},
-        max_radius_m=_measured(curve, "max_radius"),
-        time_of_max_s=_measured(curve, "time_of_max"),
-        strain_rate_per_s=_measured(curve, "strain_rate"),
+        max_radius_m=_value_or_none(curve, "max_radius"),
+        time_of_max_s=_value_or_none(curve, "time_of_max"),
+        strain_rate_per_s=_value_or_none(curve, "strain_rate"),
         **CurveRecord.fields_of(values),
         best={} if checks.reconstruction_time is None else {name: float(v) for name, v in posterior.best.items()},
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
@@ -269,11 +273,11 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         other_models=_other_models(posterior),
         windows={key: _json_fields(window) for key, window in posterior.windows.items()},
         diagnostics=_json_fields(posterior.diagnostics),
-        provenance=_plain(posterior.provenance),
+        provenance=_json_data(posterior.provenance),
     )
 
 
-def _sound(posterior: Posterior) -> Posterior:
+def _failed_if_invalid(posterior: Posterior) -> Posterior:
     """The answer; a failed one, or one without draws that are finite, becomes "failed" with reasons and no values."""
     failed, messages = posterior.checks.verdict == "failed", posterior.checks.messages
     draws = () if failed else zip(posterior.names, posterior.theta.T, strict=True)
@@ -286,18 +290,18 @@ def _sound(posterior: Posterior) -> Posterior:
     return replace(posterior, checks=checks, theta=posterior.theta[:0], best={}, stretch=None, stretch_prior=None)
 
 
-def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
+def _viscosity_at_rate(posterior: Posterior) -> dict[str, Quantity]:
     """The viscosity at 1e5 1/s of a law without a constant viscosity; of a power law it is the reference viscosity."""
     names = list(posterior.parameters)
     if posterior.material == "power-law" and "reference_viscosity" in names:
-        return {AT_RATE: posterior.quantity("reference_viscosity")}
+        return {VISCOSITY_AT_RATE: posterior.quantity("reference_viscosity")}
     draws = [dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True)]
-    if not draws or viscosity_at(posterior.material, RATE, draws[0]) is None:
+    if not draws or viscosity_at(posterior.material, REFERENCE_RATE, draws[0]) is None:
         return {}
-    viscosities = np.array([viscosity_at(posterior.material, RATE, draw) for draw in draws])
-    ends = intervals((LOG10 + AT_RATE,), np.log10(viscosities)[:, None], posterior.log_weight)
-    low, median, high = ends.get(AT_RATE, (None, viscosities[0], None))
-    return {AT_RATE: Quantity.of(low, float(median), high)}
+    viscosities = np.array([viscosity_at(posterior.material, REFERENCE_RATE, draw) for draw in draws])
+    ends = intervals((LOG10 + VISCOSITY_AT_RATE,), np.log10(viscosities)[:, None], posterior.log_weight)
+    low, median, high = ends.get(VISCOSITY_AT_RATE, (None, viscosities[0], None))
+    return {VISCOSITY_AT_RATE: Quantity.from_interval(low, float(median), high)}
 
 
 def _other_models(posterior: Posterior) -> list[OtherModel]:
@@ -307,9 +311,9 @@ def _other_models(posterior: Posterior) -> list[OtherModel]:
         values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
         for name, (low, median, high) in answer.intervals.items():
             if np.all(np.isfinite((low, median, high))):
-                values[name] = Quantity.of(low, median, high, searched_bound(name, low, high))
-        if (viscosity := viscosity_at(answer.material, RATE, answer.best)) is not None:
-            values[AT_RATE] = Quantity(median=viscosity)
+                values[name] = Quantity.from_interval(low, median, high, searched_bound(name, low, high))
+        if (viscosity := viscosity_at(answer.material, REFERENCE_RATE, answer.best)) is not None:
+            values[VISCOSITY_AT_RATE] = Quantity(median=viscosity)
         evidence = answer.evidence or Evidence(np.nan)
         record = {name: getattr(answer, name) for name in ("material", "bubble", "rmse_over_rmax", "weight")}
         record |= {"log_evidence": evidence.log, "evidence_error": evidence.error} | OtherModel.fields_of(values)
@@ -319,24 +323,24 @@ def _other_models(posterior: Posterior) -> list[OtherModel]:
 
 def meaning_of(name: str) -> str:
     """Unit and meaning of a parameter of the bubble, 'no unit; confinement damping: ...'; "" for any other one."""
-    return f"{digits.described(name)[1] or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
+    return f"{digits.symbol_and_unit(name)[1] or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
 
 
 def parameter_key(names: Iterable[str]) -> list[str]:
     """Lines below a table: what its parameters of the bubble mean, and which are not properties of the material."""
-    meanings = {digits.described(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
+    meanings = {digits.symbol_and_unit(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
     symbols = [symbol for symbol, (name, _) in meanings.items() if not name.startswith("damage")]
     end = [f"{' and '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
     return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
 
 
-def in_unit(name: str, unit: Unit = (1.0, "Pa")) -> tuple[str, float, str]:
+def display_unit(name: str, unit: Unit = (1.0, "Pa")) -> tuple[str, float, str]:
     """(symbol, factor from SI, unit for display) of a parameter. unit: the unit for display of moduli."""
-    symbol, written = digits.described(name)
+    symbol, written = digits.symbol_and_unit(name)
     return symbol, *{"Pa": unit, "s": (1e6, "µs")}.get(written, (1.0, written))
 
 
-def evidence(model: OtherModel) -> float:
+def log_evidence_key(model: OtherModel) -> float:
     """The log evidence of a model as a sort key; -inf if it has none."""
     return -np.inf if model.log_evidence is None else model.log_evidence
 
@@ -346,10 +350,10 @@ def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
     names = dict.fromkeys([*KEYS, *(name for record in records for name in record.other_parameters)])
     inferred = [name for name in names if any(record.value(name).median is not None for record in records)]
     excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
-    return [name for name in inferred if of_the_law(name) and name not in excluded]
+    return [name for name in inferred if is_law_parameter(name) and name not in excluded]
 
 
-def _measured(curve: RadiusCurve, name: str) -> float | None:
+def _value_or_none(curve: RadiusCurve, name: str) -> float | None:
     """The value of an attribute or method of the curve; None if it raises InputError."""
     with suppress(InputError):
         value = getattr(curve, name)
@@ -361,5 +365,5 @@ def _json_fields(fields: Any) -> Any:
     """The fields of a dataclass as JSON data, without the null entries of its mappings."""
     return {
         name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value
-        for name, value in _plain(fields).items()
+        for name, value in _json_data(fields).items()
     }

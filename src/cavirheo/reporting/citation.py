@@ -14,14 +14,14 @@ from typing import NamedTuple
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import MEDIA as MEDIUM_SETS
-from cavirheo.reporting.answer import CurveRecord, in_unit, parameters_of
+from cavirheo.reporting.answer import CurveRecord, display_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
-MEDIA = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # keys by set
+MEDIUM_KEYS = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
 _DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
 _EQUATIONS = {
     "keller-miksis": "Keller and Miksis [Keller1980]",
@@ -69,13 +69,13 @@ def references() -> dict[str, Source]:
     return {source.key: source for source in sources}
 
 
-def of_law(name: str) -> list[Source]:
+def references_of_law(name: str) -> list[Source]:
     """The references whose DOIs are in the docstring of a law; an empty list for a name that is no law."""
     by_doi = {source.fields.get("doi", ""): source for source in references().values()}
     return [by_doi[doi] for doi in _DOI.findall(getattr(LAWS.get(name), "__doc__", None) or "")]
 
 
-def methods(result: Result) -> tuple[str, list[Source]]:
+def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
     """(the paragraph, its references in order of appearance); ("", []) if no curve has an answer."""
     answers = [curve for curve in result.curves if curve.has_answer]
     if not answers:
@@ -84,11 +84,11 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     sentences = [*_experiment(answers, result), *_inference(answers, result)]
     words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
     sources = [references()[word] for word in words if word in references()]
-    sentences += [_group(group, shots, result) for group, shots in result.shots()]
+    sentences += [_group_sentence(group, shots, result) for group, shots in result.rows_by_group()]
     verdicts = Counter("ok" if curve.verdict == "undetermined" else curve.verdict for curve in result.curves)
-    failures = [f"{n} {digits.LOOKS[verdict].words}" for verdict, n in verdicts.items() if verdict != "ok"]
+    failures = [f"{n} {digits.VERDICT_STYLES[verdict].words}" for verdict, n in verdicts.items() if verdict != "ok"]
     wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)
-    count = digits.counting(sum(curve.trusted for curve in result.curves), len(result.curves))
+    count = digits.counted_shots(sum(curve.trusted for curve in result.curves), len(result.curves))
     sentences += [
         f"{verdicts['ok']} of {digits.counted(len(result.curves), 'curve')} passed the checks of the program "
         f"(reconstruction error, bounds of the ranges, plausibility of the recording){wrong}. {count} in values of "
@@ -118,8 +118,9 @@ def _experiment(answers: list[CurveRecord], result: Result) -> Iterator[str]:
         yield f"The wall follows the equation of {_EQUATIONS[motion]}, {gas}."
 
     for (material, bubble), count in Counter((curve.material, curve.bubble) for curve in answers).items():
-        keys = list(dict.fromkeys(source.key for part in material.split("+") for source in of_law(part.strip())))
-        law = digits.MATERIALS.get(material, material).partition(" (")[0] + (f" [{', '.join(keys)}]" if keys else "")
+        cited = (source.key for part in material.split("+") for source in references_of_law(part.strip()))
+        keys, law = ", ".join(dict.fromkeys(cited)), digits.MATERIAL_TITLES.get(material, material).partition(" (")[0]
+        law += f" [{keys}]" if keys else ""
         vapour = "vapour in equilibrium at the wall"
         if bubble.contents == "kinetic":
             vapour = "vapour that condenses at a finite rate, with its diffusivity by [Fuller1966]"
@@ -133,7 +134,7 @@ def _experiment(answers: list[CurveRecord], result: Result) -> Iterator[str]:
         name = medium.name.removesuffix(", changed")
         of = f" of {', '.join(groups)}" if len(media) > 1 else ""
         changed = " with changes" if replace(medium, name=name, unusual=True) != MEDIUM_SETS.get(name, medium) else ""
-        key = f" [{MEDIA[name]}]" if name in MEDIA else ""
+        key = f" [{MEDIUM_KEYS[name]}]" if name in MEDIUM_KEYS else ""
         yield (
             f"Constants of the medium{of} are those of {name}{key}{changed}: density {medium.density:g} kg/m3, sound "
             f"speed {medium.sound_speed:g} m/s, surface tension {medium.surface_tension:g} N/m, pressure "
@@ -153,14 +154,14 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
     yield from (_METHODS[method] for method in dict.fromkeys(curve.method for curve in answers))
 
     compared = [curve for curve in answers if curve.evidence]
-    models = {curve.model: curve.in_words for curve in compared}
+    models = {curve.model: curve.model_title for curve in compared}
     alternatives = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
-    if rivals := {model.in_words for model in alternatives if model.model not in models}:
-        preferred = Counter(model.in_words for curve in compared if (model := curve.preferred))
+    if rivals := {model.model_title for model in alternatives if model.model not in models}:
+        preferred = Counter(model.model_title for curve in compared if (model := curve.preferred_model))
         count = digits.counted(len(compared), "curve")
         verdicts = ", ".join(f"it prefers {model} in {n} of {count}" for model, n in preferred.items())
         weighed = (model for curve in compared for model in curve.other_models if model.weight >= LEAST_PROBABILITY)
-        averaged = sorted({model.in_words for model in weighed if model.model not in models})
+        averaged = sorted({model.model_title for model in weighed if model.model not in models})
         by_weight = f", averaged with those of {', '.join(averaged)} by the evidence" if averaged else ""
         yield f"Values are those of {' or '.join(models.values())}{by_weight}."
         verdicts = verdicts or "it prefers none of these to the given values"
@@ -185,14 +186,14 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
         yield _POPULATION
 
 
-def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
+def _group_sentence(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
     """Sentence on a group: its material; else its trusted shot, or mean and standard deviation of several; or ""."""
     if group.headline:
         return f"{group.name}: {group.headline}."
     trusted = [member for member in members if member.trusted]
     n, values = group.n_trusted, []
     for name in parameters_of(trusted):
-        symbol, factor, unit = in_unit(name, result.modulus_unit)
+        symbol, factor, unit = display_unit(name, result.modulus_unit)
         text = digits.quantity(trusted[0].value(name), factor, unit=unit)
         if n > 1:
             text = f"{digits.spread(group.value(name), factor).replace('±', '+-')} {unit}".rstrip()

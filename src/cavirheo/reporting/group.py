@@ -12,45 +12,45 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.parameters import AT_RATE, CAMERA, parameter_of
+from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, parameter_of
 from cavirheo.physics.bubble import title_of
 from cavirheo.posterior import TRUSTED
-from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, evidence
-from cavirheo.reporting.material import KEYS, ParameterValues, PopulationRecord, over_size
+from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, log_evidence_key
+from cavirheo.reporting.material import KEYS, ParameterValues, PopulationRecord, size_trend_in_words
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
-FEWEST = 5  # least number of shots for a slope
-SENSITIVE = 3.0  # relative change of G over that of the scale, from which a remark is made
-MOST = 1000  # most shots in a slope, which needs all pairs; of more shots every k-th by size is used
-CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
-TOGETHER = "all together", "other model preferred"
-OURS = "cavirheo"  # name of the means of this program beside the values of other methods
-REFERENCES = ("IMR", "rheometer")  # methods relative to which errors are given, by default
-_SAME = 1e-6  # range of the logarithm of values, below which they count as equal
+MIN_SLOPE_SHOTS = 5  # least number of shots for a slope
+MIN_SENSITIVITY = 3.0  # relative change of G over that of the scale, from which a remark is made
+MAX_SLOPE_SHOTS = 1000  # most shots in a slope, which needs all pairs; of more shots every k-th by size is used
+MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
+JOINT_PREFERENCE = "all together", "other model preferred"
+OUR_MEANS = "cavirheo"  # name of the means of this program beside the values of other methods
+REFERENCE_METHODS = ("IMR", "rheometer")  # methods relative to which errors are given, by default
+_EQUAL_LOG_RANGE = 1e-6  # range of the logarithm of values, below which they count as equal
 
 
 class PublishedValue(Spread):
-    """What another method says of a parameter.
+    """The value of a parameter by another method.
 
     Attributes:
-        source: where it is published; left out where that is not known.
+        source: publication of the value; left out where it is not known.
     """
 
     source: str = ""
-    _if_any = ("source",)
+    _omitted_if_empty = ("source",)
 
 
 Published = Mapping[str, Mapping[str, PublishedValue]]  # by method and parameter, SI
 
 
 class Slope(Quantity):
-    """d ln(value)/d ln R_max.
+    """The slope d ln(value)/d ln R_max of a parameter over the shots of a group.
 
     Attributes:
-        median: over all pairs of shots.
-        n: shots that it is over.
-        n_trusted: how many of them are trusted (`TRUSTED` of cavirheo.posterior).
+        median: median of the slopes of all pairs of shots.
+        n: number of shots in the slope.
+        n_trusted: number of these shots with a trusted verdict (`TRUSTED` of cavirheo.posterior).
     """
 
     n: int
@@ -65,18 +65,20 @@ class Slope(Quantity):
 
 
 class GroupModel(Record):
-    """What another model answers for the shots of a group, each by itself.
+    """The answers of another model for the trusted shots of a group, each shot by itself.
 
     Attributes:
-        material: the law.
-        bubble: what is assumed of it, by its name.
-        n: how many of the trusted shots have an answer of it.
-        shear_modulus_Pa: G, Pa, over those that determine it.
-        viscosity_Pa_s: mu, Pa s; of a law whose viscosity is not one number that at 1e5 1/s.
-        log_evidence: that of this model minus that of the answer, summed over the shots that have both; null where
-            none has.
-        weight: mean share of it in the answers, where these are averages over both models.
-        slopes: by natural name, where all of the shots have an answer of it.
+        material: name of the law.
+        bubble: name of the bubble model.
+        n: number of trusted shots with an answer of this model.
+        shear_modulus_Pa: statistics of G, Pa, over the answers that determine it.
+        viscosity_Pa_s: statistics of mu, Pa s, over the answers that determine it; for a law without a constant
+            viscosity, of the viscosity at a shear rate of 1e5 1/s.
+        log_evidence: log evidence of this model minus that of the answer, summed over the shots that have both; null
+            where no shot has both.
+        weight: mean share of this model in the answers, 0 to 1; above 0 if these are averages over both models.
+        slopes: slopes over R_max by natural name; empty unless all shots of the group's slopes have an answer of this
+            model.
     """
 
     material: str
@@ -93,7 +95,7 @@ class GroupModel(Record):
         """Sentence: "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12".
 
         If the answer is an average that includes this model, the sentence ends with its weight instead."""
-        from cavirheo.inference.alternatives import LEAST_PROBABILITY, equal
+        from cavirheo.inference.alternatives import LEAST_PROBABILITY, equal_odds
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
         modulus = f"G {digits.spread(self.shear_modulus_Pa, factor)} {unit}"
@@ -104,13 +106,13 @@ class GroupModel(Record):
             return f"{sentence}; a part of the answer, with {digits.percent(self.weight)} % of its weight"
         if self.log_evidence is None:
             return sentence
-        if equal(self.log_evidence):
+        if equal_odds(self.log_evidence):
             return f"{sentence}; as likely as the answer"
         preferred = "it to the answer" if self.log_evidence > 0 else "the answer"
         return f"{sentence}; the evidence prefers {preferred} by a factor of e^{abs(self.log_evidence):.0f}"
 
     @property
-    def preferred(self) -> bool:
+    def is_preferred(self) -> bool:
         """Whether the evidence of all shots together rejects the model of the answers in favour of this model."""
         from cavirheo.inference.alternatives import rejects
 
@@ -119,28 +121,29 @@ class GroupModel(Record):
 
 
 class GroupRecord(Record, ParameterValues[Spread]):
-    """The shots of one file or folder.
+    """The shots of one file or folder, and their statistics.
 
-    Models are over the n_trusted, and the mean of each parameter over those of them that determine it. Slopes are over
-    such values, too; where the trusted are too few, over those that the model does not fit as well.
+    The statistics of each parameter are over the trusted shots that determine it. Slopes are over the same values; if
+    there are fewer than 5 trusted shots, those with the verdict "model_does_not_fit" are included.
 
     Attributes:
-        name: of the file or folder.
-        n: shots that were answered.
-        n_trusted: those with a verdict that counts (ok, undetermined, other_model_preferred).
-        n_failed: shots without an answer.
-        verdicts: how many curves have each.
-        models: how many answers have each, by "law, bubble".
-        preferred: how many shots there are whose evidence prefers each other model to that of the answer, by "law,
-            bubble" in words; left out where there is none.
-        slopes: d ln(value)/d ln R_max of what should be a constant, by natural name.
-        other_models: what other models answer for these shots, such as the field's bubble beside the real one.
-        population: the material behind the shots, from their intervals; left out for a single shot, or where none
-            has an interval.
-        modulus_over_scale: relative change of G over that of R_max or of the frame rate, of the middle shot; half as
-            large for the density.
-        published: values of other methods, by method and parameter, SI; left out unless they were given. A
-            viscosity_at_1_rad_per_s is that of a rheometer at this frequency.
+        name: name of the file or folder.
+        n: number of shots with an answer.
+        n_trusted: number of shots with a trusted verdict ("ok", "undetermined" or "other_model_preferred").
+        n_failed: number of shots without an answer.
+        verdicts: number of curves by verdict.
+        models: number of trusted answers by model, "law, bubble".
+        preferred: number of shots whose evidence prefers another model to that of the answer, by this other model in
+            words; left out where there is none.
+        slopes: slopes d ln(value)/d ln R_max of parameters that should not depend on R_max, by natural name.
+        other_models: answers of other models for the trusted shots, such as the field's bubble beside the real one.
+        population: the material of the shots, from their intervals; left out for a single shot, and where no shot has
+            an interval.
+        modulus_over_scale: relative change of G per relative change of R_max or of the frame rate, as the median over
+            the trusted shots that determine G; half as large per relative change of the density. Left out where it is
+            not known.
+        published: values of other methods, by method and parameter, SI; left out unless they were given. The parameter
+            viscosity_at_1_rad_per_s is the viscosity by a rheometer at this angular frequency.
         errors: |mean - mean of the reference| / mean of the reference, by reference, method ("cavirheo" for the means
             of this group) and parameter; left out where there is no reference.
     """
@@ -161,15 +164,15 @@ class GroupRecord(Record, ParameterValues[Spread]):
     modulus_over_scale: float | None = None
     published: dict[str, dict[str, PublishedValue]] = {}
     errors: dict[str, dict[str, dict[str, float]]] = {}
-    _if_any = ("preferred", "population", "modulus_over_scale", "published", "errors")
+    _omitted_if_empty = ("preferred", "population", "modulus_over_scale", "published", "errors")
 
     @property
     def by_method(self) -> dict[str, Mapping[str, Spread]]:
         """Published values by method, then the means of this program if there are answered shots as well."""
         means = {name: self.value(name) for name in KEYS}
-        return {**self.published, **({OURS: means} if self.n and self.published else {})}
+        return {**self.published, **({OUR_MEANS: means} if self.n and self.published else {})}
 
-    def add_published(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
+    def add_published(self, published: Published, references: Sequence[str] = REFERENCE_METHODS) -> None:
         """Add published values, and the errors of all methods relative to the reference methods."""
         self.published |= {method: dict(values) for method, values in published.items()}
         for reference in [name for name in references if self.published.get(name)]:
@@ -193,8 +196,8 @@ class GroupRecord(Record, ParameterValues[Spread]):
             models = ", ".join(f"{count} {model}" for model, count in self.models.items())
             lines.append(f"the means are over answers of different models: {models}")
         if self.slopes:
-            lines.append(in_words(self.slopes))
-        if abs(slope := self.modulus_over_scale or 0.0) >= SENSITIVE:
+            lines.append(slopes_in_words(self.slopes))
+        if abs(slope := self.modulus_over_scale or 0.0) >= MIN_SENSITIVITY:
             more = "1 % more in R_max or in the frame rate would change"
             lines.append(f"{more} G by {slope:+.0f} %, in the density by {slope / 2.0:+.0f} %")
         return lines + [model.words for model in self.other_models]
@@ -210,10 +213,10 @@ class GroupRecord(Record, ParameterValues[Spread]):
         return self.material.n if self.material else self.n_trusted
 
     @property
-    def basis(self) -> str:
+    def counted_in_words(self) -> str:
         """How many shots count, as in the line of the material: '3 of 5 shots count'; "" if all do."""
         total = self.n + self.n_failed
-        return "" if self.n_counted == total else digits.counting(self.n_counted, total)
+        return "" if self.n_counted == total else digits.counted_shots(self.n_counted, total)
 
     @property
     def warning(self) -> str:
@@ -222,15 +225,15 @@ class GroupRecord(Record, ParameterValues[Spread]):
         if self.preferred:
             of = f"{sum(self.preferred.values())} of {digits.counted(self.n + self.n_failed, 'shot')}"
             return f"the evidence prefers another model in {of}: {' or '.join(self.preferred)}"
-        models = " or ".join(self.preferred_together)
+        models = " or ".join(self.jointly_preferred_models)
         return f"the evidence of all shots together prefers another model: {models}" if models else ""
 
     @property
-    def preferred_together(self) -> list[str]:
+    def jointly_preferred_models(self) -> list[str]:
         """Models that only the evidence of all shots together prefers, in words."""
         if self.preferred:
             return []
-        return [f"{model.material}, {title_of(model.bubble)}" for model in self.other_models if model.preferred]
+        return [f"{model.material}, {title_of(model.bubble)}" for model in self.other_models if model.is_preferred]
 
     @property
     def badges(self) -> list[tuple[str, str]]:
@@ -238,8 +241,8 @@ class GroupRecord(Record, ParameterValues[Spread]):
         "other_model_preferred" if the evidence of all shots together prefers another model."""
         badges = []
         for verdict, count in self.verdicts.items():
-            warned = bool(self.preferred_together) and verdict in TRUSTED
-            words = f"{count} {digits.LOOKS[verdict].words}" + f", {': '.join(TOGETHER)}" * warned
+            warned = bool(self.jointly_preferred_models) and verdict in TRUSTED
+            words = f"{count} {digits.VERDICT_STYLES[verdict].words}" + f", {': '.join(JOINT_PREFERENCE)}" * warned
             badges.append(("other_model_preferred" if warned else verdict, words))
         return badges
 
@@ -258,35 +261,35 @@ def error_of(value: Spread, reference: Spread) -> float | None:
 
 def spread_over(answers: Iterable[Answer], name: str) -> Spread:
     """Mean, deviation and median of a parameter over the answers that determine it."""
-    return spread_of([answer.determined(name) for answer in answers])
+    return spread_of([answer.determined_median(name) for answer in answers])
 
 
 def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
-    """The slope over the shots with both numbers; None for fewer than FEWEST, or if all sizes or values are equal."""
+    """The slope over the shots with both numbers; None if these are too few, or all sizes or values are equal."""
     pairs = [(r, v) for r, v in zip(radius, values, strict=True) if r and v and v > 0]
-    if len(pairs) < FEWEST:
+    if len(pairs) < MIN_SLOPE_SHOTS:
         return None
-    if len(pairs) > MOST:
-        pairs = sorted(pairs)[:: -(-len(pairs) // MOST)]
+    if len(pairs) > MAX_SLOPE_SHOTS:
+        pairs = sorted(pairs)[:: -(-len(pairs) // MAX_SLOPE_SHOTS)]
     x, y = np.log(np.array(pairs)).T
-    if min(np.ptp(x), np.ptp(y)) < _SAME:
+    if min(np.ptp(x), np.ptp(y)) < _EQUAL_LOG_RANGE:
         return None
     median, low, high = theil_sen(x, y)
     return Slope(median=median, q05=low, q95=high, n=len(pairs), n_trusted=min(trusted, len(pairs)))
 
 
-def sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
+def shots_for_slope(members: Sequence[CurveRecord]) -> list[CurveRecord]:
     """The shots for a slope: the trusted ones; if these are too few, also those that the model does not fit."""
     trusted = [record for record in members if record.trusted]
     followed = [record for record in members if record.trusted or record.verdict == "model_does_not_fit"]
-    return trusted if len(trusted) >= FEWEST else followed
+    return trusted if len(trusted) >= MIN_SLOPE_SHOTS else followed
 
 
 def slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
-    """Slopes of those CONSTANTS that have one, by name, over these shots with one answer each."""
+    """Slopes of those MATERIAL_CONSTANTS that have one, by name, over these shots with one answer each."""
     radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
-    for name in CONSTANTS:
-        values = [answer.value(name).determined for answer in answers]
+    for name in MATERIAL_CONSTANTS:
+        values = [answer.value(name).determined_median for answer in answers]
         trusted = sum(shot.trusted and value is not None for shot, value in zip(shots, values, strict=True))
         if power := slope(radii, values, trusted):
             slopes[name] = power
@@ -308,21 +311,21 @@ def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
     return float(np.median(slopes)), float(slopes[low]), float(slopes[high])
 
 
-def in_words(slopes: dict[str, Slope]) -> str:
+def slopes_in_words(slopes: dict[str, Slope]) -> str:
     """One line on which parameters rise or fall with R_max, and which do not."""
-    clauses = [over_size(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
+    clauses = [size_trend_in_words(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
     most = max(slopes.values(), key=lambda power: power.n)
     shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
     wrong = ", and a constant should not: the law or the bubble may be wrong (by chance so in 1 group of 10)"
     return f"{', '.join(clauses)} over {shots}" + wrong * any(power.sign for power in slopes.values())
 
 
-def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
+def group_record(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
     """The record of a group, from the records of its curves and from its material."""
-    trusted, followed = [record for record in members if record.trusted], sloped(members)
+    trusted, followed = [record for record in members if record.trusted], shots_for_slope(members)
     n = sum(record.has_answer for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
-    firm = [record.diagnostics.modulus_over_scale for record in trusted if record.determined("shear_modulus")]
+    firm = [record.diagnostics.modulus_over_scale for record in trusted if record.determined_median("shear_modulus")]
     return GroupRecord(
         name=name,
         n=n,
@@ -331,7 +334,7 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         **GroupRecord.fields_of({name: spread_over(trusted, name) for name in (*KEYS, *more)}),
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
-        preferred=dict(Counter(shot.in_words for record in members if (shot := record.preferred))),
+        preferred=dict(Counter(shot.model_title for record in members if (shot := record.preferred_model))),
         slopes=slopes(followed, followed),
         other_models=_other_models(trusted, followed),
         population=population,
@@ -357,7 +360,7 @@ def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> li
             bubble=first.bubble.name,
             n=len(pairs),
             shear_modulus_Pa=spread_over(answers, "shear_modulus"),
-            viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
+            viscosity_Pa_s=spread_of([answer.viscosity.determined_median for answer in answers]),
             log_evidence=float(np.sum(gains)) if gains else None,
             weight=float(np.mean([answer.weight for answer in answers])),
             slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
@@ -368,4 +371,4 @@ def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> li
 
 def _by_model(answers: Iterable[OtherModel]) -> dict[str, OtherModel]:
     """The answers by model; of several modes of a model, that with the largest evidence."""
-    return {answer.model: answer for answer in sorted(answers, key=evidence)}
+    return {answer.model: answer for answer in sorted(answers, key=log_evidence_key)}

@@ -21,17 +21,17 @@ from markupsafe import Markup
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
-from cavirheo.reporting.answer import CurveRecord, in_unit, meaning_of, parameter_key
+from cavirheo.reporting.answer import CurveRecord, display_unit, meaning_of, parameter_key
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.pictures import curve_svg
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.table import FITS, model_rows, windows
+from cavirheo.reporting.table import MAXIMUM_METHODS, model_rows, window_values
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
-FOLDED = 6  # curves; if there are more, each is folded to a line, which its link in the table opens
-DETAILED = 500  # curves; if there are more, each has only its row, message and picture
-LIVE = "live.html"
+MAX_OPEN_CURVES = 6  # curves; if there are more, each is folded to a line, which its link in the table opens
+MAX_DETAILED_CURVES = 500  # curves; if there are more, each has only its row, message and picture
+LIVE_FILE = "live.html"
 HALF_WIDTH = 0.1  # half width of the 90 % interval of the material that is wanted, over the value
 _LIVE_SIZE = (335.0, 178.0)  # px, width and height of the picture; a small one is enlarged, so its type is large
 
@@ -48,21 +48,21 @@ def write(
 ) -> None:
     """Write the page of a result. group_pictures: shown before the curves. pictures: of each curve, SVG or the reason
     why there is none. sheets: of each curve, an image of all frames of its recording, or "". Facts that all curves
-    share are shown once; of more than DETAILED curves each has only its row, message and picture."""
+    share are shown once; of more than MAX_DETAILED_CURVES curves each has only its row, message and picture."""
     curves = result.curves
     answers = [curve for curve in curves if curve.has_answer]
     common = _common([facts(curve) for curve in answers]) if len(answers) > 1 else {}
     shared = {name: text for name, text in common.items() if text}
-    content = {"result": result, "unit": result.modulus_unit, "shared": shared, "brief": len(curves) > DETAILED}
-    content |= {"pictures": pictures, "group_pictures": group_pictures, "sheets": sheets}
-    content["origin"] = _text(_common([curve.provenance for curve in (answers if shared else curves)]))
+    content = {"result": result, "unit": result.modulus_unit, "shared": shared, "pictures": pictures}
+    content |= {"group_pictures": group_pictures, "sheets": sheets, "brief": len(curves) > MAX_DETAILED_CURVES}
+    content["origin"] = _json_markup(_common([curve.provenance for curve in (answers if shared else curves)]))
     Path(path).write_text(template("report.html").render(**content), encoding="utf-8")
 
 
 def facts(record: CurveRecord) -> dict[str, str]:
     """Facts on a curve by name; the page shows those that all curves share once."""
-    material = digits.MATERIALS.get(record.material, record.material)
-    method = digits.METHODS.get(record.method, record.method)
+    material = digits.MATERIAL_TITLES.get(record.material, record.material)
+    method = digits.METHOD_TITLES.get(record.method, record.method)
     words = {"material": material, "bubble": record.bubble.sentence, "method": method}
     return words | {"stretch": record.diagnostics.stretch_source, "file": record.source}
 
@@ -73,14 +73,15 @@ def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {key: value for key, value in first.items() if all((key, value) in part.items() for part in later)}
 
 
-def _text(origin: Mapping[str, Any]) -> Markup:
+def _json_markup(origin: Mapping[str, Any]) -> Markup:
     """The mapping as JSON text, escaped for HTML."""
     return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # &quot; is longer
 
 
 def article(record: CurveRecord, factor: float, unit: str) -> str:
     """HTML of one curve and its answer, without a picture. factor, unit: unit of moduli, and its factor from Pa."""
-    return part("article", record, factor, unit, origin=_text({"source": record.source, **record.provenance}))
+    origin = _json_markup({"source": record.source, **record.provenance})
+    return render_macro("article", record, factor, unit, origin=origin)
 
 
 @cache
@@ -92,13 +93,14 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True, finalize=_printable
     )
-    functions = (facts, in_unit, meaning_of, parameter_key, model_rows, windows)
+    functions = (facts, display_unit, meaning_of, parameter_key, model_rows, window_values)
     environment.globals.update({function.__name__: function for function in functions})
-    environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
+    environment.globals.update(MAXIMUM_METHODS=MAXIMUM_METHODS, MAX_OPEN_CURVES=MAX_OPEN_CURVES)
+    environment.globals.update(digits=digits, VERDICT_STYLES=digits.VERDICT_STYLES, Quantity=Quantity)
     return environment.get_template(name)
 
 
-def part(name: str, *values: Any, **more: Any) -> str:
+def render_macro(name: str, *values: Any, **more: Any) -> str:
     """HTML of a macro of parts.html with these arguments, marked as safe for templates."""
     return getattr(template("parts.html").module, name)(*values, **more)
 
@@ -114,15 +116,15 @@ def live_page(
     far, and how many more shots are needed until the 90 % interval is +- `half_width` of the value. The page reloads
     itself every two seconds, without a script. Without a result it says that it waits for the first one."""
     result = result or Result(command="", curves=[], groups=[])
-    group, members = next((row for row in result.members() if latest in row[1]), (None, []))
+    group, members = next((row for row in result.indices_by_group() if latest in row[1]), (None, []))
     record, picture = result.curves[latest] if group else None, ""
     if curve and answer and record:
         with suppress(InputError):
             picture = curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
     material = group.material if group else None
-    needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
+    needed = material.shots_still_needed([result.curves[i] for i in members], half_width) if material else None
     content = {"record": record, "group": group, "material": material, "more": needed, "percent": 100.0 * half_width}
-    return template(LIVE).render(**content, result=result, picture=picture)
+    return template(LIVE_FILE).render(**content, result=result, picture=picture)
 
 
 def _printable(value: Any) -> Any:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cavirheo.inference.verify.evidence import Pair, Ranking
 from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.group import Slope, in_words, sloped, slopes
+from cavirheo.reporting.group import Slope, shots_for_slope, slopes, slopes_in_words
 from cavirheo.reporting.material import PopulationRecord, population_record
-from cavirheo.reporting.table import warnings
+from cavirheo.reporting.table import input_warnings
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record
 
@@ -20,17 +20,17 @@ _TITLE = "log evidence below the best; *: cannot be told from it; →: the simpl
 
 
 class WeighedLaw(Record):
-    """One law; null where there is no evidence.
+    """The evidence of one law; null where there is none.
 
     Attributes:
-        log_evidence: natural logarithm of p(frames | law); of a group, the sum over its shots.
-        standard_error: of the log evidence.
-        probability: of the laws that have an evidence, all being equally likely before.
-        answer: the row that result.json would have; for a curve alone.
-        slopes: for a group of five shots or more, d ln(value)/d ln R_max of what should be a constant, by natural name;
+        log_evidence: natural logarithm of p(frames | law); for a group, the sum over its shots.
+        standard_error: standard error of log_evidence.
+        probability: probability of the law among those that have an evidence, if all are equally likely in advance.
+        answer: the answer by this law as in result.json; null for a group.
+        slopes: for a group of five shots or more, slopes d ln(value)/d ln R_max of parameters that should not depend on
+            R_max, by natural name; left out where there is none.
+        population: for a group, its material by this law with the scatter of the shots and the evidence of the law;
             left out where there is none.
-        population: for a group, one material with its scatter, and the evidence of the law so; left out where there is
-            none.
     """
 
     log_evidence: float | None
@@ -39,19 +39,19 @@ class WeighedLaw(Record):
     answer: CurveRecord | None = None
     slopes: dict[str, Slope] = {}
     population: PopulationRecord | None = None
-    _if_any = ("slopes", "population")
+    _omitted_if_empty = ("slopes", "population")
 
 
 class WeighedLaws(Record):
     """The laws of one curve, or of a group.
 
     Attributes:
-        name: of the curve or group.
-        shots: over how many the evidence is summed; 1 for a curve.
-        chosen: the simplest law that is not clearly worse than the best; null where no law has an evidence.
-        contenders: laws that cannot be told from the best, simplest first.
-        laws: by name.
-        pairs: of a group, every law and each worse one.
+        name: name of the curve or group.
+        shots: number of shots over which the evidence is summed: those for which all laws have one; 1 for a curve.
+        chosen: simplest law that the evidence does not reject; null where no law has an evidence.
+        contenders: laws that the evidence does not reject, the simplest first.
+        laws: the laws by name.
+        pairs: comparisons of each law of a group with each worse one; empty for a curve.
     """
 
     name: str
@@ -66,8 +66,8 @@ class Laws(Document):
     """The evidence of several laws for the same curves.
 
     Attributes:
-        curves: an entry for each curve.
-        groups: an entry for each group.
+        curves: the laws of each curve.
+        groups: the laws of each group of two shots or more.
     """
 
     kind: Literal["laws"] = "laws"
@@ -75,7 +75,7 @@ class Laws(Document):
     groups: list[WeighedLaws]
 
 
-def records(
+def law_records(
     curves: Sequence[RadiusCurve], singles: Sequence[Ranking], groups: Sequence[Ranking]
 ) -> tuple[list[WeighedLaws], list[WeighedLaws]]:
     """The records of the curves and of their groups for the document, from their rankings."""
@@ -87,7 +87,7 @@ def records(
     for group in groups:
         fields: dict[str, dict[str, Any]] = {}
         for law in group.evidence:
-            shots = sloped([answer for i in group.members if (answer := by_curve[i].laws[law].answer)])
+            shots = shots_for_slope([answer for i in group.members if (answer := by_curve[i].laws[law].answer)])
             material = population_record(group.populations.get(law), group.column)
             fields[law] = {"slopes": slopes(shots, shots), "population": material}
         by_group.append(_record_of(group, fields))
@@ -112,24 +112,25 @@ def print_table(document: Laws) -> None:
     table = terminal.table("curve", heads, left=("law", "verdict"), title=title)
     rows = [(laws, laws.name, "") for laws in document.curves]
     rows += [(laws, f"{laws.name}: {laws.shots} shots", "bold") for laws in document.groups]
-    for (laws, _, style), name in zip(rows, digits.shortened([name for _, name, _ in rows]), strict=True):
+    for (laws, _, style), name in zip(rows, digits.shorten_names([name for _, name, _ in rows]), strict=True):
         best = max((law.log_evidence for law in laws.laws.values() if law.log_evidence is not None), default=0.0)
         for law, entry in laws.laws.items():
             mark = ("→ " if law == laws.chosen else "") + law + ("*" if law in laws.contenders else "")
-            table.add_row(name, mark, *_texts(entry, best), style=style)
+            table.add_row(name, mark, *_law_cells(entry, best), style=style)
             name = ""
         table.add_section()
     console = terminal.console()
     console.print(table)
-    terminal.print_warnings(console, warnings(answers))
-    lines = firmly(document)
+    terminal.print_warnings(console, input_warnings(answers))
+    lines = preference_lines(document)
     for group in document.groups:
-        lines += [f"{group.name}, {law}: {in_words(laws.slopes)}" for law, laws in group.laws.items() if laws.slopes]
-        lines += _materials(group)
+        slopes_of_laws = {law: entry.slopes for law, entry in group.laws.items() if entry.slopes}
+        lines += [f"{group.name}, {law}: {slopes_in_words(slopes)}" for law, slopes in slopes_of_laws.items()]
+        lines += _material_lines(group)
     terminal.print_remarks(console, {}, [*lines, *document.notes])
 
 
-def firmly(document: Laws) -> list[str]:
+def preference_lines(document: Laws) -> list[str]:
     """Lines on how strongly the evidence of each group prefers its best law to each other law."""
     return [
         f"{group.name}: {pair.first} before {pair.second} by {pair.difference:.1f} ± {pair.error:.1f} in log evidence "
@@ -139,7 +140,7 @@ def firmly(document: Laws) -> list[str]:
     ]
 
 
-def _materials(group: WeighedLaws) -> list[str]:
+def _material_lines(group: WeighedLaws) -> list[str]:
     """A line for each law, best first: its log evidence with one material minus the best one, and that material."""
     materials = {law: entry.population for law, entry in group.laws.items() if entry.population}
     whole = {law: material for law, material in materials.items() if not material.left_out}  # these use the same shots
@@ -153,12 +154,12 @@ def _materials(group: WeighedLaws) -> list[str]:
     return lines
 
 
-def _texts(law: WeighedLaw, best: float) -> list[str]:
+def _law_cells(law: WeighedLaw, best: float) -> list[str]:
     texts = [digits.MISSING, digits.MISSING]
     if law.log_evidence is not None:
         error = "" if law.standard_error is None else f" ± {law.standard_error:.1f}"
         texts = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
     if (answer := law.answer) is not None:
         texts += [digits.number(answer.shear_modulus_Pa.median), digits.number(answer.viscosity.median)]
-        texts += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
+        texts += [digits.percent(answer.rmse_over_rmax), digits.VERDICT_STYLES[answer.verdict].words]
     return texts

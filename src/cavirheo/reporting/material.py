@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.parameters import AT_RATE
+from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, Spread
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from cavirheo.reporting.answer import CurveRecord
 
 KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
-_FLAT = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
-_WAYS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
-_MOST = 6  # most groups that are compared, each with each
+_MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
+_TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
+_MAX_COMPARED = 6  # most groups that are compared, each with each
 Value = TypeVar("Value", Quantity, Spread)
 
 
@@ -30,8 +30,8 @@ class ParameterValues(Generic[Value]):
     """Common part of records with parameters: those of `_keys` are fields, all others are in `other_parameters`.
 
     Attributes:
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s; null for a law without a constant viscosity.
+        shear_modulus_Pa: shear modulus G, Pa.
+        viscosity_Pa_s: viscosity mu, Pa s; its values are null for a law without a constant viscosity.
         other_parameters: all other parameters by natural name, SI.
     """
 
@@ -57,7 +57,7 @@ class ParameterValues(Generic[Value]):
     @property
     def viscosity(self) -> Value:
         """The viscosity, or that at 1e5 1/s of a law without a constant viscosity."""
-        return self.viscosity_Pa_s if self.viscosity_Pa_s.median is not None else self.value(AT_RATE)
+        return self.viscosity_Pa_s if self.viscosity_Pa_s.median is not None else self.value(VISCOSITY_AT_RATE)
 
 
 def log_ends(values: Iterable[Quantity]) -> Floats:
@@ -67,28 +67,30 @@ def log_ends(values: Iterable[Quantity]) -> Floats:
 
 
 class PopulationRecord(Record, ParameterValues[Quantity]):
-    """The material behind n shots.
+    """The material of n shots. Without a material, the parameters are null, and `line` says why.
 
     Attributes:
         line: the material in a sentence, for a paper; or why there is none.
-        remarks: what is to be known besides.
-        model: law and model of the bubble, "nhkv, kinetic".
-        n: shots that count.
-        spread_decades: standard deviation of the shots about the material, in log10: root of the mean square over
-            the law's parameters.
-        spreads_decades: that of each parameter, by natural name.
-        correlation: of this scatter, by "name, name".
-        common: the parameters if all shots that belong had one material exactly, by natural name.
-        outliers: shots that are probably of another material, each with the probability of that.
-        left_out: counts of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
+        remarks: sentences on outliers, shots that do not count, and limits of the result.
+        model: law and name of the bubble model, "nhkv, kinetic".
+        n: number of shots that count.
+        spread_decades: standard deviation of the shots about the material, decades (log10); root mean square over the
+            law's parameters.
+        spreads_decades: standard deviation of the shots in each parameter, decades, by natural name.
+        correlation: correlation coefficients of the scatter of the shots, by "name, name".
+        common: the material's parameters if all shots but the outliers had exactly one material, by natural name, SI.
+        outliers: probability that a shot is of another material, by the name of the shot; for shots above 0.5.
+        left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
             "other_model" or "copy".
-        log_evidence: of the law with one material and its scatter; null where a shot has none.
-        log_evidence_error: its standard error.
-        log_evidence_of_scatter: above that of one material without scatter; below 0 the shots differ by no more
-            than their intervals.
+        log_evidence: log evidence of the law for all these shots, with one material and its scatter; null where a shot
+            has none.
+        log_evidence_error: standard error of log_evidence.
+        log_evidence_of_scatter: log evidence of one material with scatter minus that of one without. Below 0, the shots
+            differ by no more than their intervals.
         column: title of the declared column with which the material may change; left out where there is none.
-        column_at: its value at which the material is given; left out where there is none.
-        slopes_decades: change of the log10 of each parameter per unit of the column; left out where there is none.
+        column_at: value of the column at which the parameters are given; left out where there is no column.
+        slopes_decades: slope of each parameter along the column, decades per unit of the column, by natural name; left
+            out where there is no column.
     """
 
     line: str
@@ -110,7 +112,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
     column: str = ""
     column_at: Finite = None
     slopes_decades: dict[str, Quantity] = {}
-    _if_any = ("common", "column", "column_at", "slopes_decades")
+    _omitted_if_empty = ("common", "column", "column_at", "slopes_decades")
 
     @property
     def has_material(self) -> bool:
@@ -118,7 +120,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         return bool(self.spreads_decades)
 
     @property
-    def below(self) -> list[str]:
+    def lines_below_numbers(self) -> list[str]:
         """Lines below the numbers: the remarks, after the reason if there is no material."""
         return self.remarks if self.has_material else [self.line, *self.remarks]
 
@@ -133,24 +135,26 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
         return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
 
-    def still_needed(self, shots: Sequence[CurveRecord], half_width: float) -> int | None:
+    def shots_still_needed(self, shots: Sequence[CurveRecord], half_width: float) -> int | None:
         """How many more shots like these bring the 90 % intervals of those of G and mu that are determined to
         +- `half_width` of the value, if the same share of them counts; None: more than 10,000, or neither is."""
-        from cavirheo.inference.design import shared, shots_wanted, variance
+        from cavirheo.inference.design import material_information, shots_wanted, variance
 
-        names = [name for name in KEYS if self.value(name).determined is not None]
+        names = [name for name in KEYS if self.value(name).determined_median is not None]
         logs = [log_ends(map(row.value, names)) for row in shots if row.trusted]
         if not (names and (logs := [intervals for intervals in logs if np.all(np.isfinite(intervals))])):
             return None
         _, covariance, scatter = self.log_moments(names)
-        information = np.sum([shared(np.diag(1.0 / variance(intervals)), scatter) for intervals in logs], axis=0)
+        information = np.sum(
+            [material_information(np.diag(1.0 / variance(intervals)), scatter) for intervals in logs], axis=0
+        )
         inliers = 1.0 - len(self.outliers) / self.n
         return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
 
     def contour(self, level: float = 0.9) -> Floats | None:
         """Contour (n, 2), mu and G in SI, around the share `level` of all shots; None unless both are determined."""
         names = ("viscosity", "shear_modulus")
-        if any(self.value(name).determined is None or name not in self.spreads_decades for name in names):
+        if any(self.value(name).determined_median is None or name not in self.spreads_decades for name in names):
             return None
         middle, _, scatter = self.log_moments(names)
         turn = np.linspace(0.0, 2.0 * np.pi, 121)
@@ -159,13 +163,13 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
 
 
 class MaterialRatio(Record):
-    """A parameter of the first group's material over that of the second; what it says: `Difference` in
-    inference/population.
+    """A parameter of the material of the first group over that of the second (`Difference` in inference/population).
 
     Attributes:
-        ratio: first over second.
-        probability_higher: that the first is larger.
-        probability_differs: of two materials against one, both equally likely before.
+        ratio: value of the first material over that of the second.
+        probability_higher: probability that the value of the first material is larger.
+        probability_differs: probability of two materials against one, if both are equally likely in advance, and two
+            materials are a factor of about 2 apart.
     """
 
     ratio: Quantity
@@ -174,12 +178,12 @@ class MaterialRatio(Record):
 
 
 class GroupDifference(Record):
-    """Two groups with one model, by the parameters of their materials.
+    """The comparison of the materials of two groups with the same model.
 
     Attributes:
-        first: name of the group whose material is above the line of the ratio.
-        second: name of the other.
-        parameters: the ratios, by natural name.
+        first: name of the group whose values are the numerators of the ratios.
+        second: name of the group whose values are the denominators.
+        parameters: ratios by natural name of the parameter; only parameters that both groups determine.
     """
 
     first: str
@@ -194,7 +198,7 @@ class GroupDifference(Record):
             higher, ratio = difference.probability_higher, digits.quantity(difference.ratio)
             way, sure = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
             probable = "> 0.99" if sure > 0.99 else f"{sure:.2f}"
-            clauses.append(f"{digits.described(name)[0]} {ratio}, {way} with probability {probable}")
+            clauses.append(f"{digits.symbol_and_unit(name)[0]} {ratio}, {way} with probability {probable}")
         return f"{self.first} over {self.second}: {'; '.join(clauses)}"
 
 
@@ -209,7 +213,7 @@ def material_of(
     return with_slope_if_any(answers, names, along)
 
 
-kept_material_of = lru_cache(maxsize=8)(material_of)  # in a watched folder each new shot writes all groups again
+cached_material_of = lru_cache(maxsize=8)(material_of)  # in a watched folder each new shot writes all groups again
 
 
 def population_record(population: Population | None, column: str = "") -> PopulationRecord | None:
@@ -222,62 +226,62 @@ def population_record(population: Population | None, column: str = "") -> Popula
         return PopulationRecord(**fields)
 
     def each(of: Callable[[str], tuple[float, float, float]]) -> dict[str, Quantity]:
-        return {name: Quantity.of(*of(name)) for name in population.names}
+        return {name: Quantity.from_interval(*of(name)) for name in population.names}
 
     whole = np.sqrt(np.mean(population.spread**2, axis=1))
     evidence, scattered = population.evidence, population.scattered
     if population.slope is not None:
         slopes = each(population.trend)
         fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
-        fields["remarks"] = [_trends(column, population.along_at or 0.0, slopes), *population.remarks]
+        fields["remarks"] = [_trends_in_words(column, population.along_at or 0.0, slopes), *population.remarks]
     return PopulationRecord(
         **fields,
         **PopulationRecord.fields_of({name: population.quantity(name) for name in population.names}),
-        spread_decades=Quantity.of(*np.quantile(whole, [0.05, 0.5, 0.95]).tolist()),
+        spread_decades=Quantity.from_interval(*np.quantile(whole, [0.05, 0.5, 0.95]).tolist()),
         spreads_decades=each(population.scatter),
         common=each(population.if_common),
-        correlation={pair: Quantity.of(*interval) for pair, interval in population.correlations().items()},
+        correlation={pair: Quantity.from_interval(*interval) for pair, interval in population.correlations().items()},
         log_evidence=evidence.log if evidence else None,
         log_evidence_error=evidence.error if evidence else None,
         log_evidence_of_scatter=scattered.log if scattered else None,
     )
 
 
-def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
+def _trends_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
     """The slopes in words: 'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
-    from cavirheo.io.shots import LOG_SIZE
+    from cavirheo.io.shots import LOG_R_MAX
 
-    changes = [(digits.described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
-    if column == LOG_SIZE:
+    changes = [(digits.symbol_and_unit(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
+    if column == LOG_R_MAX:
         size = digits.micrometres(1e-6 * 10.0**at)
-        clauses = "; ".join(over_size(*change) for change in changes)
+        clauses = "; ".join(size_trend_in_words(*change) for change in changes)
         return f"the material over R_max: {clauses}; its values are those at R_max = {size} µm"
     clauses = "; ".join(
-        f"{symbol} {_WAYS[slope.sign]}: {words} decades per unit"
+        f"{symbol} {_TREND_VERBS[slope.sign]}: {words} decades per unit"
         + f", a factor of {digits.significant(10.0 ** min(abs(slope.median or 0.0), 99.0), 2)}" * bool(slope.sign)
         for symbol, slope, words in changes
     )
     return f"with {column}: {clauses}; the material is that at {column} = {digits.significant(at)}"
 
 
-def over_size(symbol: str, power: Quantity, words: str) -> str:
+def size_trend_in_words(symbol: str, power: Quantity, words: str) -> str:
     """A power of R_max in a sentence, 'µ rises as R_max^0.30 [0.10, 0.50]', or, if it may be 0, that this is so."""
     if power.sign:
-        return f"{symbol} {_WAYS[power.sign]} as R_max^{words}"
-    if max(-(power.q05 or 0.0), power.q95 or 0.0) < _FLAT:
+        return f"{symbol} {_TREND_VERBS[power.sign]} as R_max^{words}"
+    if max(-(power.q05 or 0.0), power.q95 or 0.0) < _MAX_FLAT_POWER:
         return f"no change of {symbol} with R_max is seen (as R_max^{words})"
     return f"whether {symbol} changes with R_max cannot be told (as R_max^{words})"
 
 
 def differences(materials: Mapping[str, Population | None]) -> list[GroupDifference]:
-    """The difference of each two of the first _MOST materials that have the same model and determine a parameter."""
+    """Differences of each two of the first _MAX_COMPARED materials with the same model that determine a parameter."""
     whole = [(name, population) for name, population in materials.items() if population and len(population.centre)]
     records = []
-    for (earlier, population), (later, second) in combinations(whole[:_MOST], 2):
+    for (earlier, population), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
         if (population.material, population.bubble) != (second.material, second.bubble):
             continue
         parameters = {
-            name: MaterialRatio(**{**difference._asdict(), "ratio": Quantity.of(*difference.ratio)})
+            name: MaterialRatio(**{**difference._asdict(), "ratio": Quantity.from_interval(*difference.ratio)})
             for name, difference in second.against(population).items()
         }
         records += [GroupDifference(first=later, second=earlier, parameters=parameters)] if parameters else []

@@ -14,16 +14,16 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.parameters import AT_RATE
+from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
-from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
-from cavirheo.reporting.group import CONSTANTS, GroupRecord
+from cavirheo.reporting.answer import CurveRecord, Unit, display_unit, parameters_of
+from cavirheo.reporting.group import MATERIAL_CONSTANTS, GroupRecord
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Spread
 
-FAR = 3.0  # ratio of the largest to the smallest value, above which an axis begins at zero
+ZERO_AXIS_RATIO = 3.0  # ratio of the largest to the smallest value, above which an axis begins at zero
 RMAX = "Rₘₐₓ"
 _SIZE = "R_max"  # used instead of the name of a parameter
 
@@ -78,14 +78,14 @@ class Panel:
     """Axes with layers, drawn in this order.
 
     Attributes:
-        top: a second axis along the top; None where there is none.
+        top_axis: a second axis along the top; None where there is none.
         note: text beside the key.
     """
 
     x: Axis
     y: Axis
     layers: tuple[Layer, ...]
-    top: Axis | None = None
+    top_axis: Axis | None = None
     note: str = ""
 
     def layer(self, look: str) -> Layer:
@@ -97,7 +97,7 @@ class Panel:
 def curve_panels(
     curve: RadiusCurve,
     checks: Checks,
-    simulated_as: str = "simulation",
+    simulation_name: str = "simulation",
     *,
     fit: Checks | None = None,
     what_if: Checks | None = None,
@@ -105,19 +105,19 @@ def curve_panels(
 ) -> list[Panel]:
     """The panel of the measured and simulated radius, then that of the residual, if frames were compared.
 
-    checks: of the answer; if it failed, only measured points are drawn. simulated_as: name of the line. fit, what_if:
+    checks: of the answer; if it failed, only measured points are drawn. simulation_name: name of a line. fit, what_if:
     simulations of a conventional fit and of other values. draws: band of the simulations of the draws: times (s), lower
     and upper radius (m). Raises ValueError: a line has not as many times as values."""
     has_answer = checks.verdict != "failed"
     checks = checks if has_answer else Checks("failed")
-    units, rmse = _Units.of(curve), 100.0 * (checks.rmse_over_rmax or 0.0)
+    units, rmse = _Units.from_curve(curve), 100.0 * (checks.rmse_over_rmax or 0.0)
     time, radius = units.points(curve.time, curve.radius)
-    line, difference = units.simulation(checks, "simulated", simulated_as)
+    line, difference = units.simulation(checks, "simulated", simulation_name)
     compared = np.full(len(time), not has_answer)
     if len(difference.x):
         slack = 1e-6 * (time[-1] - time[0])
         compared = (time >= difference.x[0] - slack) & (time <= difference.x[-1] + slack)
-    low, high = _view(time, difference.x)
+    low, high = _time_ends(time, difference.x)
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
     share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # together as many points as the simulation
     layers, differences = [], [difference]
@@ -156,7 +156,7 @@ def _largest(layers: Sequence[Layer], least: float) -> float:
 
 def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> list[Panel]:
     """The panels of a curve and its answer; without an answer in the record, the measured points alone."""
-    name = f"simulation: {digits.simulated(record.method)}"
+    name = f"simulation: {digits.simulation_name(record.method)}"
     return curve_panels(curve, checks if record.has_answer else Checks("failed"), name)
 
 
@@ -164,7 +164,7 @@ def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
     """The panel of a curve without an answer: which frames are to be compared (those of `window`), which are outliers,
     and which have no radius. Raises InputError: the curve has no R_max."""
     (panel,) = curve_panels(curve, Checks("unverified", compared_time=window.time))
-    time, radius = _Units.of(curve).points(curve.time, curve.radius)
+    time, radius = _Units.from_curve(curve).points(curve.time, curve.radius)
     within = (time >= panel.x.low) & (time <= panel.x.high)
     outliers = np.isin(np.arange(len(time)), curve.spikes()) & within
     missing = time[np.isnan(radius) & within]
@@ -183,7 +183,7 @@ class _Units(NamedTuple):
     per_metre: float
 
     @classmethod
-    def of(cls, curve: RadiusCurve) -> _Units:
+    def from_curve(cls, curve: RadiusCurve) -> _Units:
         """The units of a curve: µs after R_max and µm, as far as its scales are known."""
         radius, per_metre = "R (µm)", 1e6
         if curve.unscaled:
@@ -211,7 +211,7 @@ class _Units(NamedTuple):
         return line, Layer("dots", "residual", compared_time, 100.0 * residual, share=0.2)
 
 
-def _view(time: Floats, window: Floats) -> tuple[float, float]:
+def _time_ends(time: Floats, window: Floats) -> tuple[float, float]:
     """Ends of the time axis: at most one window length before the window and half of one after it, so that a long
     recording does not make the window small; all frames if there is no window."""
     if not len(time):
@@ -234,13 +234,13 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
         curves.append(curve)
         t_c.append(answer.checks.time_scale or np.nan)
     names = parameters_of(records)
-    upper = next((name for name in CONSTANTS if name in names), names[0])
+    upper = next((name for name in MATERIAL_CONSTANTS if name in names), names[0])
     lower = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
     all_elastic = lower and all(record.shear_modulus_Pa.median is not None for record in records)
     lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
     tones = _tones(np.array([curve.max_radius for curve in curves]))
     end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
-    answers = [_answers(records, group, result.modulus_unit, upper, across, tones) for across in lower]
+    answers = [_answers_panel(records, group, result.modulus_unit, upper, across, tones) for across in lower]
     return [_overlay(curves, t_c, 1.1 * end, scaled=True), *answers]
 
 
@@ -280,12 +280,12 @@ def _tones(sizes: Floats) -> Floats:
     return (sizes - sizes.min()) / (np.ptp(sizes) or 1.0)
 
 
-def _answers(
+def _answers_panel(
     records: Sequence[CurveRecord], group: GroupRecord, unit: Unit, upper: str, across: str, tones: Floats
 ) -> Panel:
     """The panel of the answers of a group, `upper` over `across`; rings mark answers that do not count."""
-    x, mean_x, x_label = _along(across, records, group, unit)
-    y, mean_y, y_label = _along(upper, records, group, unit)
+    x, mean_x, x_label = _axis_values(across, records, group, unit)
+    y, mean_y, y_label = _axis_values(upper, records, group, unit)
     trusted = np.array([record.trusted for record in records])
     finite = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
     over_size, material = across == _SIZE, group.material
@@ -302,20 +302,20 @@ def _answers(
         line = np.linspace(x[:, 1].min(), x[:, 1].max(), 60)
         layers.append(Layer("line", "centre", line, np.exp(level) * line**power, f"{RMAX}^{slope.words}"))
     elif (across, upper) == ("shear_modulus", "viscosity") and material and (contour := material.contour()) is not None:
-        of_modulus = in_unit("shear_modulus", unit)[1]
+        of_modulus = display_unit("shear_modulus", unit)[1]
         layers.append(Layer("line", "contour", of_modulus * contour[:, 1], contour[:, 0], "90 % of shots"))
-        centre = _ends([material.value(across)], of_modulus)[0], _ends([material.value(upper)])[0]
+        centre = _interval_ends([material.value(across)], of_modulus)[0], _interval_ends([material.value(upper)])[0]
         marks.append(("centre", "material", *centre))
     elif mean_y is not None and group.value(upper).std is not None and (over_size or mean_x is not None):
         marks.append(("centre", "mean ± std", None if over_size else mean_x, mean_y))
     if not (over_size and group.shear_modulus_Pa.mean is not None):  # in one panel only
         for method, values in group.published.items():
-            of_x, of_y = (_mean(values.get(name, Spread()), in_unit(name, unit)[1]) for name in (across, upper))
+            of_x, of_y = (_mean(values.get(name, Spread()), display_unit(name, unit)[1]) for name in (across, upper))
             if of_y is not None and (over_size or of_x is not None):
                 marks.append(("published", digits.elide(method, 14), of_x, of_y))
     layers += [Layer("bars", look, x[None], y[None], name) for look, name, x, y in marks if x is not None]
     ends = ([x, *(layer.x for layer in layers)], [y, *(layer.y for layer in layers), *(y for *_, y in marks)])
-    axes = Axis(x_label, *_around(ends[0], close=over_size)), Axis(y_label, *_around(ends[1]))
+    axes = Axis(x_label, *_axis_ends(ends[0], close=over_size)), Axis(y_label, *_axis_ends(ends[1]))
     width = np.array([axes[0].low, axes[0].high])
     for look, name, place, (low, middle, high) in marks:
         if place is None:
@@ -324,16 +324,16 @@ def _answers(
     return Panel(*axes, tuple(layer for layer in layers if len(layer.x)))
 
 
-def _along(
+def _axis_values(
     name: str, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit
 ) -> tuple[Floats, Floats | None, str]:
     """(values of a parameter or of R_max (n, 3), the group's mean (3,) or None, label of the axis)."""
     if name == _SIZE:
         radii = [1e6 * (record.max_radius_m or np.nan) for record in records]
         return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
-    symbol, factor, written = in_unit(name, unit)
-    viscous = name in ("viscosity", AT_RATE)
-    values = _ends([record.viscosity if viscous else record.value(name) for record in records], factor)
+    symbol, factor, written = display_unit(name, unit)
+    viscous = name in ("viscosity", VISCOSITY_AT_RATE)
+    values = _interval_ends([record.viscosity if viscous else record.value(name) for record in records], factor)
     return values, _mean(group.value(name), factor), f"{symbol} ({written})" if written else symbol
 
 
@@ -343,19 +343,19 @@ def _mean(value: Spread, factor: float) -> Floats | None:
     return factor * (value.mean + (value.std or 0.0) * np.array([-1.0, 0.0, 1.0]))
 
 
-def _ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
+def _interval_ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
     """(n, 3) lower end, median and upper end; three times the median where there is no interval."""
     ends = factor * np.array([(value.q05, value.median, value.q95) for value in values], dtype=float).reshape(-1, 3)
     return np.where(np.isnan(ends), ends[:, 1:2], ends)
 
 
-def _around(parts: Sequence[Floats], *, close: bool = False) -> tuple[float, float]:
-    """Ends of an axis around these positive numbers; from zero if largest/smallest exceeds FAR, unless `close`."""
+def _axis_ends(parts: Sequence[Floats], *, close: bool = False) -> tuple[float, float]:
+    """Ends of an axis around these positive numbers; from zero if max/min exceeds ZERO_AXIS_RATIO, unless `close`."""
     numbers = np.concatenate([np.ravel(part) for part in parts])
     numbers = numbers[np.isfinite(numbers)]
     if not len(numbers) or numbers.max() <= 0.0:
         return 0.0, 1.0
     low, high = float(numbers.min()), float(numbers.max())
-    begin = 0.0 if low < high / FAR and not close else low
+    begin = 0.0 if low < high / ZERO_AXIS_RATIO and not close else low
     margin = 0.1 * (high - begin) or 0.1 * high
     return max(begin - margin, 0.0), high + margin

@@ -35,36 +35,36 @@ POINTS = 800  # approximate number of points of a picture
 GROUP_POINTS = 8 * POINTS  # approximate number of points of all shots of a group
 Word = tuple[str, int, int, str]  # look, x and y of the baseline, text
 Key = list[tuple[str, str]]  # look, text
-_LEFT, _RIGHT, _BELOW = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
+_LEFT, _RIGHT, _BOTTOM = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
 _ROW = 17 * PX  # height of a line of text
 _TICK = 4 * PX
-_FEWEST = 40  # least number of points of a line
+_MIN_LINE_POINTS = 40  # least number of points of a line
 _TONES = 12  # steps from the darkest to the lightest tone
 _SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
 _SYMBOLS |= {"ring": "○", "outlier": "○", "contour": "- -"}  # or by look
-KINDS = ("png", "svg", "pdf")  # of figure files
-_MM = 25.4  # per inch
-_WIDTH_MM, _PAGE = 84.0, 174.0  # mm, width of a column and of a page
-_SMALL, _LARGE = 7.0, 8.0  # pt, type of numbers and keys, and of the names of axes
-_EM = _LARGE * _MM / 72.0  # mm, size of the large type
-_LINE = 1.0  # pt, width of a line
+FIGURE_KINDS = ("png", "svg", "pdf")  # of figure files
+_MM_PER_INCH = 25.4
+_COLUMN_MM, _PAGE_MM = 84.0, 174.0  # mm, width of a column and of a page
+_SMALL_PT, _LARGE_PT = 7.0, 8.0  # pt, type of numbers and keys, and of the names of axes
+_EM = _LARGE_PT * _MM_PER_INCH / 72.0  # mm, size of the large type
+_LINE_PT = 1.0  # pt, width of a line
 _DPI = 300  # resolution of a PNG
 _GREY = "#a0a0a0"
 _LIGHTEST = 0.85  # tone of the lightest shot, from 0 (dark) to 1
-_KEY: dict[str, Any] = {"frameon": False, "fontsize": _SMALL, "handlelength": 1.4, "borderpad": 0.0}
+_LEGEND: dict[str, Any] = {"frameon": False, "fontsize": _SMALL_PT, "handlelength": 1.4, "borderpad": 0.0}
 _DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
 _MARK = {"ms": 4.0, "lw": 1.0, "capsize": 2.0, "zorder": 3}
 _LOOKS: dict[str, dict[str, Any]] = {  # styles of matplotlib by look; a layer of another look is left out
     "measured": _DOT | {"mec": "black"},
     "outside": _DOT | {"mec": _GREY},
-    "simulated": {"color": style.VERMILLION, "lw": _LINE},
+    "simulated": {"color": style.VERMILLION, "lw": _LINE_PT},
     "residual": _DOT | {"mec": "black"},
     "zero": {"color": "black", "lw": 0.5},
-    "shot": {"lw": 0.8 * _LINE},
+    "shot": {"lw": 0.8 * _LINE_PT},
     "interval": {"lw": 0.8},
     "estimate": {"s": 14.0},
     "ring": {"marker": "o", "ls": "", "ms": 3.2, "mew": 0.8, "mec": style.INK, "mfc": "white"},
-    "contour": {"color": "black", "ls": "--", "lw": 0.7 * _LINE, "zorder": 3},
+    "contour": {"color": "black", "ls": "--", "lw": 0.7 * _LINE_PT, "zorder": 3},
     "centre": {"color": "black", "marker": "D", **_MARK},
     "published": {"color": style.VERMILLION, "marker": "s", **_MARK},
     "centre-range": {"color": "black", "alpha": 0.1, "lw": 0},
@@ -101,7 +101,7 @@ class Frame:
             ticks += [("middle", x, bottom + 15 * PX, f"{n:g}") for x, n in zip(places, columns, strict=True)]
             title = ", ".join(filter(None, (panel.x.label, panel.x.remark)))
             names.append(("name end", right, bottom + 31 * PX, title))
-        if second := panel.top:
+        if second := panel.top_axis:
             columns = second.ticks(max(width // (45 * PX), 2))
             for across, n in zip(self.place(columns, panel.y.low, second)[0], columns, strict=True):
                 path += f"M{across} {top}v{-_TICK}"
@@ -116,7 +116,7 @@ class Frame:
         for layer in self.panel.layers:
             most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
             path: Any = getattr(self, f"_{layer.shape}")
-            tones = style.shades([] if layer.tones is None else np.rint(_TONES * layer.tones) / _TONES)
+            tones = style.tone_colours([] if layer.tones is None else np.rint(_TONES * layer.tones) / _TONES)
             rgb = np.rint(255 * tones).astype(int).tolist()
             colours = np.array(["#{:02x}{:02x}{:02x}".format(*tone) for tone in rgb] or [""])
             for colour in dict.fromkeys(colours.tolist()):
@@ -134,7 +134,7 @@ class Frame:
         """Path of a line through the points, or through about `most` of them; NaN makes a gap."""
         finite, path = np.flatnonzero(np.isfinite(y)), ""
         for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else ():
-            some = part[self._thinned(x[part], y[part], max(most * len(part) // len(finite), 2))]
+            some = part[self._thin(x[part], y[part], max(most * len(part) // len(finite), 2))]
             first, *steps = _steps(*self.place(x[some], y[some]))
             path += f"M{first}l{' '.join(steps)}" if steps else f"M{first}z"
         return path
@@ -145,7 +145,7 @@ class Frame:
 
     def _area(self, x: Floats, y: Floats, most: int) -> str:
         """Path of the area between two lines, of each about `most` points or fewer."""
-        some = self._thinned(x, y[:, 1], most)
+        some = self._thin(x, y[:, 1], most)
         ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
         first, *steps = _steps(*self.place(x[np.concatenate([some, some[::-1]])], ends))
         return f"M{first}l{' '.join(steps)}z"
@@ -160,7 +160,7 @@ class Frame:
     def _ticks(self, x: Floats, y: Floats, _: int) -> str:
         return "".join(f"M{across} {down}v{-7 * PX}" for across, down in zip(*self.place(x, y), strict=True))
 
-    def _thinned(self, x: Floats, y: Floats, most: int) -> np.ndarray:
+    def _thin(self, x: Floats, y: Floats, most: int) -> np.ndarray:
         """Indices of `most` points evenly along a line, and of as many of its turns, so that a collapse stays sharp."""
         if len(x) <= most:
             return np.arange(len(x))
@@ -177,7 +177,7 @@ def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEI
     ± RMSE. width, height: px; the size of the type does not change. points: approximate number of drawn points."""
     radius, *residual = panels
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
-    key = _key(radius, without="outside" if width < WIDTH else "")  # a narrow key has no room
+    key = _key(radius, omitted_look="outside" if width < WIDTH else "")  # a narrow key has no room
     key += [("failed", f"{radius.note}\u2003")] if radius.note else []
     return _picture(panels, f"measured radius over time{simulated}", key, points, (width, height))
 
@@ -192,8 +192,8 @@ def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
 
 def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
     """The picture of all shots in one panel. points: of all lines together; of too many shots every k-th is drawn."""
-    every = max(-(-len(panel.layers) * _FEWEST // points), 1)
-    share = max(points // len(panel.layers[::every]), _FEWEST) / points
+    every = max(-(-len(panel.layers) * _MIN_LINE_POINTS // points), 1)
+    share = max(points // len(panel.layers[::every]), _MIN_LINE_POINTS) / points
     layers = tuple(replace(layer, share=share) for layer in panel.layers[::every])
     label = f"{panel.y.label} over {panel.x.label} of {digits.counted(len(panel.layers), 'shot')}"
     note = panel.note + (f", 1 of {every} is drawn" if every > 1 else "")
@@ -207,9 +207,9 @@ def _picture(
     from cavirheo.reporting.html import template
 
     view, top = [round(PX * side) for side in size], 2 * _ROW + 2 * PX
-    across, inner = view[0] - _LEFT - _RIGHT, view[1] - _BELOW - top
+    across, inner = view[0] - _LEFT - _RIGHT, view[1] - _BOTTOM - top
     below = PX * round(0.26 * (inner - _ROW) / PX) if len(panels) > 1 else 0
-    begin = view[1] - _BELOW - below
+    begin = view[1] - _BOTTOM - below
     between = _ROW + 4 * PX if below else 0
     boxes = (_LEFT, top, across, inner - below - between), (_LEFT, begin, across, below)
     frames = [Frame(panel, box) for panel, box in zip(panels, boxes, strict=False)]  # one, or both
@@ -220,12 +220,12 @@ def _picture(
     return Markup(template("picture.svg").render(view=view, label=label, left=_LEFT, row=_ROW - 5 * PX, **content))
 
 
-def _key(panel: Panel, *, without: str = "") -> Key:
-    """The key: (look, symbol and name) of each layer with a name. without: a look that is left out."""
+def _key(panel: Panel, *, omitted_look: str = "") -> Key:
+    """The key: (look, symbol and name) of each layer with a name. omitted_look: a look that is left out."""
     return [
         (layer.look, f"{_SYMBOLS.get(layer.look, _SYMBOLS.get(layer.shape, ''))} {layer.name}\u2003")
         for layer in panel.layers
-        if layer.name and layer.look != without
+        if layer.name and layer.look != omitted_look
     ]
 
 
@@ -237,11 +237,11 @@ def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
 
 def check_figures(figures: Sequence[str]) -> None:
     """Check the kinds of figure files. Raises InputError: an unknown kind."""
-    unknown = ", ".join(repr(kind) for kind in figures if kind not in KINDS)
-    require(not unknown, f"figures can be {', '.join(KINDS)}, got {unknown}", "reporting.figures")
+    unknown = ", ".join(repr(kind) for kind in figures if kind not in FIGURE_KINDS)
+    require(not unknown, f"figures can be {', '.join(FIGURE_KINDS)}, got {unknown}", "reporting.figures")
 
 
-def stems_of(curves: Iterable[str], groups: Iterable[str]) -> list[str]:
+def figure_stems(curves: Iterable[str], groups: Iterable[str]) -> list[str]:
     """Names, without an ending, of the figure files of curves and groups."""
     return file_names([*curves, *(f"group-{name}" for name in groups)])
 
@@ -276,8 +276,8 @@ def write_figures(
             folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
 
     pictures: list[tuple[Any, ...]] = [(row.name, [index]) for index, row in enumerate(rows)]
-    pictures += [(group.name, indices, group) for group, indices in document.members()]
-    stems = stems_of((row.name for row in rows), (group.name for group in document.groups))
+    pictures += [(group.name, indices, group) for group, indices in document.indices_by_group()]
+    stems = figure_stems((row.name for row in rows), (group.name for group in document.groups))
     for stem, (name, *content) in zip(stems, pictures, strict=True):
         try_to_draw(f"figure of {name}", failed, save, stem, *content)
         if advance:
@@ -288,13 +288,13 @@ def write_figures(
 def curve_figure(panels: Sequence[Panel]) -> Figure:
     """Figure of one column: measured points with the simulation over them, and below the residual."""
     height = 68.0
-    figure = style.new_figure(height / _MM, _WIDTH_MM / _MM)
-    left, bottom, across = 6.4 * _EM, 3.6 * _EM, _WIDTH_MM - 7.1 * _EM
+    figure = style.new_figure(height / _MM_PER_INCH, _COLUMN_MM / _MM_PER_INCH)
+    left, bottom, across = 6.4 * _EM, 3.6 * _EM, _COLUMN_MM - 7.1 * _EM
     radius, *residual = panels
     lower = 0.18 * height * len(residual)
     begin = bottom + lower + 1.1 * _EM * len(residual)
     upper = _panel(figure, (left, begin, across, height - 0.7 * _EM - begin), radius, along=not residual)
-    upper.legend(**_KEY, loc="upper right")
+    upper.legend(**_LEGEND, loc="upper right")
     for panel in residual:
         _panel(figure, (left, bottom, across, lower), panel)
     return figure
@@ -303,29 +303,29 @@ def curve_figure(panels: Sequence[Panel]) -> Figure:
 def group_figure(panels: Sequence[Panel]) -> Figure:
     """Figure as wide as a page: all shots in one panel, and their answers with the material; rings do not count."""
     height = 62.0
-    figure = style.new_figure(height / _MM, _PAGE / _MM)
+    figure = style.new_figure(height / _MM_PER_INCH, _PAGE_MM / _MM_PER_INCH)
     bottom, tall = 3.9 * _EM, height - 7.4 * _EM  # two lines of the key above
-    half = (_PAGE - 12.0 * _EM) / 2.0
+    half = (_PAGE_MM - 12.0 * _EM) / 2.0
     shots, answers, *_ = panels
     left = _panel(figure, (4.6 * _EM, bottom, half, tall), shots)
-    style.write(left, 1.0, 1.03, shots.note, size=_SMALL, ha="right")
-    right = _panel(figure, (_PAGE - 0.7 * _EM - half, bottom, half, tall), answers)
+    style.write_text(left, 1.0, 1.03, shots.note, size=_SMALL_PT, ha="right")
+    right = _panel(figure, (_PAGE_MM - 0.7 * _EM - half, bottom, half, tall), answers)
     if right.get_legend_handles_labels()[0]:
-        right.legend(**_KEY, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
+        right.legend(**_LEGEND, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
     for axes, letter in ((left, "a"), (right, "b")):
-        axes.set_title(letter, loc="left", fontsize=_LARGE, fontweight="bold")
+        axes.set_title(letter, loc="left", fontsize=_LARGE_PT, fontweight="bold")
     return figure
 
 
 def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel, *, along: bool = True) -> Axes:
     """Axes with the layers of a panel. box: left, bottom, width and height, mm. along: with numbers and name below."""
-    (width, height), x, y = (_MM * figure.get_size_inches()), panel.x, panel.y
+    (width, height), x, y = (_MM_PER_INCH * figure.get_size_inches()), panel.x, panel.y
     axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_linewidth(0.6)
-    axes.tick_params(labelsize=_SMALL, width=0.6, length=2.0, pad=2.0, labelbottom=along)
-    axes.set_xlabel(x.label if along else "", fontsize=_LARGE, labelpad=2.0)
-    axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE)
+    axes.tick_params(labelsize=_SMALL_PT, width=0.6, length=2.0, pad=2.0, labelbottom=along)
+    axes.set_xlabel(x.label if along else "", fontsize=_LARGE_PT, labelpad=2.0)
+    axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE_PT)
     axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
     axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high), xticks=x.ticks(7), yticks=y.ticks(6 if box[3] > 20 else 3))
     for layer in panel.layers:
@@ -334,18 +334,18 @@ def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel,
     return axes
 
 
-def _draw(axes: Axes, layer: Layer, how: dict[str, Any]) -> None:
+def _draw(axes: Axes, layer: Layer, options: dict[str, Any]) -> None:
     x, y, label = layer.x, layer.y, layer.name or "_"
-    colours = None if layer.tones is None else style.shades(_LIGHTEST * layer.tones)
+    colours = None if layer.tones is None else style.tone_colours(_LIGHTEST * layer.tones)
     if layer.shape == "band":
-        axes.axhspan(*y, **how)
+        axes.axhspan(*y, **options)
     elif layer.shape == "bars":
         xerr, yerr = (np.abs(values[:, [0, 2]] - values[:, [1]]).T for values in (x, y))
-        points: dict[str, Any] = {"ls": ""} if "marker" in how else {"fmt": "none", "ecolor": colours}
-        axes.errorbar(x[:, 1], y[:, 1], yerr, xerr, label=label, **how | points)
+        points: dict[str, Any] = {"ls": ""} if "marker" in options else {"fmt": "none", "ecolor": colours}
+        axes.errorbar(x[:, 1], y[:, 1], yerr, xerr, label=label, **options | points)
     elif layer.shape == "dots" and colours is not None:
-        axes.scatter(x, y, c=colours, zorder=2, **how)
+        axes.scatter(x, y, c=colours, zorder=2, **options)
     else:
         colour = {} if colours is None else {"color": colours[0]}
         flat = {"marker": ""} if layer.shape == "line" else {}
-        axes.plot(x, y, label=label, **how | colour | flat)
+        axes.plot(x, y, label=label, **options | colour | flat)

@@ -16,11 +16,11 @@ import numpy as np
 from pydantic import model_validator
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.parameters import AT_RATE
+from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.group import REFERENCES, GroupRecord, Published, group_of
-from cavirheo.reporting.material import GroupDifference, differences, kept_material_of, material_of, population_record
+from cavirheo.reporting.group import REFERENCE_METHODS, GroupRecord, Published, group_record
+from cavirheo.reporting.material import GroupDifference, cached_material_of, differences, material_of, population_record
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Document
 from cavirheo.writing.export import dataframe
@@ -40,7 +40,7 @@ class CurveAnswers(Pairs):
     answers: Sequence[Posterior]
 
     @classmethod
-    def of(cls, pairs: Pairs) -> CurveAnswers:
+    def from_pairs(cls, pairs: Pairs) -> CurveAnswers:
         """The pairs as `CurveAnswers`."""
         if isinstance(pairs, CurveAnswers):
             return pairs
@@ -53,24 +53,25 @@ class CurveAnswers(Pairs):
         return self.curves[index], self.answers[index]
 
 
-CACHED = 500  # most curves of a run whose materials are kept in memory
+MAX_CACHED_CURVES = 500  # most curves of a run whose materials are kept in memory
 
 
 class Result(Document):
     """The answers of a run.
 
     Attributes:
-        curves: a row for each curve.
-        groups: the shots of each file or folder, with their means and their material; those of published values that
-            have no recording have no shot.
-        differences: of the materials of each two of the first 6 groups that have one; left out where there is none.
+        curves: the answer for each curve.
+        groups: the shots of each file or folder, with their means and their material. A group of published values
+            without recordings has no shots.
+        differences: comparisons of each two of the first 6 groups that have a material, where both have the same model
+            and determine a parameter; left out where there is none.
     """
 
     kind: Literal["result"] = "result"
     curves: list[CurveRecord]
     groups: list[GroupRecord]
     differences: list[GroupDifference] = []
-    _if_any = ("differences",)
+    _omitted_if_empty = ("differences",)
 
     @model_validator(mode="after")
     def _each_curve_in_a_group(self) -> Result:
@@ -95,30 +96,31 @@ class Result(Document):
         lines = list(dict.fromkeys(sentence for _, sentence in models))
         if len(models) == 1:
             lines = [f"model: {material}. {sentence}" for material, sentence in models]
-        return lines + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
+        at_rate = ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"]
+        return lines + at_rate * (VISCOSITY_AT_RATE in self.parameters)
 
     def to_dataframe(self) -> Any:
         """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""
-        from cavirheo.reporting.table import rows_of
+        from cavirheo.reporting.table import csv_rows
 
-        head, rows = rows_of(self)
+        head, rows = csv_rows(self)
         return dataframe({name: [row.get(name) for row in rows] for name in head}, {"command": self.command})
 
-    def members(self) -> list[tuple[GroupRecord, list[int]]]:
+    def indices_by_group(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""
         members = iter(_members(self.curves).values())
         return [(group, next(members) if group.n + group.n_failed else []) for group in self.groups]
 
-    def shots(self) -> list[tuple[GroupRecord, list[CurveRecord]]]:
+    def rows_by_group(self) -> list[tuple[GroupRecord, list[CurveRecord]]]:
         """Each group with its rows."""
-        return [(group, [self.curves[i] for i in indices]) for group, indices in self.members()]
+        return [(group, [self.curves[i] for i in indices]) for group, indices in self.indices_by_group()]
 
-    def add_published(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
+    def add_published(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCE_METHODS) -> None:
         """Add published values to the groups with these names. Any other name becomes a group without shots, in the
         order of the names."""
         for k, name in enumerate(published):
             if name not in [group.name for group in self.groups]:
-                self.groups.insert(k, group_of(name, []))
+                self.groups.insert(k, group_record(name, []))
         for group in self.groups:
             group.add_published(published.get(group.name, {}), references)
 
@@ -126,9 +128,9 @@ class Result(Document):
 def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = ()) -> Result:
     """The result of all curves, in the given order, and of their groups. The answers are read group by group. command,
     date, notes: as of `write_report`."""
-    pairs = CurveAnswers.of(pairs)
-    curves, answers, title = pairs.curves, pairs.answers, _title(pairs.curves)
-    material = kept_material_of if len(curves) <= CACHED else material_of
+    pairs = CurveAnswers.from_pairs(pairs)
+    curves, answers, title = pairs.curves, pairs.answers, _column_title(pairs.curves)
+    material = cached_material_of if len(curves) <= MAX_CACHED_CURVES else material_of
     rows: dict[int, CurveRecord] = {}
     materials: list[Population | None] = []
     for indices in _members(curves).values():
@@ -149,10 +151,10 @@ def result_of(
     notes: Sequence[str] = (),
 ) -> Result:
     """The result of these records of curves, and of their groups. materials: those of the groups; default: none."""
-    members, names, title = _members(rows), group_names(rows), _title(rows)
+    members, names, title = _members(rows), group_names(rows), _column_title(rows)
     materials = materials or [None] * len(members)
     groups = [
-        group_of(name, [rows[i] for i in indices], population_record(material, title))
+        group_record(name, [rows[i] for i in indices], population_record(material, title))
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
     differing = differences(dict(zip(names, materials, strict=True)))
@@ -168,7 +170,7 @@ def group_names(curves: Iterable[CurveRecord | RadiusCurve]) -> list[str]:
     return [group if stems.count(group) == 1 or not source else source for group, source in members]
 
 
-def _title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:
+def _column_title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:
     """The title of the column that the user declared; "" if there is none."""
     return next((title for curve in curves for title in curve.column), "")
 

@@ -16,10 +16,18 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.io.shots import stem_of
 from cavirheo.messages import title
-from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
+from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, is_law_parameter
 from cavirheo.physics.media import WATER
-from cavirheo.reporting.answer import CurveRecord, OtherModel, Unit, evidence, in_unit, parameter_key, parameters_of
-from cavirheo.reporting.group import OURS, TOGETHER, GroupRecord, error_of, spread_over
+from cavirheo.reporting.answer import (
+    CurveRecord,
+    OtherModel,
+    Unit,
+    display_unit,
+    log_evidence_key,
+    parameter_key,
+    parameters_of,
+)
+from cavirheo.reporting.group import JOINT_PREFERENCE, OUR_MEANS, GroupRecord, error_of, spread_over
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, export, terminal
@@ -31,12 +39,12 @@ if TYPE_CHECKING:
 
     from cavirheo.inference.analysis import Analysis
 
-MOST = 10  # most remarks on groups and curves below the table; there is always room for half as many on curves
-FITS = ("least_squares", "laplace")  # methods whose answer is a maximum of the likelihood or of the posterior
-OURS_TRUSTED, OURS_ALL = f"{OURS}, trusted", f"{OURS}, all"  # names of our two means where they differ
+MAX_REMARKS = 10  # most remarks on groups and curves below the table; there is always room for half as many on curves
+MAXIMUM_METHODS = ("least_squares", "laplace")  # their answer is a maximum of the likelihood or of the posterior
+TRUSTED_MEANS, ALL_MEANS = f"{OUR_MEANS}, trusted", f"{OUR_MEANS}, all"  # names of our two means where they differ
 WIDE_SCATTER = 0.4  # standard deviation of G from shot to shot over its mean; one batch of gel has less
-_WINDOWS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
-_WIDE = 110  # columns; in a narrower terminal intervals are below the medians, and only those of G and mu are shown
+_WINDOW_TITLES = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
+_WIDE_TABLE = 110  # columns; in a narrower terminal intervals are below medians, and only those of G and mu are shown
 _WIDE_COMPARISON = 100  # columns; in a narrower terminal cells have two lines
 
 
@@ -62,17 +70,17 @@ def curve_warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
             yield curve.name, error.message
 
 
-def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+def curves_by_note(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     """Notes on what was recognised, converted or left out in the files, each once, with the names of its curves."""
-    return terminal.by_message((curve.name, note) for curve in curves for note in curve.notes)
+    return terminal.names_by_message((curve.name, note) for curve in curves for note in curve.notes)
 
 
-def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
+def input_warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
     """(name, sentence) for each input warning of these records."""
     return ((record.name, warning.text) for record in records for warning in record.warnings)
 
 
-def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
+def curves_by_remark(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
     """The remarks of all answers, the most frequent first, each with the names of its curves. Different sentences with
     the same code are replaced by what they have in common, if the code has such a title."""
     by_code: dict[str, list[tuple[str, str]]] = {}
@@ -82,11 +90,11 @@ def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
     sentences: dict[str, list[str]] = {}
     for code, mine in sorted(by_code.items(), key=lambda item: len(item[1]), reverse=True):
         common = title(code) if len({text for _, text in mine}) > 1 else ""
-        sentences |= terminal.by_message((name, common or text) for name, text in mine)
+        sentences |= terminal.names_by_message((name, common or text) for name, text in mine)
     return sentences
 
 
-def unexplained(records: Sequence[CurveRecord]) -> int:
+def count_unsuited(records: Sequence[CurveRecord]) -> int:
     """Number of answers that suggest another law: their simulation does not fit, or G has no lower bound."""
     undetermined = [row.shear_modulus_Pa.bound for row in records if row.verdict == "undetermined"]
     no_stiffness = sum(bound in ("upper", "undetermined") for bound in undetermined)
@@ -106,7 +114,7 @@ def next_step(result: Result, analysis: Analysis, out: Path) -> str:
         names = ", ".join(record.name for record in unlike[:3]) + f" and {len(unlike) - 3} more" * (len(unlike) > 3)
         look = "µm per pixel, frame rate, the frames at R_max and those that stand out"
         return f"next: look at the recording ({look}) before another model is tried: {names}"
-    unsuited, rejected = unexplained(records), sum(record.preferred is not None for record in records)
+    unsuited, rejected = count_unsuited(records), sum(record.preferred_model is not None for record in records)
     if unsuited > len(records) / 2 and analysis.material != "auto":
         options += ["--material auto"]
     if rejected > len(records) / 2 and len(analysis.bubbles) == 1:
@@ -118,13 +126,13 @@ def next_step(result: Result, analysis: Analysis, out: Path) -> str:
     return f"next: {why}: the same command with {' '.join(options)} -o {shlex.quote(f'{out}-auto')}"
 
 
-def pooled(result: Result) -> list[tuple[str, str, list[str]]]:
+def groups_with_mixed_files(result: Result) -> list[tuple[str, str, list[str]]]:
     """(group, scatter of G in %, stems of the file names) of groups that may be several materials: their scatter is
     larger than WIDE_SCATTER, and their files have several stems, some of them with several numbers."""
     from cavirheo.inference.population import relative_scatter
 
     groups = []
-    for group, shots in result.shots():
+    for group, shots in result.rows_by_group():
         spread = group.population.spreads_decades.get("shear_modulus") if group.population else None
         scatter = relative_scatter(spread.median or 0.0) if spread else 0.0
         files = {shot.source for shot in shots}
@@ -135,14 +143,15 @@ def pooled(result: Result) -> list[tuple[str, str, list[str]]]:
 
 
 def print_table(
-    result: Result, *, analysis: Analysis | None = None, out: Path = Path(), notes_shown: Collection[str] = ()
+    result: Result, *, analysis: Analysis | None = None, out: Path = Path(), printed_notes: Collection[str] = ()
 ) -> None:
     """Print a row per curve and per group (mean ± standard deviation), the remarks on groups and curves, and, with an
-    analysis, the next step. out: folder of the run. notes_shown: notes that were already printed on stderr."""
+    analysis, the next step. out: folder of the run. printed_notes: notes that were already printed on stderr."""
     from rich.text import Text
 
     console = terminal.console()
-    wide, models = console.width >= _WIDE, [(row.material, row.bubble.name) for row in result.curves if row.has_answer]
+    models = [(row.material, row.bubble.name) for row in result.curves if row.has_answer]
+    wide = console.width >= _WIDE_TABLE
     mixed = [k for k in (0, 1) if len({model[k] for model in models}) > 1]
     factor, unit = result.modulus_unit
     heads = [*(["model"] if mixed else []), "R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%"]
@@ -150,9 +159,9 @@ def print_table(
     table = terminal.table("curve", heads, left=("model", "verdict"), gap=int(wide))
     rows: list[tuple[str, Sequence[Any], str]] = []
     for record in result.curves:
-        look = digits.LOOKS[record.verdict]
+        look = digits.VERDICT_STYLES[record.verdict]
         model = [", ".join((record.material, record.bubble.name)[k] for k in mixed)] if mixed else []
-        rows.append((record.name, [*model, *_texts(record, factor, wide), Text(look.words, look.terminal)], ""))
+        rows.append((record.name, [*model, *_curve_cells(record, factor, wide), Text(look.words, look.terminal)], ""))
     terminal.add_rows(table, rows)
     for group in result.groups:
         if group.headline:
@@ -169,22 +178,22 @@ def print_table(
     console.print("\n".join([key, *result.model_key]), style="dim")
     _print_parameters(console, result)
     _print_windows(console, result)
-    terminal.print_warnings(console, warnings(result.curves))
+    terminal.print_warnings(console, input_warnings(result.curves))
     remarks = []
     for group in result.groups:
-        lines = [*group.remarks, *(group.population.below if group.population else [])]
+        lines = [*group.remarks, *(group.population.lines_below_numbers if group.population else [])]
         remarks += [(group.name, line) for line in lines]
-    _print_most(console, remarks, MOST)
-    further = [note for note in result.notes if note not in notes_shown]
+    _print_first(console, remarks, MAX_REMARKS)
+    further = [note for note in result.notes if note not in printed_notes]
     terminal.print_remarks(console, {}, [*(row.words for row in result.differences), *further])
-    whole, several = digits.counted(len(result.curves), "curve"), causes(result.curves).items()
+    whole, several = digits.counted(len(result.curves), "curve"), curves_by_remark(result.curves).items()
     curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), cause) for cause, of in several]
-    _print_most(console, curves, max(MOST - len(remarks), MOST // 2))
+    _print_first(console, curves, max(MAX_REMARKS - len(remarks), MAX_REMARKS // 2))
     if analysis and (step := next_step(result, analysis, out)):
         console.print(Text(digits.printable(step), "bold"), soft_wrap=True)  # a command that can be copied
 
 
-def _print_most(console: Console, remarks: Sequence[tuple[str, str]], most: int) -> None:
+def _print_first(console: Console, remarks: Sequence[tuple[str, str]], most: int) -> None:
     """Print a line for each (who, sentence), at most `most`, then the number of the others."""
     for who, sentence in remarks[:most]:
         terminal.print_remarks(console, {sentence: [who]})
@@ -197,7 +206,7 @@ def print_line(record: CurveRecord) -> None:
     [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
     from rich.text import Text
 
-    look, factor, unit = digits.LOOKS[record.verdict], *digits.modulus_unit([record.shear_modulus_Pa.median])
+    look, factor, unit = digits.VERDICT_STYLES[record.verdict], *digits.modulus_unit([record.shear_modulus_Pa.median])
     values = {"G": (record.shear_modulus_Pa, factor, unit), "µ": (record.viscosity, 1.0, "Pa s")}
     values["λ"] = record.stretch, 1.0, ""
     parts = [
@@ -229,7 +238,7 @@ def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     """Rows of the answer and of other models, by evidence: model, G, µ, λ, RMSE, log evidence minus the answer's."""
     log_evidence, rows = record.evidence.log if record.evidence else None, []
     models: list[tuple[CurveRecord | OtherModel, float | None]] = [(record, log_evidence)]
-    models += [(model, model.log_evidence) for model in sorted(record.other_models, key=evidence, reverse=True)]
+    models += [(model, model.log_evidence) for model in sorted(record.other_models, key=log_evidence_key, reverse=True)]
     for model, log in models:
         above = digits.MISSING if log is None or log_evidence is None else f"{log - log_evidence:+.1f}"
         values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
@@ -238,7 +247,7 @@ def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     return rows
 
 
-def _texts(record: CurveRecord, factor: float, wide: bool) -> list[str]:
+def _curve_cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
     joint = " " if wide else "\n"
     collapses, end = record.window.collapses, record.window.t_star_end
     window = digits.MISSING if collapses is None else str(collapses)
@@ -255,17 +264,17 @@ def _texts(record: CurveRecord, factor: float, wide: bool) -> list[str]:
 
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
-    counts += TOGETHER if group.preferred_together else []  # in two lines
-    counts += [group.basis or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
+    counts += JOINT_PREFERENCE if group.jointly_preferred_models else []  # in two lines
+    counts += [group.counted_in_words or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
     means = [group.mean(group.shear_modulus_Pa, factor), group.mean(group.viscosity)]
     return ["", "", *(mean.replace(" (", "\n(") for mean in means), "", "", "\n".join(counts)]
 
 
 def _print_parameters(console: Console, result: Result) -> None:
     """Print the parameters that were inferred or given, without G, µ, λ and those of the camera."""
-    of_laws, excluded = parameters_of(result.curves), (*CAMERA, AT_RATE)
-    names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
-    units = {name: in_unit(name) for name in names if name not in excluded}
+    of_laws, excluded = parameters_of(result.curves), (*CAMERA, VISCOSITY_AT_RATE)
+    names = [name for name in result.parameters if name in of_laws or not is_law_parameter(name)]
+    units = {name: display_unit(name) for name in names if name not in excluded}
     if not units:
         return
     table = terminal.table("curve", [f"{symbol}\n{unit}".strip() for symbol, _, unit in units.values()])
@@ -280,46 +289,46 @@ def _print_parameters(console: Console, result: Result) -> None:
         console.print(line, style="dim")
 
 
-def _windowed(records: Sequence[CurveRecord]) -> list[str]:
+def _window_parameters(records: Sequence[CurveRecord]) -> list[str]:
     """Parameters in the table of windows: of each law G and the viscosity, or all others if it has neither."""
-    of_laws = ([name for name in parameters_of([record]) if name != AT_RATE] for record in records)
+    of_laws = ([name for name in parameters_of([record]) if name != VISCOSITY_AT_RATE] for record in records)
     return list(dict.fromkeys(name for law in of_laws for name in [n for n in law if n in KEYS] or law))
 
 
-def windows(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[str, str]]]:
+def window_values(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[str, str]]]:
     """(title 'G (kPa), µ (Pa s)', values '6.44, 0.0295' of each record by window: 1, 2, 3 and all collapses). *: one is
-    at a bound. A record has no values unless its method is one of FITS."""
+    at a bound. A record has no values unless its method is one of MAXIMUM_METHODS."""
     texts_of_records, fitted = [], []
     for record in records:
         texts: dict[str, str] = {}
-        if record.method in FITS and record.has_answer and {*_WINDOWS} & {*record.windows}:
+        if record.method in MAXIMUM_METHODS and record.has_answer and {*_WINDOW_TITLES} & {*record.windows}:
             fitted.append(record)
-            texts = dict.fromkeys(_WINDOWS.values(), digits.MISSING)
-            for key in (key for key in _WINDOWS if key in record.windows):
+            texts = dict.fromkeys(_WINDOW_TITLES.values(), digits.MISSING)
+            for key in (key for key in _WINDOW_TITLES if key in record.windows):
                 window = record.windows[key]
-                values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed([record])]
+                values = [(window.best.get(name), display_unit(name, unit)[1]) for name in _window_parameters([record])]
                 numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
-                texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
+                texts[_WINDOW_TITLES[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
         texts_of_records.append(texts)
-    parts = (in_unit(name, unit) for name in _windowed(fitted))
+    parts = (display_unit(name, unit) for name in _window_parameters(fitted))
     return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts), texts_of_records
 
 
 def _print_windows(console: Console, result: Result) -> None:
     """Print the values of every curve by window, and for every group of several shots the mean ± standard deviation
     over the trusted curves with this window, and their number."""
-    unit, heads = result.modulus_unit, list(_WINDOWS.values())
-    values, texts_of_records = windows(result.curves, unit)
+    unit, heads = result.modulus_unit, list(_WINDOW_TITLES.values())
+    values, texts_of_records = window_values(result.curves, unit)
     windowed = zip(result.curves, texts_of_records, strict=True)
     rows = [(curve.name, list(texts.values()), "") for curve, texts in windowed if texts]
     if not rows:
         return
-    for group, shots in result.shots():
-        trusted, means = [shot for shot in shots if shot.trusted and shot.method in FITS], []
-        for key in _WINDOWS:
+    for group, shots in result.rows_by_group():
+        trusted, means = [shot for shot in shots if shot.trusted and shot.method in MAXIMUM_METHODS], []
+        for key in _WINDOW_TITLES:
             having = [curve.windows[key].best for curve in trusted if key in curve.windows]
-            spreads = {name: spread_of([best.get(name) for best in having]) for name in _windowed(trusted)}
-            texts = [digits.spread(mean, in_unit(name, unit)[1]) for name, mean in spreads.items() if mean.n]
+            spreads = {name: spread_of([best.get(name) for best in having]) for name in _window_parameters(trusted)}
+            texts = [digits.spread(mean, display_unit(name, unit)[1]) for name, mean in spreads.items() if mean.n]
             means.append(f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING)
         rows += [(group.name, means, "bold")] if len(shots) > 1 else []
     title = f"{values} by the window that is fitted; *: a parameter at its bound"
@@ -328,10 +337,10 @@ def _print_windows(console: Console, result: Result) -> None:
     console.print(table)
 
 
-def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
+def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number)."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
-    columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *further)}
+    columns = {name: export.column_name(name, digits.symbol_and_unit(name)[1]) for name in (*first, *further)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
     head = ["name", "group", "source", "material", "method", "max_radius_m"]
     head += [columns[name] + end for name in first for end in ends.values()]
@@ -348,7 +357,7 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 
 class ComparedParameter(NamedTuple):
     """A parameter of a group (natural name, or "" for a group without parameters) and its values by method. Our means
-    are OURS_TRUSTED, over the trusted shots that determine it, and OURS_ALL, over all shots that determine it."""
+    are TRUSTED_MEANS, over the trusted shots that determine it, and ALL_MEANS, over all shots that determine it."""
 
     group: GroupRecord
     shots: Sequence[CurveRecord]
@@ -356,14 +365,14 @@ class ComparedParameter(NamedTuple):
     values: dict[str, Spread]
 
     @property
-    def answers(self) -> list[str]:
+    def our_methods(self) -> list[str]:
         """Names of our means: one if both means are over as many shots, else two; none without a recording."""
         if not self.shots or self.name not in (*KEYS, ""):
             return []
-        return [OURS] if self.values[OURS_ALL].n == self.values[OURS_TRUSTED].n else [OURS_TRUSTED, OURS_ALL]
+        return [OUR_MEANS] if self.values[ALL_MEANS].n == self.values[TRUSTED_MEANS].n else [TRUSTED_MEANS, ALL_MEANS]
 
     def value(self, method: str) -> Spread:
-        return self.values.get(OURS_TRUSTED if method == OURS else method, Spread())
+        return self.values.get(TRUSTED_MEANS if method == OUR_MEANS else method, Spread())
 
     def error(self, reference: str, method: str) -> float | None:
         """|mean - mean of the reference| / mean of the reference."""
@@ -379,12 +388,12 @@ class ComparedParameter(NamedTuple):
 def compared_parameters(result: Result) -> list[ComparedParameter]:
     """One entry for each published or inferred parameter of each group, or one without a name if there is none."""
     rows = []
-    for group, shots in result.shots():
+    for group, shots in result.rows_by_group():
         inferred = [name for name in KEYS if any(shot.value(name).median for shot in shots)]
         published = [name for values in group.published.values() for name in values]
         for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
             values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
-            values |= {OURS_TRUSTED: group.value(name), OURS_ALL: spread_over(shots, name)}
+            values |= {TRUSTED_MEANS: group.value(name), ALL_MEANS: spread_over(shots, name)}
             rows.append(ComparedParameter(group, shots, name, values))
     return rows
 
@@ -397,10 +406,10 @@ def _references(result: Result) -> list[str]:
 def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """Lines on a group: its material, the counts of verdicts other than "ok", and why shots have no answer."""
     lines = [group.material.line] if group.material else []
-    counted = [(look.words, group.verdicts.get(verdict)) for verdict, look in digits.LOOKS.items() if verdict != "ok"]
-    if counts := [f"{words} {n}" for words, n in counted if n]:
+    counted = {words: group.verdicts.get(verdict) for verdict, words in digits.VERDICT_WORDS.items() if verdict != "ok"}
+    if counts := [f"{words} {n}" for words, n in counted.items() if n]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
-    reasons = terminal.by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
+    reasons = terminal.names_by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
     return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
 
 
@@ -409,21 +418,21 @@ def print_comparison(result: Result) -> None:
     console = terminal.console()
     console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
     means = "mean ± standard deviation over the trusted shots that determine it. "
-    several = any(len(row.answers) > 1 for row in compared_parameters(result))
-    also = f"{OURS_ALL}: over all answered shots, those with an input warning included. "
-    means = f"{OURS_TRUSTED}: {means}{also}" if several else means.capitalize()
+    several = any(len(row.our_methods) > 1 for row in compared_parameters(result))
+    also = f"{ALL_MEANS}: over all answered shots, those with an input warning included. "
+    means = f"{TRUSTED_MEANS}: {means}{also}" if several else means.capitalize()
     references = " or ".join(_references(result))
     errors = f"Error to {references}: |mean − its mean| / its mean, in %. " if references else ""
     misfits = "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
     bubbles = ", ".join(dict.fromkeys(shot.bubble.title for shot in result.curves if shot.has_answer))
     assumed = f" Our answers assume the {bubbles}." if bubbles else ""
     console.print(means + errors + misfits + assumed, style="dim")
-    for group, shots in result.shots():
+    for group, shots in result.rows_by_group():
         terminal.print_remarks(console, {remark: [group.name] for remark in group_remarks(group, shots)})
     terminal.print_remarks(console, {}, result.notes)
 
 
-def print_with_published(result: Result, warning: str) -> None:
+def print_comparison_with_warning(result: Result, warning: str) -> None:
     """Print the comparison and a warning below the output of another method."""
     console = terminal.console()
     console.print()
@@ -442,19 +451,19 @@ def comparison_table(result: Result, *, wide: bool) -> Table:
     for row in rows:
         factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
         if row.name in KEYS:
-            symbol, factor, unit = in_unit(row.name, modulus_unit)
+            symbol, factor, unit = display_unit(row.name, modulus_unit)
             label = f"{symbol} ({unit})"
         head = ["" if row.group is before else row.group.name, label or digits.MISSING]
-        shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.answers else ["", ""]
+        shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.our_methods else ["", ""]
         middle, low, high = map(digits.percent, row.misfits)
         misfit = middle if middle == digits.MISSING else f"{middle}{' ' if wide else chr(10)}({low}–{high})"
         counts = [*shots, misfit]
-        for method in [method for method in row.values if method not in (OURS_TRUSTED, OURS_ALL)] + row.answers:
+        for method in [method for method in row.values if method not in (TRUSTED_MEANS, ALL_MEANS)] + row.our_methods:
             texts = [*head, method, digits.spread(row.value(method), factor)]
             errors = {to: digits.percent(row.error(to, method)) for to in references if to != method}
             texts += [errors.get(to, "") for to in references]  # no method is its own reference
-            ours = method in row.answers
-            table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != OURS_ALL else None)
+            ours = method in row.our_methods
+            table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != ALL_MEANS else None)
             head, counts = ["", ""], [] if ours else counts
         before = row.group
         table.add_section()
@@ -464,8 +473,8 @@ def comparison_table(result: Result, *, wide: bool) -> Table:
 def write_comparison(path: Path, result: Result) -> None:
     """Write CSV with a line for each group and parameter: SI, errors as fractions, empty cells for missing numbers."""
     lines, methods = list[dict[str, Any]](), [method for group in result.groups for method in group.published]
-    parts = dict.fromkeys(methods, ("mean", "std")) | dict.fromkeys((OURS_TRUSTED, OURS_ALL), ("mean", "std", "n"))
-    names = {method: method.replace(", ", "_") if method in (OURS_TRUSTED, OURS_ALL) else method for method in parts}
+    parts = dict.fromkeys(methods, ("mean", "std")) | dict.fromkeys((TRUSTED_MEANS, ALL_MEANS), ("mean", "std", "n"))
+    names = {method: method.replace(", ", "_") if method in (TRUSTED_MEANS, ALL_MEANS) else method for method in parts}
     for row in compared_parameters(result):
         line: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
         for method, name in names.items():
@@ -473,7 +482,7 @@ def write_comparison(path: Path, result: Result) -> None:
         for to in _references(result):
             line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in names.items() if method != to}
         line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
-        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in digits.LOOKS}
+        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in digits.VERDICT_STYLES}
         ends = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
         line |= zip(ends, row.misfits, strict=True)
         line |= {"models": ", ".join(row.group.models), "message": "; ".join(group_remarks(row.group, row.shots))}

@@ -38,16 +38,16 @@ from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import TrainingProblem, uniforms
 from cavirheo.training.recipe import PosteriorTable, difference
 from cavirheo.training.recordings import COLUMNS, Columns, simulated_curves
-from cavirheo.writing.document import into, whole
-from cavirheo.writing.terminal import bar
+from cavirheo.writing.document import atomic_file, writable_folder
+from cavirheo.writing.terminal import progress_bar
 
 Indices = NDArray[np.int64]
 
-SHARD, CURVES = 500, 1000  # curves in a file of a set on a grid, and of a posterior network
-CHUNK = 50  # curves of a unit of work, which takes about half a second
+SHARD, CURVES_PER_FILE = 500, 1000  # curves in a file of a set on a grid, and of a posterior network
+UNIT_SIZE = 50  # curves of a unit of work, which takes about half a second
 SPLIT_STREAM = 1  # not the stream of the prior: with equal seeds, a parameter would decide the split
-WIDE = ("time", "radius")  # columns whose values may stay on the disk
-PACKING: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
+DISK_COLUMNS = ("time", "radius")  # columns whose values may stay on the disk
+FILTERS: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,11 @@ class Layout:
         with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
             file.attrs.update({**head, "start": block.start, **failed})
             for name, column in values.items():
-                how: Any = {"dtype": h5py.string_dtype()} if name == "status" else PACKING
-                file.create_dataset(name, data=column, track_times=False, **how)
+                options: Any = {"dtype": h5py.string_dtype()} if name == "status" else FILTERS
+                file.create_dataset(name, data=column, track_times=False, **options)
             file.flush()
             content = file.id.get_file_image()
-        with whole(path) as temporary:
+        with atomic_file(path) as temporary:
             temporary.write_bytes(content)
 
 
@@ -109,7 +109,7 @@ def layout_of(problem: TrainingProblem | PosteriorTable) -> Layout:
     summary = [f"{law}: {share:.0%} of the curves" for law, share in sorted(problem.laws.items())]
     summary += [f"bubble {name}: {share:.0%}" for name, share in sorted(problem.bubbles.items())]
     summary.append("R_max {:g} to {:g} um".format(*problem.max_radius_um))
-    return Layout("curves", "posterior", text, CURVES, COLUMNS, partial(simulated_curves, problem), summary)
+    return Layout("curves", "posterior", text, CURVES_PER_FILE, COLUMNS, partial(simulated_curves, problem), summary)
 
 
 def _simulated(problem: TrainingProblem, seed: int, block: range) -> Columns:
@@ -123,7 +123,7 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> Columns:
 
 
 @dataclass(frozen=True)
-class Generated:
+class GenerateSummary:
     """Summary of a call of `generate`. failures: number of failed curves by status, in old and new files together."""
 
     curves: int
@@ -136,7 +136,7 @@ class Generated:
 
 @dataclass(frozen=True)
 class Survey:
-    """Summary of the files of a training set, which are read one by one; lacking: number of files still to be made."""
+    """Summary of the files of a training set, which are read one by one; missing_files: number still to be made."""
 
     made_by: str  # version of cavirheo
     seed: int
@@ -144,7 +144,7 @@ class Survey:
     summary: Sequence[str]  # lines that describe the set
     statuses: Mapping[str, int]  # number of curves by status of the simulation
     files: int
-    lacking: int
+    missing_files: int
     size: int  # bytes
     sha256: str  # of the SHA-256 digests of all files in their order
 
@@ -217,7 +217,7 @@ def generate(
     executor: Executor | None = None,
     shard: tuple[int, int] = (1, 1),
     progress: bool = True,
-) -> Generated:
+) -> GenerateSummary:
     """Simulate curves 0..n-1 into `out_dir`; shard = (i, N) makes the i-th of N parts, i from 1.
 
     executor: where the curves are simulated; default: on `workers` threads of this machine.
@@ -230,7 +230,7 @@ def generate(
     require(n >= 1 and 1 <= part <= parts, message, "dataset.shard")
     head = {layout.attribute: layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
     began = time.perf_counter()
-    with into(out_dir) as folder:
+    with writable_folder(out_dir) as folder:
         layout.check_space(n // parts, shutil.disk_usage(folder).free, f"on the disk of {folder}")
         for path in sorted(folder.glob(f"{layout.prefix}-*.h5")):
             read_shard(path, head)
@@ -239,12 +239,12 @@ def generate(
         files = {folder / layout.name(start // size): range(n)[start : start + size] for start in starts}
         todo = {path: block for path, block in files.items() if not path.exists()}
         simulated, write = sum(map(len, todo.values())), partial(layout.write, head)
-        with bar("simulating", simulated, visible=progress) as advance:
-            fill(todo, partial(layout.simulate, seed), write, executor or Threads(workers), advance)
+        with progress_bar("simulating", simulated, visible=progress) as advance:
+            fill_files(todo, partial(layout.simulate, seed), write, executor or Threads(workers), advance)
         statuses = sum((read_shard(path, head).statuses for path in files), Counter[str]())
     failures = {status: count for status, count in statuses.items() if status != "ok"}
     curves, seconds = sum(map(len, files.values())), time.perf_counter() - began
-    return Generated(curves, len(todo), len(files) - len(todo), failures, seconds, simulated)
+    return GenerateSummary(curves, len(todo), len(files) - len(todo), failures, seconds, simulated)
 
 
 def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
@@ -274,15 +274,15 @@ def survey(data_dir: str | Path) -> Survey:
         statuses.update(shard.statuses)
         digest.update(bytes.fromhex(sha256(path)))
     head, size = shard.head, sum(path.stat().st_size for path in paths)
-    lacking = -(-head["total"] // shard.layout.per_file) - len(paths)
+    missing_files = -(-head["total"] // shard.layout.per_file) - len(paths)
     origin = head["made_by"], head["seed"], head["total"], shard.layout.summary
-    return Survey(*origin, dict(statuses), len(paths), lacking, size, digest.hexdigest())
+    return Survey(*origin, dict(statuses), len(paths), missing_files, size, digest.hexdigest())
 
 
 def _load(
     data_dir: str | Path, prefix: str, expected: Mapping[str, Any], scratch: Path | None
 ) -> tuple[Shard, dict[str, Any]]:
-    """The first file of a complete set, and all columns; with a folder `scratch` the WIDE ones are in files there."""
+    """The first file of a complete set and all columns; with a folder `scratch` the DISK_COLUMNS are in files there."""
     paths = _paths(data_dir, prefix)
     first = read_shard(paths[0], expected)
     layout, total, present = first.layout, first.head["total"], {path.name for path in paths}
@@ -293,7 +293,7 @@ def _load(
     files: dict[str, Any] = {}
     if scratch is not None:
         layout.check_space(total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
-        wide = [name for name in WIDE if name in layout.columns]
+        wide = [name for name in DISK_COLUMNS if name in layout.columns]
         files = {name: TemporaryFile(dir=scratch) for name in wide}  # noqa: SIM115  gone with the arrays mapped to it
     elif hasattr(os, "sysconf"):  # all but Windows
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
@@ -350,8 +350,8 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
             attribute = "posterior" if "posterior" in file.attrs else "problem"
             types = {attribute: str, "seed": int, "total": int, "made_by": str}
             head: dict[str, Any] = {key: np.asarray(file.attrs[key]).item() for key in (*types, "start")}
-            for key, of in types.items():
-                require(type(head[key]) is of, f"{key} is {short(head[key])}", "dataset.unreadable")
+            for key, kind in types.items():
+                require(type(head[key]) is kind, f"{key} is {short(head[key])}", "dataset.unreadable")
             for key, value in expected.items():
                 if head[key] != value:
                     both = [json.loads(text) if key == attribute else {key: text} for text in (head[key], value)]
@@ -364,7 +364,7 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
             items = {name: hdf5.local_item(file, name) for name in layout.columns}
             hdf5.check_sizes(items.values())
             shapes = {name: (item.dtype, item.shape) for name, item in items.items()}
-            needed = {name: (np.dtype(of), (count, *shape)) for name, (of, shape) in layout.columns.items()}
+            needed = {name: (np.dtype(kind), (count, *shape)) for name, (kind, shape) in layout.columns.items()}
             fine = shapes == needed and path.name == layout.name(start // layout.per_file)
             require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
             columns = {name: np.array((item.asstr() if name == "status" else item)[:]) for name, item in items.items()}
@@ -383,7 +383,7 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
         raise InputError(message, "dataset.unreadable") from error
 
 
-def fill(
+def fill_files(
     todo: Mapping[Path, range],
     simulate: Callable[[range], Columns],
     write: Callable[[Path, range, list[Columns]], None],
@@ -395,15 +395,15 @@ def fill(
     Only the chunks of unfinished files are in memory. `simulate` must be a function of a module, or a `partial` of one,
     because it may be sent to another machine.
     """
-    units = [(path, block[k : k + CHUNK]) for path, block in todo.items() for k in range(0, len(block), CHUNK)]
+    units = [(path, block[k : k + UNIT_SIZE]) for path, block in todo.items() for k in range(0, len(block), UNIT_SIZE)]
     unfinished: dict[Path, dict[int, Columns]] = {}
-    with closing(executor.flow(simulate, [unit for _, unit in units])) as flow:
+    with closing(executor.map_unordered(simulate, [unit for _, unit in units])) as flow:
         for index, rows in flow:
             path, unit = units[index]
             parts = unfinished.setdefault(path, {})
             parts[unit.start] = rows
             advance(len(unit))
             block = todo[path]
-            if len(parts) == -(-len(block) // CHUNK):
+            if len(parts) == -(-len(block) // UNIT_SIZE):
                 write(path, block, [parts[start] for start in sorted(parts)])
                 del unfinished[path]

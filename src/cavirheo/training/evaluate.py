@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.inference.model import Network
-from cavirheo.parameters import LOG10, natural, natural_name, parameter_of
+from cavirheo.parameters import LOG10, natural_name, parameter_of, to_natural
 from cavirheo.prior import Prior
 from cavirheo.training.dataset import Dataset, load
 from cavirheo.training.recipe import difference
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 PICTURE = "predicted.png"
 BINS = 4  # of a parameter whose prior is not logarithmic; a logarithmic one has a bin for each decade
-_ROW = {  # heading and format of each column
+_ROW_COLUMNS = {  # heading and format of each column
     "low": ("from", "g"),
     "high": ("to", "g"),
     "curves": ("curves", "d"),
@@ -36,18 +36,19 @@ _ROW = {  # heading and format of each column
 
 
 class Metrics(Document):
-    """How good a model is on simulated curves.
+    """The accuracy of a network on simulated curves.
 
     Attributes:
         model: name of the network.
-        data: which set it was judged on.
-        part: "test", the test part of the set that it was trained on, or "all" curves of another set.
-        curves: how many.
-        failures: of simulations of the set, by reason.
-        outputs: what the network answers.
-        metrics: of each output, in the scale of the prior.
-        breakdown: of each output, where in the prior its error sits.
-        figures: names of their files.
+        data: path, problem, seed and SHA-256 of the set of curves.
+        part: "test": the test part of the network's training set; "all": all usable curves of another set.
+        curves: number of curves on which the network was judged.
+        failures: number of failed simulations in the set, by reason.
+        outputs: names of the network's outputs, in the scale of the prior.
+        metrics: accuracy of each output. Errors are in the scale of the prior (decades for log10 names); `r2_natural`
+            and `median_relative_error` are of the natural values.
+        breakdown: errors of each output in bins of the true value of each parameter.
+        figures: names of the figure files.
     """
 
     kind: Literal["metrics"] = "metrics"
@@ -66,17 +67,18 @@ class TrainingRun(Document):
     """A finished training of a network.
 
     Attributes:
-        epochs: how often it was validated: a pass over the set, or some steps of a posterior network.
-        best_epoch: of which the weights are.
-        best_validation_loss: of that epoch.
-        seconds: wall time of all epochs.
-        device: where it was trained.
-        parameters: how many weights.
-        history: losses of each epoch, by part.
-        problem_id: of what a network that gives values was trained on.
-        outputs: what it answers.
-        data: the set and its parts.
-        metrics: of each output on the test part.
+        epochs: number of epochs, each of which ends with a validation; an epoch is a pass over the training part, or
+            800 steps for a posterior network.
+        best_epoch: number of the epoch, from 1, whose weights are exported.
+        best_validation_loss: loss of these weights on the validation part.
+        seconds: wall time of all epochs, s.
+        device: processor or GPU of the training.
+        parameters: number of weights of the network.
+        history: losses of each epoch, by part ("train", "validation").
+        problem_id: identifier of the training problem; empty for a posterior network.
+        outputs: names of the network's outputs, in the scale of the prior; empty for a posterior network.
+        data: origin of the training set, and number of curves in each part; empty for a posterior network.
+        metrics: accuracy of each output on the test part; empty for a posterior network.
     """
 
     kind: Literal["training"] = "training"
@@ -109,15 +111,15 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: A
     """
     outputs = Outputs(out_dir, "metrics.json", "evaluation.md", PICTURE) if out_dir is not None else None
     network, data = Network(model), load(data_dir)
-    of_training = _trained_on(network, data)
-    chosen = data.split(network.card["training"]["seed"])["test"] if of_training else np.flatnonzero(data.ok)
+    is_training_set = _trained_on(network, data)
+    chosen = data.split(network.card["training"]["seed"])["test"] if is_training_set else np.flatnonzero(data.ok)
     names, theta = network.outputs, data.theta[chosen]
     truth, predicted = data.truth(names)[chosen], network(data.radius[chosen])
     document = Metrics(
         **{"command": "in Python", **head},
         model=network.card["name"],
         data={"path": str(data_dir), "problem_id": data.problem.id, "seed": data.seed, "sha256": data.sha256},
-        part="test" if of_training else "all",
+        part="test" if is_training_set else "all",
         curves=len(chosen),
         failures=data.failures,
         outputs=list(names),
@@ -127,7 +129,7 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: A
     )
     if outputs is not None:
         drawing = style.save, draw, document.metrics, truth, predicted
-        failed = outputs.picture(PICTURE, *drawing) if style.available() else [style.NO_PICTURES]
+        failed = outputs.write_picture(PICTURE, *drawing) if style.available() else [style.NO_PICTURES]
         document.figures, document.notes = [PICTURE] * (not failed), document.notes + failed
         outputs.write("metrics.json", write_json, document)
         outputs.write("evaluation.md", Path.write_text, markdown(document.model_dump()), encoding="utf-8")
@@ -135,7 +137,7 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: A
     return document.model_dump(by_alias=True)
 
 
-def _problem(whole: Mapping[str, Any]) -> dict[str, Any]:
+def _comparable_problem(whole: Mapping[str, Any]) -> dict[str, Any]:
     """The part of a problem that must be the model's: all but the ranges of the prior and the name of the medium."""
     return dict(whole) | {"prior": sorted(whole["prior"]), "medium": whole["medium"] | {"name": ""}}
 
@@ -146,7 +148,7 @@ def _trained_on(network: Network, data: Dataset) -> bool:
     Raises InputError: the set is of another problem, or has these draws with another number of curves.
     """
     trained, problem, needed = network.card["data"], data.problem.to_dict(), network.problem.to_dict()
-    if change := difference(_problem(problem), _problem(needed)):
+    if change := difference(_comparable_problem(problem), _comparable_problem(needed)):
         hint = "judge it on a set of its own recipe, or choose a model of this one"
         raise InputError(f"the set is not of the problem of {network.name}: {change}; {hint}", "evaluate.problem")
     if data.sha256 == trained["sha256"]:
@@ -182,7 +184,7 @@ def markdown(result: Mapping[str, Any]) -> str:
     for name, words in outputs.items():
         text += ["", f"## Where the error of {words} sits", ""]
         bins = result["breakdown"][name].items()
-        text += _table("true value of", _ROW, [(label(key), row) for key, rows in bins for row in rows])
+        text += _table("true value of", _ROW_COLUMNS, [(label(key), row) for key, rows in bins for row in rows])
     return "\n".join(text) + "\n"
 
 
@@ -192,7 +194,7 @@ def draw(outputs: Mapping[str, Mapping[str, float]], truth: Floats, predicted: F
     figure.set_layout_engine("constrained")
     panels = figure.subplots(1, len(outputs), squeeze=False)[0]
     for axes, name, *columns in zip(panels, outputs, truth.T, predicted.T, strict=True):
-        t, p = (natural(name, column) for column in columns)
+        t, p = (to_natural(name, column) for column in columns)
         logarithmic, symbol = name.startswith(LOG10), parameter_of(name).symbol
         words = label(natural_name(name), symbol)
         ends = [min(t.min(), p.min()), max(t.max(), p.max())]
@@ -253,8 +255,8 @@ def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dic
     require(fine, f"need truth and prediction of 2 curves or more for {', '.join(names)}, {shapes}", "metrics.shape")
     result = {}
     for name, t, p in zip(names, truth.T, predicted.T, strict=True):
-        scales = {"prior": (t, p), "natural": (natural(name, t), natural(name, p))}
-        result[name] = {key: float(of(*scales[scale])) for key, (*_, scale, of) in METRICS.items()}
+        scales = {"prior": (t, p), "natural": (to_natural(name, t), to_natural(name, p))}
+        result[name] = {key: float(formula(*scales[scale])) for key, (*_, scale, formula) in METRICS.items()}
     return result
 
 
@@ -274,10 +276,10 @@ def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats
             total = max(np.sum(e**2), np.finfo(float).tiny)
             rows = result[output][name] = []
             for k, (first, last) in enumerate(pairwise(edges.tolist())):
-                mine = e[place == k]
-                bias, rmse = (float(mine.mean()), float(np.sqrt(np.mean(mine**2)))) if len(mine) else (None, None)
-                row = {"low": first, "high": last, "curves": len(mine), "bias": bias, "rmse": rmse}
-                rows.append(row | {"share": float(np.sum(mine**2) / total)})
+                in_bin = e[place == k]
+                bias, rmse = (float(in_bin.mean()), float(np.sqrt(np.mean(in_bin**2)))) if len(in_bin) else (None, None)
+                row = {"low": first, "high": last, "curves": len(in_bin), "bias": bias, "rmse": rmse}
+                rows.append(row | {"share": float(np.sum(in_bin**2) / total)})
     return result
 
 

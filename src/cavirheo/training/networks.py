@@ -42,7 +42,7 @@ from cavirheo.prior import Prior
 from cavirheo.training.recipe import NetworkTable, PosteriorNetworkTable
 
 OPSET = 18
-_HALVED = 1000  # arrays of at least so many numbers are stored at half precision
+_LEAST_HALVED = 1000  # arrays of at least so many numbers are stored at half precision
 LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -110,7 +110,7 @@ class BubbleTransformer(nn.Module):
         return torch.cat([branch(x) for branch in self.branches], dim=-1)
 
 
-class Standardised(nn.Module):
+class Unstandardised(nn.Module):
     """The network with the scaling of its targets undone: outputs in the prior's scale, SI values or their log10."""
 
     mean: Tensor
@@ -253,10 +253,10 @@ class SequentialDraws(nn.Module):
         return torch.stack(earlier, dim=1), log_density, torch.log_softmax(kind_score, dim=-1)
 
 
-def write_onnx(model: Standardised, frames: int, path: Path) -> None:
+def write_onnx(model: Unstandardised, frames: int, path: Path) -> None:
     """Write a self-contained .onnx file with a free batch size."""
-    free = {"radius": {0: torch.export.Dim("batch", min=1)}}
-    onnx.save_model(_onnx(model, (torch.ones(2, frames),), ["radius"], ["theta"], free), path)
+    dynamic = {"radius": {0: torch.export.Dim("batch", min=1)}}
+    onnx.save_model(_onnx(model, (torch.ones(2, frames),), ["radius"], ["theta"], dynamic), path)
 
 
 def write_posterior(network: PosteriorNetwork, path: Path) -> None:
@@ -265,23 +265,23 @@ def write_posterior(network: PosteriorNetwork, path: Path) -> None:
     random = torch.zeros(5, d, network.parts), torch.zeros(5, d), torch.zeros(5, d), torch.zeros(d)
     example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(d), torch.ones(d), *random
     draws = torch.export.Dim("draws", min=2)
-    free = (None, None, None, None, {0: draws}, {0: draws}, {0: draws}, None)
-    content = _onnx(SequentialDraws(network.eval()), example, INPUTS, ["z", "log_density", "guess"], free)
-    _halve(content.graph)
+    dynamic = (None, None, None, None, {0: draws}, {0: draws}, {0: draws}, None)
+    content = _onnx(SequentialDraws(network.eval()), example, INPUTS, ["z", "log_density", "guess"], dynamic)
+    _store_at_half_precision(content.graph)
     onnx.checker.check_model(content)
     onnx.save_model(content, path)
     check_graph(path.read_bytes(), INPUTS)
 
 
 def _onnx(
-    model: nn.Module, example: tuple[Any, ...], inputs: Sequence[str], outputs: Sequence[str], free: Any
+    model: nn.Module, example: tuple[Any, ...], inputs: Sequence[str], outputs: Sequence[str], dynamic: Any
 ) -> onnx.ModelProto:
     """The ONNX form of a model, without the exporter's notes, which contain paths of the source code."""
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # else it reports operators that are not used
-    how: dict[str, Any] = {"input_names": list(inputs), "output_names": list(outputs), "dynamic_shapes": free}
+    options: dict[str, Any] = {"input_names": list(inputs), "output_names": list(outputs), "dynamic_shapes": dynamic}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # deprecations inside the exporter
-        program = torch.onnx.export(model, example, opset_version=OPSET, dynamo=True, verbose=False, **how)
+        program = torch.onnx.export(model, example, opset_version=OPSET, dynamo=True, verbose=False, **options)
     assert program is not None  # None only if a file is asked for
     content = program.model_proto
     for item in (*content.graph.node, *content.graph.value_info, *content.functions, content.graph, content):
@@ -290,12 +290,12 @@ def _onnx(
     return content
 
 
-def _halve(graph: onnx.GraphProto) -> None:
+def _store_at_half_precision(graph: onnx.GraphProto) -> None:
     """Store large arrays at half precision, with nodes that cast them to single precision."""
     casts = []
     for array in graph.initializer:
         values, name = numpy_helper.to_array(array), array.name
-        if values.dtype == np.float32 and values.size >= _HALVED:
+        if values.dtype == np.float32 and values.size >= _LEAST_HALVED:
             array.CopyFrom(numpy_helper.from_array(values.astype(np.float16), f"{name}_half"))
             casts.append(helper.make_node("Cast", [array.name], [name], to=TensorProto.FLOAT))
     nodes = [*casts, *graph.node]

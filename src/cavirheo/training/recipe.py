@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat
 
 from cavirheo.errors import InputError, read_bytes, require, validation_message
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.posterior_network import BUBBLE_NAMES, CAMERA, COORDINATES, used
+from cavirheo.inference.posterior_network import BUBBLE_NAMES, CAMERA, COORDINATES, coordinate_indices
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem
 
@@ -144,7 +144,7 @@ class PosteriorTable(Section):
     def kinds(self) -> list[tuple[str, str, float]]:
         """(law, bubble, share) of each kind, in the network's order."""
         laws, bubbles = self.laws.items(), self.bubbles.items()
-        return [(law, bubble, share * of_bubble) for law, share in laws for bubble, of_bubble in bubbles]
+        return [(law, bubble, share * bubble_share) for law, share in laws for bubble, bubble_share in bubbles]
 
 
 class PosteriorNetworkTable(Section):
@@ -194,7 +194,7 @@ class PosteriorRecipe(Section):
         for law, bubble, _ in self.problem.kinds:
             try:
                 names = {*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA}
-                fits = len({*used(law, bubble)}) == len(names)
+                fits = len({*coordinate_indices(law, bubble)}) == len(names)
             except ValueError:
                 fits = False
             message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(COORDINATES)})"

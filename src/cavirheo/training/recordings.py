@@ -44,10 +44,10 @@ from cavirheo.training.recipe import PosteriorTable
 
 NODES = 512
 STEPS = 2400  # intervals of the regular times
-TOP = 1.1  # R/R_max that is stored as the largest integer
-FEWEST, MOST = 20, 400  # frames from R_max to the end
-FASTEST, SLOWEST = 1e-7, 1e-5  # s between frames
-_ROOM = 3 * MOST
+LARGEST_RADIUS = 1.1  # R/R_max that is stored as the largest integer
+MIN_FRAMES, MAX_FRAMES = 20, 400  # frames from R_max to the end
+MIN_INTERVAL, MAX_INTERVAL = 1e-7, 1e-5  # s between frames
+_ROW_LENGTH = 3 * MAX_FRAMES
 
 
 Columns = Mapping[str, Any]  # arrays (n, ...) of many curves, by name
@@ -75,7 +75,7 @@ def simulated_curve(table: PosteriorTable, seed: int, index: int) -> tuple[Any, 
     law, bubble_name, _ = table.kinds[kind]
     family, extra = Family(law), ["accommodation"] if "accommodation" in BUBBLE_NAMES[bubble_name] else []
     names = (*family.parameters, "stretch", *extra)  # drawn uniformly in log10, as R_max is
-    bounds = np.array([PARAMETERS[name].searched for name in names])
+    bounds = np.array([PARAMETERS[name].search_range for name in names])
     low, high = (1e-6 * end for end in table.max_radius_um)
     log10 = bounds[:, 0] + draws[2 : 2 + len(names)] * (bounds[:, 1] - bounds[:, 0])
     max_radius = float(low * (high / low) ** draws[1])
@@ -98,7 +98,7 @@ def simulated_curve(table: PosteriorTable, seed: int, index: int) -> tuple[Any, 
         return None
     radius = run.radius / max_radius
     chosen = nodes(radius)
-    return chosen, np.round(np.clip(radius[chosen] / TOP, 0.0, 1.0) * 65535), z, kind, max_radius
+    return chosen, np.round(np.clip(radius[chosen] / LARGEST_RADIUS, 0.0, 1.0) * 65535), z, kind, max_radius
 
 
 def nodes(radius: Floats) -> NDArray[np.int64]:
@@ -118,12 +118,12 @@ def nodes(radius: Floats) -> NDArray[np.int64]:
     chosen = chosen[chosen <= STEPS]
     if len(chosen) < NODES:
         free = np.setdiff1d(np.arange(STEPS + 1), chosen)
-        more = free[np.argsort(-share[free], kind="stable")[: NODES - len(chosen)]]
-        chosen = np.sort(np.concatenate([chosen, more]))
+        added = free[np.argsort(-share[free], kind="stable")[: NODES - len(chosen)]]
+        chosen = np.sort(np.concatenate([chosen, added]))
     return chosen
 
 
-class Filmed(NamedTuple):
+class FilmedBatch(NamedTuple):
     """inputs: (m, SIZE). z: (m, 9). kind: (m,). discrepancy: (m,) 0 or 1. noise: (m,) true white noise over R_max."""
 
     inputs: NDArray[np.float32]
@@ -133,36 +133,36 @@ class Filmed(NamedTuple):
     noise: Floats
 
 
-def film(shots: Columns, index: NDArray[np.int64], seed: int) -> Filmed:
+def film(shots: Columns, index: NDArray[np.int64], seed: int) -> FilmedBatch:
     """Recordings of curves `index` (m,), the same for equal seeds; those without a readable R_max, or with an R_max or
     clock outside its prior, are left out."""
     m = len(index)
     rng = np.random.default_rng(seed)
-    top = shots["max_radius"][index].astype(float)
+    max_radius = shots["max_radius"][index].astype(float)
     nodes, radii = (columns[index].astype(float) for columns in (shots["time"], shots["radius"]))
-    nodes, radii = nodes * (END / STEPS), radii * (TOP / 65535.0)
+    nodes, radii = nodes * (END / STEPS), radii * (LARGEST_RADIUS / 65535.0)
     middle = radii[:, 1:-1]
-    low = (middle < radii[:, :-2]) & (middle <= radii[:, 2:]) & (middle < 0.9 * radii[:, :1])
-    collapse = np.where(low.any(axis=1), nodes[np.arange(m), np.argmax(low, axis=1) + 1], 1.5)  # t* of the first one
-    camera = _cameras(rng, collapse, WATER.time_scale(1.0) * top)
-    time, radius, summary = np.empty((m, _ROOM)), np.empty((m, _ROOM)), np.zeros((m, 5))
+    minima = (middle < radii[:, :-2]) & (middle <= radii[:, 2:]) & (middle < 0.9 * radii[:, :1])
+    collapse = np.where(minima.any(axis=1), nodes[np.arange(m), np.argmax(minima, axis=1) + 1], 1.5)  # t* of the first
+    camera = _cameras(rng, collapse, WATER.time_scale(1.0) * max_radius)
+    time, radius, summary = np.empty((m, _ROW_LENGTH)), np.empty((m, _ROW_LENGTH)), np.zeros((m, 5))
     _film(nodes, radii, camera, int(rng.integers(2**31)), time, radius, summary)
-    count, origin, read, noise, late = summary.T
+    count, origin, read, noise, no_growth = summary.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        width_t, width_r = half_widths(camera.frame / read, noise, late)
-        early, more = -origin / read / width_t, (1.0 / read - 1.0) / width_r
-    good = (count > 0) & (np.abs(early) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
-    camera, read, frames = camera[good], read[good], np.arange(_ROOM) < count[good, None]
-    discrepancy = 1.0 * (camera.slow > 0)
-    numbers = {"max_radius": top[good] * read / camera.scale, "frame": camera.frame / read}
+        width_t, width_r = half_widths(camera.frame / read, noise, no_growth)
+        time_shift, radius_excess = -origin / read / width_t, (1.0 / read - 1.0) / width_r
+    good = (count > 0) & (np.abs(time_shift) < 1.0) & (np.abs(radius_excess) < 1.0)  # what the priors allow
+    camera, read, frames = camera[good], read[good], np.arange(_ROW_LENGTH) < count[good, None]
+    discrepancy = 1.0 * (camera.radius_discrepancy > 0)
+    numbers = {"max_radius": max_radius[good] * read / camera.scale, "frame": camera.frame / read}
     numbers |= {"exposure": camera.exposure / read, "noise": noise[good], "discrepancy": discrepancy}
-    inputs = binned(np.nonzero(frames)[0], time[good][frames], radius[good][frames], **numbers, late=late[good])
+    inputs = binned(np.nonzero(frames)[0], time[good][frames], radius[good][frames], **numbers, late=no_growth[good])
     z = shots["z"][index][good].copy()
-    z[:, COORDINATES.index("max_radius_factor")] = 3.0 * more[good]
-    z[:, COORDINATES.index("time_origin")] = early[good]
+    z[:, COORDINATES.index("max_radius_factor")] = 3.0 * radius_excess[good]
+    z[:, COORDINATES.index("time_origin")] = time_shift[good]
     z[:, COORDINATES.index("radius_scale")] = (camera.scale - 1.0) / SCALE
     kind = shots["kind"][index][good].astype(np.int64)
-    return Filmed(inputs, z, kind, discrepancy.astype(np.float32), np.array(camera.white))
+    return FilmedBatch(inputs, z, kind, discrepancy.astype(np.float32), np.array(camera.white))
 
 
 def _cameras(rng: np.random.Generator, collapse: Floats, t_c: Floats) -> Any:
@@ -181,22 +181,22 @@ def _cameras(rng: np.random.Generator, collapse: Floats, t_c: Floats) -> Any:
         return np.where(uniform() < share, values, otherwise)
 
     end = in_share(0.25, END, uniform(np.minimum(1.25 * collapse + 0.15, END - 0.5), END))
-    slowest = np.minimum(SLOWEST / t_c, end / FEWEST)
-    frame = log_uniform(np.maximum(FASTEST / t_c, end / MOST), np.maximum(slowest, end / MOST * 1.01))
+    slowest = np.minimum(MAX_INTERVAL / t_c, end / MIN_FRAMES)
+    frame = log_uniform(np.maximum(MIN_INTERVAL / t_c, end / MAX_FRAMES), np.maximum(slowest, end / MAX_FRAMES * 1.01))
     grows = uniform() < 0.6
     growth = np.maximum(np.minimum(uniform(1.0, 9.0), 3.0 / frame), uniform(1.0, 1.0 + 0.6 / frame))
     before = np.where(grows, np.floor(np.minimum(growth, 200.0)), 0.0)  # frames before R_max
-    slow = in_share(0.5, log_uniform(1e-3, 2e-2))
+    radius_discrepancy = in_share(0.5, log_uniform(1e-3, 2e-2))
     gap = in_share(0.1, uniform(0.5, end), 2.0 * END)
     columns = {
         "frame": frame,
         "before": before - np.where(grows, uniform(-0.5, 0.5), uniform(-1.0, 1.0)),
-        "count": np.minimum(before + np.floor(end / frame) + 1.0, _ROOM),
+        "count": np.minimum(before + np.floor(end / frame) + 1.0, _ROW_LENGTH),
         "exposure": in_share(0.3, frame * uniform()),
         "scale": 1.0 + SCALE * ndtri(uniform(ndtr(-3.0), ndtr(3.0))),
         "white": in_share(0.12, 1e-4, log_uniform(1e-3, 5e-2)),
-        "slow": slow,  # size of the discrepancy of the radius
-        "late": slow * rng.choice((0.0, 0.5, 2.0), len(t_c)),  # size of the discrepancy of the clock
+        "radius_discrepancy": radius_discrepancy,  # size of the discrepancy of the radius
+        "clock_discrepancy": radius_discrepancy * rng.choice((0.0, 0.5, 2.0), len(t_c)),  # the same of the clock
         "tau": rng.choice((0.1, 0.5, 2.0), len(t_c)),  # correlation time of both
         "lost": in_share(0.3, uniform(0.0, 0.2)),  # part of the frames that is lost
         "smallest": np.maximum(in_share(0.2, uniform(0.05, 0.25)), 0.003),  # smallest radius that is measured
@@ -228,7 +228,7 @@ def _maximum(time: Any, radius: Any) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     while first > 0 and smooth[first - 1] > level:
         first -= 1
-    grown = first > 0 or np.min(smooth[: peak + 1]) < 0.97 * smooth[peak]
+    has_growth = first > 0 or np.min(smooth[: peak + 1]) < 0.97 * smooth[peak]
     if last - first < 3:
         first, last = max(peak - 1, 0), min(peak + 3, n)
     unit = time[last - 1] - time[first]
@@ -238,7 +238,7 @@ def _maximum(time: Any, radius: Any) -> tuple[float, float, float]:
     rows = np.stack((np.ones(len(x)), x, x * x))
     _, slope, bend = np.linalg.solve(rows @ rows.T, rows @ y)
     top, centre, a = np.max(y), x[0], max(-bend, 1e-3)
-    if grown:
+    if has_growth:
         centre = min(max(-slope / (2.0 * bend), x[0]), x[-1]) if bend < 0 else 0.0
     for _ in range(10):
         s = x - centre
@@ -246,19 +246,19 @@ def _maximum(time: Any, radius: Any) -> tuple[float, float, float]:
         shape, fall = 1.0 - u - u * u * (2.0 / 3.0), -top * (1.0 + u * (4.0 / 3.0))
         residual = y - top * shape
         weight = 1.0 / np.sqrt(1.0 + (residual / 0.005) ** 2)
-        rows = np.stack((shape, fall * s * s, -2.0 * a * fall * s))[: 3 if grown else 2]
+        rows = np.stack((shape, fall * s * s, -2.0 * a * fall * s))[: 3 if has_growth else 2]
         step = np.linalg.solve((rows * weight) @ rows.T, rows @ (weight * residual))
         top += step[0]
-        if grown:
+        if has_growth:
             centre += min(max(step[2], -0.25), 0.25)
         a = max(a + min(max(step[1], -0.5 * a), a), 1e-6)
     if not (0.9 < top < 1.15 and x[0] - 1.0 <= centre <= x[-1]):
         return 0.0, 0.0, 0.0
-    return time[peak] + centre * unit, top * smooth[peak], 0.0 if grown else 1.0
+    return time[peak] + centre * unit, top * smooth[peak], 0.0 if has_growth else 1.0
 
 
 @compiled
-def _drifting(rho: float, n: int) -> Any:
+def _correlated_noise(rho: float, n: int) -> Any:
     """Values (n,) of a stationary Gaussian process of variance 1, with correlation `rho` between neighbours."""
     values = np.random.normal(0.0, 1.0, n)
     for i in range(1, n):
@@ -284,12 +284,12 @@ def _film(nodes: Any, radii: Any, cameras: Any, seed: int, out_time: Any, out_ra
                 y += 0.2 * np.interp(np.abs(t + (0.2 * k - 0.4) * camera.exposure), node, curve)
         else:
             y = np.interp(np.abs(t), node, curve)  # R is even about R_max
-        if camera.slow > 0:
+        if camera.radius_discrepancy > 0:
             ahead = np.interp(np.abs(t + 0.5 * frame), node, curve)
             behind = np.interp(np.abs(t - 0.5 * frame), node, curve)
             rho = np.exp(-frame / camera.tau)
-            y = y + camera.slow * _drifting(rho, n)
-            y += camera.late * _drifting(rho, n) * np.sign(t) * (ahead - behind) / frame
+            y = y + camera.radius_discrepancy * _correlated_noise(rho, n)
+            y += camera.clock_discrepancy * _correlated_noise(rho, n) * np.sign(t) * (ahead - behind) / frame
         y = y + camera.white * np.random.normal(0.0, 1.0, n)
         measured = (np.random.random(n) >= camera.lost) & (y >= camera.smallest) & (t <= END)
         measured &= (t <= camera.gap) | (t >= camera.gap_end)

@@ -35,29 +35,29 @@ from torch.nn import functional
 
 from cavirheo.errors import InputError, read_object, require, sha256
 from cavirheo.inference.model import ModelCard, PosteriorCard, check_graph, predict
-from cavirheo.inference.posterior_network import COORDINATES, used
+from cavirheo.inference.posterior_network import COORDINATES, coordinate_indices
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.physics.media import WATER
 from cavirheo.prior import TrainingProblem
 from cavirheo.training import networks
 from cavirheo.training.dataset import Dataset, Indices, load, load_curves
 from cavirheo.training.evaluate import metrics
-from cavirheo.training.networks import BubbleTransformer, PosteriorNetwork, Standardised, scaling
+from cavirheo.training.networks import BubbleTransformer, PosteriorNetwork, Unstandardised, scaling
 from cavirheo.training.recipe import NetworkTable, PosteriorRecipe, Recipe, difference
-from cavirheo.training.recordings import FASTEST, FEWEST, MOST, SLOWEST, Columns, Filmed, film
-from cavirheo.writing.document import into, whole
-from cavirheo.writing.terminal import bar
+from cavirheo.training.recordings import MAX_FRAMES, MAX_INTERVAL, MIN_FRAMES, MIN_INTERVAL, Columns, FilmedBatch, film
+from cavirheo.writing.document import atomic_file, writable_folder
+from cavirheo.writing.terminal import progress_bar
 
 Network = TypeVar("Network", bound=nn.Module)
-AVERAGED = 0.999
-NOTE = "cavirheo"
+AVERAGE_DECAY = 0.999
+NOTE_KEY = "cavirheo"
 LARGEST = 200_000_000  # bytes of a result.json
 EVALUATION_BATCH = 512
 VALIDATION = 0.03  # part of the curves of a posterior network that is held out for validation
-MOST_HELD = 4000  # largest number of held-out curves, whose recordings are all in memory
-FEWEST_VALIDATED = 100  # smallest number of their recordings, including some without a readable R_max
-KIND_LOSS = 0.1  # weight of the loss of the classification of law and bubble
-DRAWS = 300  # of each recording, from which the coverage is computed
+MOST_HELD_OUT = 4000  # largest number of held-out curves, whose recordings are all in memory
+LEAST_VALIDATED = 100  # smallest number of their recordings, including some without a readable R_max
+KIND_LOSS_WEIGHT = 0.1  # weight of the loss of the classification of law and bubble
+COVERAGE_DRAWS = 300  # of each recording, from which the coverage is computed
 # Largest difference between the exported model and the trained one, in the prior's scale: rounding to single precision
 # alone moves an answer by up to 1e-4 of a decade
 TOLERANCE = 5e-4
@@ -70,7 +70,7 @@ class Training(ABC, Generic[Network]):
     average: Network | None = None  # with averaged weights, to export; None: export those of the lowest validation loss
     optimiser: torch.optim.Optimizer  # of the network's weights
     steps: int  # number of steps of the whole training
-    every: int  # steps from one validation, and checkpoint, to the next
+    validation_interval: int  # steps from one validation, and checkpoint, to the next
     clip: float = math.inf  # largest norm of a gradient
     identity: dict[str, Any]  # identifies the data, which must not change within a run, like the settings
 
@@ -84,7 +84,7 @@ class Training(ABC, Generic[Network]):
         """Loss of a step, losses (n,) that are reported, and their weight in the reported mean."""
 
     @abstractmethod
-    def line(self, losses: Sequence[float]) -> dict[str, Any]:
+    def history_line(self, losses: Sequence[float]) -> dict[str, Any]:
         """A line of the history: results of a validation, and `losses`, mean training losses since the last line."""
 
     @abstractmethod
@@ -97,14 +97,14 @@ class Training(ABC, Generic[Network]):
         self._resume(path)
         if self.step < self.steps or not path.exists():
             path.unlink(missing_ok=True)
-            with bar("training", self.steps, visible=progress, unit="steps") as advance:
+            with progress_bar("training", self.steps, visible=progress, unit="steps") as advance:
                 advance(self.step)
                 while self.step < self.steps:
                     lowest = min((line["validation"] for line in self.history), default=math.inf)
                     advance(0, what=f"training, best validation loss {lowest:.5f}")
-                    self._to_validation(advance)
+                    self._train_to_validation(advance)
             weights, note = read_tensors(best)
-            with of_run(best):
+            with damaged_as_input_error(best):
                 self.exported.load_state_dict(weights)
             cuda = self.device.type == "cuda"
             document = self.settings | {
@@ -133,9 +133,9 @@ class Training(ABC, Generic[Network]):
         networks: dict[str, nn.Module] = {"network": self.network}
         return nn.ModuleDict(networks if self.average is None else networks | {"mean": self.average})
 
-    def _to_validation(self, advance: Callable[..., None]) -> None:
+    def _train_to_validation(self, advance: Callable[..., None]) -> None:
         """Take the steps to the next validation, validate, and write a checkpoint."""
-        began, summed, weights = time.perf_counter(), torch.zeros(1, device=self.device), 0
+        started, summed, weights = time.perf_counter(), torch.zeros(1, device=self.device), 0
         while True:
             for group in self.optimiser.param_groups:
                 group["lr"] = self.schedule.learning_rate(self.step, self.steps)
@@ -147,16 +147,16 @@ class Training(ABC, Generic[Network]):
             self.optimiser.step()
             summed, weights, self.step = summed + reported.detach() * weight, weights + weight, self.step + 1
             if self.average is not None:
-                share = min(AVERAGED, self.step / (self.step + 10.0))
+                share = min(AVERAGE_DECAY, self.step / (self.step + 10.0))
                 with torch.no_grad():
                     torch._foreach_lerp_(list(self.average.parameters()), list(self.network.parameters()), 1.0 - share)
             advance(1)
-            if self.step % self.every == 0 or self.step == self.steps:
+            if self.step % self.validation_interval == 0 or self.step == self.steps:
                 break
-        line = self.line([value / weights for value in summed.tolist()])
+        line = self.history_line([value / weights for value in summed.tolist()])
         message = f"the loss is not finite after {self.step} steps: lower lr (rate) or lengthen the warm-up"
         require(math.isfinite(line["train"]) and math.isfinite(line["validation"]), message)
-        self.history.append(line | {"seconds": round(time.perf_counter() - began, 3)})
+        self.history.append(line | {"seconds": round(time.perf_counter() - started, 3)})
         if self.average is not None or line["validation"] <= min(line["validation"] for line in self.history):
             note = self.settings | {"epoch": len(self.history), "validation_loss": line["validation"]}
             write_tensors(self.folder / "best.safetensors", self.exported.state_dict(), note)
@@ -174,7 +174,7 @@ class Training(ABC, Generic[Network]):
             require(not result.exists(), message)
             return
         state, note = read_tensors(path)
-        with of_run(path):
+        with damaged_as_input_error(path):
             changed = difference(note["identity"], json.loads(json.dumps(self.settings | self.identity)))
             hint = "use another folder, or the recipe and data that it was begun with"
             require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
@@ -205,15 +205,15 @@ class PointTraining(Training[BubbleTransformer]):
             require(len(curves) >= 2, f"too few usable curves in the {name} part of {len(target)}")
         # indices (curves,) and target (curves, outputs) of "train", "validation", "test"; radii stay on the disk
         self.parts = {name: (i, target[i].to(device)) for name, i in split.items()}
-        self.every = math.ceil(len(split["train"]) / self.schedule.batch)
-        self.steps = recipe.training.epochs * self.every
+        self.validation_interval = math.ceil(len(split["train"]) / self.schedule.batch)
+        self.steps = recipe.training.epochs * self.validation_interval
         self.network = BubbleTransformer(recipe.network, problem.grid.frames, len(recipe.outputs)).to(device)
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.training.lr)
         self.batches: Sequence[Tensor] = ()
         self.identity = {"data": data.sha256}
 
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
-        epoch, place = divmod(step, self.every)
+        epoch, place = divmod(step, self.validation_interval)
         curves, target = self.parts["train"]
         if place == 0:
             schedule = self.recipe.training
@@ -224,15 +224,15 @@ class PointTraining(Training[BubbleTransformer]):
         loss = functional.mse_loss(self.network(self._radius(curves[batch.numpy()])), target[batch.to(self.device)])
         return loss, loss[None], len(batch)
 
-    def line(self, losses: Sequence[float]) -> dict[str, Any]:
+    def history_line(self, losses: Sequence[float]) -> dict[str, Any]:
         validation = float(functional.mse_loss(self._predict("validation"), self.parts["validation"][1]))
-        return {"epoch": self.step // self.every, "train": losses[0], "validation": validation}
+        return {"epoch": self.step // self.validation_interval, "train": losses[0], "validation": validation}
 
     def result(self) -> dict[str, Any]:
         """Entries of result.json; the test part is used here alone."""
         data, (curves, target) = self.data, self.parts["test"]
         truth, predicted = ((t * self.std + self.mean).numpy() for t in (target.cpu(), self._predict("test").cpu()))
-        with whole(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
+        with atomic_file(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
             np.savez(file, radius=data.radius[curves], truth=truth, predicted=predicted)
         origin = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
         parts = {part: len(curves) for part, (curves, _) in self.parts.items()}
@@ -258,7 +258,7 @@ class PosteriorTraining(Training[PosteriorNetwork]):
     """Training by the negative log density of the true values, on new recordings at each step; the weights are
     averaged over the steps. All random numbers follow from (seed, step)."""
 
-    every, clip = 800, 2.0
+    validation_interval, clip = 800, 2.0
 
     def __init__(self, recipe: PosteriorRecipe, curves: Columns, folder: Path) -> None:
         super().__init__(recipe, folder, torch.device("cpu"))
@@ -271,13 +271,13 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         self.optimiser = torch.optim.AdamW(weights, schedule.rate, weight_decay=decay, fused=True)
         self.mask = torch.zeros(len(self.kinds), len(COORDINATES))  # which coordinates a kind has
         for i, kind in enumerate(self.kinds):
-            self.mask[i, used(*kind)] = 1.0
+            self.mask[i, coordinate_indices(*kind)] = 1.0
         n = len(curves["kind"])
         require(n >= 2, f"a posterior network needs 2 curves or more, one of them for validation; the data have {n}")
         self.identity = {"curves": n}
-        first_held = max(min(round((1.0 - VALIDATION) * n), n - 1), n - MOST_HELD)
-        self.train, self.held = np.arange(first_held), np.arange(first_held, n)
-        repeated = np.resize(self.held, max(len(self.held), FEWEST_VALIDATED))  # each several times if they are few
+        first_held_out = max(min(round((1.0 - VALIDATION) * n), n - 1), n - MOST_HELD_OUT)
+        self.train, self.held_out = np.arange(first_held_out), np.arange(first_held_out, n)
+        repeated = np.resize(self.held_out, max(len(self.held_out), LEAST_VALIDATED))  # each several times if few
         self.validation = film(curves, repeated, 2**31 - 1)
 
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
@@ -287,19 +287,19 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         density = self.network.log_density(encoded, kind, torch.from_numpy(batch.z))
         loss = -(density * self.mask[kind]).sum(dim=1).mean()
         kind_loss = functional.cross_entropy(kind_score, kind)
-        return loss + KIND_LOSS * kind_loss, torch.stack([loss, kind_loss]).double(), 1
+        return loss + KIND_LOSS_WEIGHT * kind_loss, torch.stack([loss, kind_loss]).double(), 1
 
-    def _batch(self, step: int) -> Filmed:
+    def _batch(self, step: int) -> FilmedBatch:
         """The recordings of a step."""
         rng = np.random.default_rng([self.schedule.seed, step])
-        size, parts = self.schedule.batch, list[Filmed]()
+        size, parts = self.schedule.batch, list[FilmedBatch]()
         while (count := sum(len(part.z) for part in parts)) < size:
             index = rng.choice(self.train, int(1.8 * (size - count)) + 32)
             parts.append(film(self.curves, index, int(rng.integers(2**31 - 1))))
-        return Filmed(*(np.concatenate(column)[:size] for column in zip(*parts, strict=True)))
+        return FilmedBatch(*(np.concatenate(column)[:size] for column in zip(*parts, strict=True)))
 
     @torch.inference_mode()
-    def line(self, losses: Sequence[float]) -> dict[str, Any]:
+    def history_line(self, losses: Sequence[float]) -> dict[str, Any]:
         """A line of the history, with losses of the averaged weights on recordings of held-out curves."""
         kind, inputs, z = (torch.from_numpy(getattr(self.validation, name)) for name in ("kind", "inputs", "z"))
         encoded, kind_score = self.exported.encode(inputs)
@@ -325,12 +325,12 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         rng, sequential = torch.Generator().manual_seed(0), networks.SequentialDraws(self.exported.eval())
         below = np.full(recordings.z.shape, np.nan)
         for i, kind in enumerate(recordings.kind.tolist()):
-            uniform = torch.rand((DRAWS, len(COORDINATES), self.exported.parts), generator=rng).clamp(1e-9)
-            normal = torch.randn((DRAWS, len(COORDINATES)), generator=rng)
+            uniform = torch.rand((COVERAGE_DRAWS, len(COORDINATES), self.exported.parts), generator=rng).clamp(1e-9)
+            normal = torch.randn((COVERAGE_DRAWS, len(COORDINATES)), generator=rng)
             inputs = torch.from_numpy(recordings.inputs[i : i + 1])
             has, choice = self.mask[kind], -torch.log(-torch.log(uniform))
             z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
-            places = used(*self.kinds[kind])
+            places = coordinate_indices(*self.kinds[kind])
             below[i, places] = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)[places]
         by_slot = {}
         for name, shares in zip(COORDINATES, below.T, strict=True):
@@ -339,7 +339,7 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         return {
             "samples": self.history[-1]["samples"],
             "curves": len(self.train),
-            "held_out": len(self.held),
+            "held_out": len(self.held_out),
             "loss_by_kind": self.history[-1]["kinds"],
             "coverage": {"recordings": len(recordings.kind), "by_slot": by_slot},
         }
@@ -348,25 +348,25 @@ class PosteriorTraining(Training[PosteriorNetwork]):
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, Any]) -> None:
     """Write tensors and a note on them into one file."""
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    with whole(path) as temporary:
+    with atomic_file(path) as temporary:
         try:
-            save_file(content, temporary, metadata={NOTE: json.dumps(note)})
+            save_file(content, temporary, metadata={NOTE_KEY: json.dumps(note)})
         except SafetensorError as error:  # a full disk
             raise OSError(str(error)) from error
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Read the tensors and the note of `write_tensors`. Raises InputError: the file does not hold them."""
-    with of_run(path):
+    with damaged_as_input_error(path):
         if not path.is_file():  # reading a pipe would wait for ever
             raise OSError("no file")
         with safe_open(path, framework="pt") as file:
-            note: dict[str, Any] = json.loads(file.metadata()[NOTE])
+            note: dict[str, Any] = json.loads(file.metadata()[NOTE_KEY])
             return {name: file.get_tensor(name) for name in list(file.keys())}, note
 
 
 @contextmanager
-def of_run(path: Path) -> Iterator[None]:
+def damaged_as_input_error(path: Path) -> Iterator[None]:
     """Context in which the content of `path` is used; turns any error into an InputError on this file."""
     try:
         yield
@@ -389,7 +389,7 @@ def read_result(run: Path) -> dict[str, Any]:
 
 def write_text(path: Path, text: str) -> None:
     """Write text into a file, completely or not at all."""
-    with whole(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
@@ -410,24 +410,24 @@ def train(
     """
     if threads is not None:
         torch.set_num_threads(threads)
-    cards = torch.cuda.device_count()
-    devices = ["cpu", *["cuda"][:cards], *(f"cuda:{k}" for k in range(cards))]
+    gpus = torch.cuda.device_count()
+    devices = ["cpu", *["cuda"][:gpus], *(f"cuda:{k}" for k in range(gpus))]
     message = f"there is no device {device!r} for torch {torch.__version__} here; there is {', '.join(devices)}"
     require(device is None or device in devices, message, "training.device")
     posterior = not isinstance(recipe, Recipe)
     message = f"a posterior network is trained on the processor: leave out --device {device}"
     require(not posterior or device in (None, "cpu"), message, "training.device")
-    chosen = torch.device(device or ("cuda" if cards and not posterior else "cpu"))
-    with into(out_dir) as folder, torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
+    chosen = torch.device(device or ("cuda" if gpus and not posterior else "cpu"))
+    with writable_folder(out_dir) as folder, torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
         if isinstance(recipe, Recipe):
             return PointTraining(recipe, load(data_dir, folder), folder, chosen).run(progress)
         return PosteriorTraining(recipe, load_curves(recipe.problem, data_dir, folder), folder).run(progress)
 
 
 def export(
-    recipe: Recipe | PosteriorRecipe, run_dir: str | Path, out_dir: str | Path, *, on: date | None = None
+    recipe: Recipe | PosteriorRecipe, run_dir: str | Path, out_dir: str | Path, *, card_date: date | None = None
 ) -> Path:
-    """Write NAME.onnx and NAME.json for a finished run; returns the path of NAME.onnx. on: date on the card.
+    """Write NAME.onnx and NAME.json for a finished run; returns the path of NAME.onnx. card_date: date on the card.
 
     Raises:
         InputError: the run is not finished, or is not of this recipe.
@@ -440,11 +440,11 @@ def export(
     point: Any = (_export_point, _point_card, ModelCard)
     posterior: Any = (_export_posterior, _posterior_card, PosteriorCard)
     write, describe, card = point if isinstance(recipe, Recipe) else posterior
-    with into(out_dir) as folder:
+    with writable_folder(out_dir) as folder:
         target = folder / f"{recipe.export.name}.onnx"
-        with whole(target) as temporary:
+        with atomic_file(target) as temporary:
             added = write(recipe, run, temporary)
-        with of_run(run / "result.json"):
+        with damaged_as_input_error(run / "result.json"):
             packages = {package: version(package) for package in ("cavirheo", "numpy", "onnxruntime")}
             content = {
                 "schema": 1,
@@ -453,7 +453,7 @@ def export(
                 "onnx": {"sha256": sha256(target), **added},
                 "versions": {"python": platform.python_version(), "torch": result["torch"], **packages},
                 "license": "MIT",
-                "date": (on or datetime.now(UTC).date()).isoformat(),
+                "date": (card_date or datetime.now(UTC).date()).isoformat(),
             }
             card.model_validate(content)
         text = json.dumps(content, indent=2)
@@ -466,9 +466,9 @@ def export(
 def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
     """Write the model; returns the card's entries on the file, with its largest difference from the trained network: in
     the prior's scale, on the test curves as one batch and on the first of them alone."""
-    with of_run(run / "best.safetensors"):
+    with damaged_as_input_error(run / "best.safetensors"):
         model = load_model(run / "best.safetensors")
-    with of_run(run / "test.npz"), np.load(run / "test.npz") as test:
+    with damaged_as_input_error(run / "test.npz"), np.load(run / "test.npz") as test:
         radius = test["radius"]
     networks.write_onnx(model, recipe.problem.grid.frames, path)
     with torch.inference_mode():
@@ -483,20 +483,20 @@ def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
 
 def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[str, Any]:
     """Write the model; returns no further entries for the card."""
-    with of_run(run / "best.safetensors"):
+    with damaged_as_input_error(run / "best.safetensors"):
         network = PosteriorNetwork(len(recipe.problem.kinds), recipe.network)
         network.load_state_dict(read_tensors(run / "best.safetensors")[0])
     networks.write_posterior(network, path)
     return {}
 
 
-def load_model(checkpoint: Path) -> Standardised:
+def load_model(checkpoint: Path) -> Unstandardised:
     """The network of a best.safetensors with its scaling, in evaluation mode."""
     weights, note = read_tensors(checkpoint)
     problem, outputs = TrainingProblem.from_dict(note["problem"]), tuple(note["outputs"])
     network = BubbleTransformer(NetworkTable(**note["network"]), problem.grid.frames, len(outputs))
     network.load_state_dict(weights)
-    return Standardised(network, *scaling(problem.prior, outputs)).eval()
+    return Unstandardised(network, *scaling(problem.prior, outputs)).eval()
 
 
 def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
@@ -526,8 +526,8 @@ def _posterior_card(recipe: PosteriorRecipe, result: Mapping[str, Any]) -> dict[
     low, high = recipe.problem.max_radius_um
     ranges = {
         "max_radius_um": (1.2 * low, high / 1.08),
-        "frame_interval_us": (FASTEST * 1e6, SLOWEST * 1e6),
-        "frames": (0.75 * FEWEST, MOST),
+        "frame_interval_us": (MIN_INTERVAL * 1e6, MAX_INTERVAL * 1e6),
+        "frames": (0.75 * MIN_FRAMES, MAX_FRAMES),
         "noise_over_rmax": (0.0, 0.06),
         "density": (0.89 * WATER.density, 1.11 * WATER.density),
         "pressure": (0.89 * WATER.pressure, 1.11 * WATER.pressure),

@@ -30,7 +30,7 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
     (documents, "models"),
     (machine, "generate train Evaluate cluster"),
 )
-_Usage: Any = typer.BadParameter.__base__  # UsageError: an error in the call; typer has no public name for it
+_UsageError: Any = typer.BadParameter.__base__  # an error in the call; typer has no public name for it
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -52,7 +52,7 @@ def _options(
     if verbose and not version:
         raise typer.BadParameter("--verbose goes with --version")
     if version:
-        print(documents.report() if verbose else f"cavirheo {cavirheo.__version__}")
+        print(documents.installation_report() if verbose else f"cavirheo {cavirheo.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         context.fail("Missing command.")
@@ -65,7 +65,7 @@ def main() -> None:
     """The command line in this process: errors of the user become one line and exit status 2."""
     try:
         sys.exit(_command(prog_name="cavirheo", standalone_mode=False))
-    except _Usage as error:
+    except _UsageError as error:
         message = error.format_message().replace("Value error, ", "")  # pydantic's
         if "\n" in message.strip():  # no arguments at all: show the help
             error.show()
@@ -97,7 +97,7 @@ def entry() -> None:
     _open_streams()
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, _stop)
+            signal.signal(number, _interrupt)
     status = 0
     try:
         main()
@@ -112,7 +112,7 @@ def entry() -> None:
         print(f"error: what was to be printed cannot be written: {error.strerror}", file=sys.stderr)
         status = 2
     if files := sys.modules.get("cavirheo.io.files"):
-        files.tidy()
+        files.remove_temporary_files()
     end_processes()
     with suppress(OSError):
         sys.stdout.flush()
@@ -123,15 +123,15 @@ def entry() -> None:
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
-def _stop(number: int, frame: object) -> None:
+def _interrupt(number: int, frame: object) -> None:
     """Handle Ctrl-C, SIGTERM and SIGHUP: the first signal ends the work, and finished answers are written; the second
     ends the process."""
     for each in _SIGNALS:
-        signal.signal(each, _leave)
+        signal.signal(each, _exit_at_once)
     raise KeyboardInterrupt
 
 
-def _leave(number: int, frame: object) -> None:
+def _exit_at_once(number: int, frame: object) -> None:
     if sys.stderr.isatty():
         os.write(2, b"\033[?25h")  # show the cursor again, which a progress bar hides
     os._exit(130)

@@ -24,7 +24,7 @@ _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables wit
 
 
 @dataclass(kw_only=True)
-class Compare(options.Printing, options.Pictures, options.OneBubble):
+class Compare(options.PrintingVerb, options.Pictures, options.BubbleOptions):
     """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
 
     source: Annotated[Path, argument("FOLDER", _SOURCE)]
@@ -36,14 +36,14 @@ class Compare(options.Printing, options.Pictures, options.OneBubble):
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.comparison import Answering, compare
+        from cavirheo.companions.comparison import AnswerSettings, compare
         from cavirheo.reporting.table import print_comparison
 
         result, run.unreadable, interrupted = compare(
             self.source,
             self.references,
             self.out,
-            how=Answering(self.model, self.material, self.bubbles or "field", self.trust_input),
+            settings=AnswerSettings(self.model, self.material, self.bubbles or "field", self.trust_input),
             reference_methods=self.reference_method or [],
             pictures=self.pictures,
             command=run.command,
@@ -51,14 +51,14 @@ class Compare(options.Printing, options.Pictures, options.OneBubble):
         )
         table = self.out / "comparison.csv"
         if interrupted:
-            run.stop(result.notes[0], table)
+            run.end_interrupted(result.notes[0], table)
         run.show(result, print_comparison)
         counts = f"{digits.counted(len(result.groups), 'set')}, {digits.counted(len(result.curves), 'shot')}"
         run.end(counts, has_problems(result), f"; table: {table}")
 
 
 @dataclass(kw_only=True)
-class Rheometer(options.Printing, options.Pictures):
+class Rheometer(options.PrintingVerb, options.Pictures):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
@@ -77,7 +77,7 @@ class Rheometer(options.Printing, options.Pictures):
 
         require(self.at > 0, f"--at must be an angular frequency in rad/s, got {self.at!r}")
         require(0 < self.tolerance < 50, f"--tolerance must be between 0 and 50 %, got {self.tolerance!r}")
-        files, drawing = run.files(self.files), self.drawing(run)
+        files, drawing = run.files(self.files), self.draws_pictures(run)
         names = ("rheometer.json", "rheometer.csv", "table.csv", "strain-sweep.png", "frequency-sweep.png")
         outputs = Outputs(self.out, *names, inputs=[*files, *([self.beside] if self.beside else [])])
         result = read_json(self.beside) if self.beside else None
@@ -86,25 +86,27 @@ class Rheometer(options.Printing, options.Pictures):
             try:
                 sweeps += rheometer.read_sweeps(path)
             except InputError as error:
-                run.refuse([str(error)])
-        run.need(sweeps, "sweep")
+                run.note_unreadable([str(error)])
+        run.require_any(sweeps, "sweep")
         material = self.name or rheometer.shared_name(files)
-        rheometry = rheometer.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.head)
+        rheometry = rheometer.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.document_fields)
         outputs.write("rheometer.csv", rheometer.write_csv, rheometry)
         if result:
             add_to_groups(result.groups, {material: rheometry.published})
             outputs.write("table.csv", table.write_comparison, result)
         for kind in ("strain", "frequency") if drawing else ():
-            if rheometry.of(kind):
-                rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind)
-        run.deliver(outputs, rheometry)
+            if rheometry.sweeps_over(kind):
+                rheometry.notes += outputs.write_picture(
+                    f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind
+                )
+        run.write_document(outputs, rheometry)
         if result and not run.quiet:
-            table.print_with_published(result, rheometer.regimes(rheometry, result))
+            table.print_comparison_with_warning(result, rheometer.regimes(rheometry, result))
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
 @dataclass(kw_only=True)
-class CollapseTime(options.Printing, options.Pictures, options.Liquid):
+class CollapseTime(options.PrintingVerb, options.Pictures, options.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
@@ -130,27 +132,27 @@ class CollapseTime(options.Printing, options.Pictures, options.Liquid):
         require(fine, f"--stretch must be R_max/R_0 above 1, got {self.stretch!r}", "collapse_time.stretch")
         outputs = Outputs(self.out, "collapse-time.json", "shots.csv", inputs=files)
         groups, problems, remarks = collapse_times.read_groups(files, liquid, self.stretch, self.group, self.shots)
-        run.refuse(problems)
+        run.note_unreadable(problems)
         run.notes += remarks
-        run.need(groups, "collapse time")
+        run.require_any(groups, "collapse time")
         values = {"shear_modulus": self.shear_modulus, "viscosity": self.viscosity}
         if self.exact:
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
         for group in groups:
             group.answer(self.material, exact=self.exact, medium=liquid, **values)
-        answered_groups = [group for group in groups if group.estimate] if self.drawing(run) else []
-        head = {"material": self.material, "medium": asdict(liquid), **run.head}
+        answered_groups = [group for group in groups if group.estimate] if self.draws_pictures(run) else []
+        head = {"material": self.material, "medium": asdict(liquid), **run.document_fields}
         document = collapse_times.CollapseTimes(groups=groups, **head)
         outputs.write("shots.csv", collapse_times.write_csv, document)
         for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
-            document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
-        run.deliver(outputs, document)
+            document.notes += outputs.write_picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
+        run.write_document(outputs, document)
         failed = any(group.incomplete or (self.exact and group.model != "exact") for group in groups)
         run.end(f"written to {self.out}", failed)
 
 
 @dataclass(kw_only=True)
-class Design(options.Printing, options.Liquid, options.OneBubble):
+class Design(options.PrintingVerb, options.Liquid, options.BubbleOptions):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
@@ -182,9 +184,9 @@ class Design(options.Printing, options.Liquid, options.OneBubble):
         require(self.result is not None or self.group is None, message, "design.group")
         rig = Rig(
             max_radius=[1e-6 * end for end in self.rmax_um],
-            frame_rate=_numbers("--fps", self.fps),
+            frame_rate=_parse_numbers("--fps", self.fps),
             frames=self.frames,
-            noise=[1e-6 * noise for noise in _numbers("--noise-um", self.noise_um)],
+            noise=[1e-6 * noise for noise in _parse_numbers("--noise-um", self.noise_um)],
             relative_noise=0.01 * self.noise_percent,
             exposure=1e-6 * self.exposure_us,
             material=self.material,
@@ -192,17 +194,17 @@ class Design(options.Printing, options.Liquid, options.OneBubble):
             bubble=self.bubbles or "real",
         )
         ranges = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
-        how: dict[str, Any] = {"ranges": {name: ends for name, ends in ranges.items() if ends}}
-        how |= {name: getattr(self, name) for name in ("group", "spread", "sizes", "draws", "check", "seed")}
+        keywords: dict[str, Any] = {"ranges": {name: ends for name, ends in ranges.items() if ends}}
+        keywords |= {name: getattr(self, name) for name in ("group", "spread", "sizes", "draws", "check", "seed")}
         outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
         load_solver()
-        with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
-            document = design(self.result, rig, wanted=0.01 * self.wanted_percent, done=advance, **how)
-        run.deliver(outputs, document.model_copy(update=run.head))
+        with run.progress_bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
+            document = design(self.result, rig, wanted=0.01 * self.wanted_percent, done=advance, **keywords)
+        run.write_document(outputs, document.model_copy(update=run.document_fields))
         run.end(f"written to {self.out}")
 
 
-def _numbers(option: str, text: str) -> list[float]:
+def _parse_numbers(option: str, text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:

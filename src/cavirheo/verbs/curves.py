@@ -27,7 +27,7 @@ _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other wa
 
 
 @dataclass(kw_only=True)
-class _Report(options.Measured):
+class _ReportVerb(options.MeasuredFiles):
     """Answer the curves of files by one analysis, and write a report."""
 
     def __call__(self, run: Run) -> None:
@@ -39,38 +39,38 @@ class _Report(options.Measured):
         from cavirheo.writing.document import Outputs
 
         files, out, figures = run.files(self.files), self.out, self.figure_kinds
-        analysis = self.requested(files)
+        analysis = self.make_analysis(files)
         Outputs(out, *DOCUMENTS, inputs=files)
         with connected(self.scheduler, run.say) as executor:
-            curves, unfinished = self.read(run, files), Unfinished(out, visible=not run.quiet, executor=executor)
+            curves, unfinished = self.read_curves(run, files), Unfinished(out, visible=not run.quiet, executor=executor)
             folder = outputs(out, curves, figures)
             analysis.check(curves)
             answers = unfinished.answers(curves, analysis)
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
         note = unfinished.note(len(answers), len(curves))
-        if note and folder.holds("report.html"):
-            run.stop(f"{note}; until then the earlier answers stay", out / "result.json")
+        if note and folder.listed_entry("report.html"):
+            run.end_interrupted(f"{note}; until then the earlier answers stay", out / "result.json")
         if note and not pairs:
-            run.stop(note, None)
-        how: dict[str, Any] = {"date": run.date, "draw": self.pictures, "complete": not note}
-        how["notes"] = [note, *run.notes] if note else run.notes
-        with run.bar("drawing", unit="figures", visible=bool(figures)) as advance:
-            result = write_report(out, pairs, run.command, figures, advance=advance, **how)
+            run.end_interrupted(note, None)
+        keywords: dict[str, Any] = {"date": run.date, "draw": self.pictures, "complete": not note}
+        keywords["notes"] = [note, *run.notes] if note else run.notes
+        with run.progress_bar("drawing", unit="figures", visible=bool(figures)) as advance:
+            result = write_report(out, pairs, run.command, figures, advance=advance, **keywords)
         if note:
-            run.stop(note, out / "result.json")
+            run.end_interrupted(note, out / "result.json")
         unfinished.remove()
-        run.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=run.refusals))
+        run.show(result, partial(print_table, analysis=analysis, out=out, printed_notes=run.printed_notes))
         run.end(digits.counted(len(curves), "curve"), has_problems(result), f"; report: {out / 'report.html'}")
 
 
 @dataclass(kw_only=True)
-class Infer(_Report, options.Inference):
+class Infer(_ReportVerb, options.Inference):
     """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
     believe them."""
 
 
 @dataclass(kw_only=True)
-class Fit(_Report):
+class Fit(_ReportVerb):
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
 
     material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
@@ -84,14 +84,14 @@ class Fit(_Report):
     others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True
     out: options.Out = Path("cavirheo-fit")
 
-    def requested(self, files: Iterable[Path], **settings: Any) -> Analysis:
+    def make_analysis(self, files: Iterable[Path], **settings: Any) -> Analysis:
         t0_bound, end = (None if us is None else us * 1e-6 for us in (self.t0_us, self.window_us))
         settings |= {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
-        return super().requested(files, **settings)
+        return super().make_analysis(files, **settings)
 
 
 @dataclass(kw_only=True)
-class WhichLaw(options.Measured):
+class WhichLaw(options.MeasuredFiles):
     """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
 
     laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
@@ -107,7 +107,7 @@ class WhichLaw(options.Measured):
         from cavirheo.inference.assumptions import Options
         from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.laws import Laws, firmly, records
+        from cavirheo.reporting.laws import Laws, law_records, preference_lines
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing import document
@@ -120,29 +120,31 @@ class WhichLaw(options.Measured):
         report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
         with connected(self.scheduler, run.say) as executor:
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
-            curves = self.read(run, files)
+            curves = self.read_curves(run, files)
             reporting.outputs(out, curves, figures)
-            how: dict[str, Any] = {"medium": liquid, "window": self.window, "trust_input": self.trust_input}
-            analyses = plans(candidates, stretch=self.stretch, seed=self.seed, discrepancy=not self.exact_law, **how)
+            keywords: dict[str, Any] = {"medium": liquid, "window": self.window, "trust_input": self.trust_input}
+            analyses = plans(
+                candidates, stretch=self.stretch, seed=self.seed, discrepancy=not self.exact_law, **keywords
+            )
             by_law = weigh_models(curves, analyses, lambda *these: unfinished.answers(*these).numbered())
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
         complete_curves, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
         complete_answers = {law: [answers[i] for i in complete] for law, answers in by_law.items()}
         singles, groups = ranked(complete_curves, complete_answers)
-        by_curve, by_group = records(complete_curves, singles, groups)
+        by_curve, by_group = law_records(complete_curves, singles, groups)
         notes = [*([note] if note else []), *run.notes]
         laws = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
-        if note and report.holds("report.html"):
-            run.stop(f"{note}; until then the earlier answers stay", out / "laws.json")
+        if note and report.listed_entry("report.html"):
+            run.end_interrupted(f"{note}; until then the earlier answers stay", out / "laws.json")
         if complete_curves:
             outputs.write("laws.json", document.write_json, laws)
         if note:
-            run.stop(note, out / "laws.json" if complete_curves else None)
+            run.end_interrupted(note, out / "laws.json" if complete_curves else None)
         outputs.finish()
         pairs = list(zip(complete_curves, choose_answers(singles, groups), strict=True))
-        how = {"date": run.date, "draw": self.pictures, "notes": [*firmly(laws), *laws.notes]}
-        with run.bar("drawing", unit="figures", visible=bool(figures)) as advance:
-            reporting.write_report(out, pairs, run.command, figures, advance=advance, **how)
+        keywords = {"date": run.date, "draw": self.pictures, "notes": [*preference_lines(laws), *laws.notes]}
+        with run.progress_bar("drawing", unit="figures", visible=bool(figures)) as advance:
+            reporting.write_report(out, pairs, run.command, figures, advance=advance, **keywords)
         unfinished.remove()
         run.show(laws)
         verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
@@ -162,28 +164,30 @@ class Watch(options.Inference):
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
-        from cavirheo.io.shots import is_size, read_column
+        from cavirheo.io.shots import is_r_max, read_column
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table
 
         folder, out = self.folder, self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
-        analysis = self.requested([folder])
-        if self.column is not None and not is_size(self.column):
+        analysis = self.make_analysis([folder])
+        if self.column is not None and not is_r_max(self.column):
             read_column(self.column)
-        settings = options.shared(self, options.FileSettings)
+        settings = options.shared_values(self, options.FileSettings)
         read_settings = {name: value for name, value in settings.items() if name != "column"}
-        how: dict[str, Any] = {"group": self.group, "column": self.column, "patience": self.patience}
-        how |= {"command": run.command, "date": run.date, "half_width": 0.01 * self.wanted_percent, "say": run.say}
-        how |= {} if run.quiet else {"show": print_line}
-        watched = watch.Watch(folder, out, analysis, lambda path: self.recordings([path]), read_settings, **how)
+        keywords: dict[str, Any] = {"group": self.group, "column": self.column, "read_timeout": self.patience}
+        keywords |= {"command": run.command, "date": run.date, "half_width": 0.01 * self.wanted_percent}
+        keywords |= {"notify": run.say} if run.quiet else {"notify": run.say, "show": print_line}
+        watched = watch.Watch(
+            folder, out, analysis, lambda path: self.read_recordings([path]), read_settings, **keywords
+        )
         load_solver()
         result = watched.write()
-        page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
+        page = f"{out / html.LIVE_FILE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
         run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
         try:
-            while watched.once() or watched.pause() or not self.once:
+            while watched.answer_next() or watched.pause() or not self.once:
                 pass
             stopped = False
         except KeyboardInterrupt:  # the usual end

@@ -48,7 +48,7 @@ def show(
         require(value is None or not (network or document), message, "show.measurement")
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
-        _explain(file.with_suffix(".onnx"))
+        _show_network(file.with_suffix(".onnx"))
     elif any(file.glob("shard-*.h5")) or any(file.glob("curves-*.h5")):
         _show_training_set(file)
     elif document:
@@ -75,10 +75,10 @@ def _show_training_set(path: Path) -> None:
     from cavirheo.training import dataset
 
     survey = dataset.survey(path)
-    growing = f"growing: {survey.lacking} of {survey.files + survey.lacking} files are still to be made"
+    growing = f"growing: {survey.missing_files} of {survey.files + survey.missing_files} files are still to be made"
     lines = [
         f"{path}: training set, written by cavirheo {survey.made_by}, seed {survey.seed}",
-        f"  {survey.curves} of {survey.total} curves, {growing if survey.lacking else 'complete'}",
+        f"  {survey.curves} of {survey.total} curves, {growing if survey.missing_files else 'complete'}",
         *(f"  {line}" for line in survey.summary),
         *(f"  {count} {status}" for status, count in sorted(survey.statuses.items(), key=lambda item: -item[1])),
         f"  {survey.size / 1e6:.3g} MB, {survey.size / survey.curves:.0f} bytes a curve; checksum {survey.sha256}",
@@ -86,12 +86,12 @@ def _show_training_set(path: Path) -> None:
     terminal.console().print("\n".join(lines))
 
 
-def _show_curves(path: Path, **how: Any) -> None:
+def _show_curves(path: Path, **keywords: Any) -> None:
     """Print what `infer` would read: a row per curve, then the input warnings, and remarks on how it was read."""
     from cavirheo.io import read_curves
-    from cavirheo.reporting.table import curve_warnings, notes, summary_cells
+    from cavirheo.reporting.table import curve_warnings, curves_by_note, summary_cells
 
-    curves, console = read_curves(path, **how), terminal.console()
+    curves, console = read_curves(path, **keywords), terminal.console()
     heads = ["R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
     table = terminal.table("curve", heads)
     for curve in curves:
@@ -99,13 +99,13 @@ def _show_curves(path: Path, **how: Any) -> None:
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     console.print(table)
     terminal.print_warnings(console, curve_warnings(curves))
-    terminal.print_remarks(console, notes(curves))
+    terminal.print_remarks(console, curves_by_note(curves))
 
 
 def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")]) -> None:
     """What a paper must say about a result: models, window, priors, method, versions; and the references as BibTeX."""
     from cavirheo.loading import load
-    from cavirheo.reporting.citation import methods
+    from cavirheo.reporting.citation import methods_paragraph
     from cavirheo.reporting.record import Result
 
     document = load(result)
@@ -113,7 +113,7 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
         kind = type(document).__name__.lower()
         message = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
         raise InputError(message, "cite.kind")
-    paragraph, sources = methods(document)
+    paragraph, sources = methods_paragraph(document)
     require(bool(paragraph), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
     print("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
 
@@ -145,7 +145,7 @@ def _summary(name: str, content: dict[str, Any]) -> list[str]:
     return [*lines, f"  trained on {content['data']['train']} simulated curves"]
 
 
-def _explain(path: Path) -> None:
+def _show_network(path: Path) -> None:
     """Print a model's summary, date, libraries, license, files and checksum. Raises InputError: no model, or an
     incomplete card."""
     from cavirheo.inference.model import card
@@ -172,14 +172,14 @@ def _checksum(path: Path) -> str:
     import hashlib
 
     from cavirheo.errors import read_bytes
-    from cavirheo.inference.model import LARGEST, card
+    from cavirheo.inference.model import MAX_BYTES, card
 
-    digest: str = hashlib.sha256(read_bytes(path, LARGEST)).hexdigest()
+    digest: str = hashlib.sha256(read_bytes(path, MAX_BYTES)).hexdigest()
     same = card(path)["onnx"]["sha256"] == digest
     return digest + ("" if same else ", which is NOT the file that its card describes")
 
 
-def report() -> str:
+def installation_report() -> str:
     """Return lines on versions, machine, libraries, compiled solver, models and variables of this installation."""
     import cavirheo
     from cavirheo.inference.model import shipped
@@ -192,7 +192,7 @@ def report() -> str:
         ("cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"),
         ("python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"),
         ("machine", f"{platform.platform()}, {cores()} cores"),
-        *((f"[{extra}]" if extra else "needs", _installed(names)) for extra, names in required().items()),
+        *((f"[{extra}]" if extra else "needs", _installed(names)) for extra, names in required_libraries().items()),
         ("solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"),
         *(("model", f"{name}, sha256 {_checksum(path)}") for name, path in shipped().items()),
         ("variables", ", ".join(variables) or "none that matter"),
@@ -200,7 +200,7 @@ def report() -> str:
     return "\n".join(f"{name:<10}{text}" for name, text in lines)
 
 
-def required() -> dict[str, list[str]]:
+def required_libraries() -> dict[str, list[str]]:
     """Return names of the libraries that the package needs (key "") and that each extra adds, except dev and docs."""
     names: dict[str, list[str]] = {"": []}
     for line in requires("cavirheo") or ():

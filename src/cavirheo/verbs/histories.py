@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulate import Simulation
 
 _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx); a folder of images"
-DRIVEN = "Driving"
-_FRAMES, _FIELDS = "simulation.csv", "fields.h5"
+DRIVING = "Driving"
+_FRAMES_FILE, _FIELDS_FILE = "simulation.csv", "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
 _MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
 _Motion = Literal["keller-miksis", "rayleigh-plesset", "gilmore"]
@@ -37,7 +37,7 @@ _CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame
 
 
 @dataclass(kw_only=True)
-class Measure(options.Printing):
+class Measure(options.PrintingVerb):
     """Radii of a bubble, with standard deviations, from a high-speed recording."""
 
     video: Annotated[Path, argument("VIDEO", _VIDEO, readable=False)]
@@ -56,34 +56,34 @@ class Measure(options.Printing):
         from cavirheo.inference import checks
         from cavirheo.io.videos import examine
         from cavirheo.physics.media import WATER
-        from cavirheo.video.frames import need
+        from cavirheo.video.frames import require_library
         from cavirheo.video.measurement import describe, write_csv
         from cavirheo.writing.document import Outputs
 
-        need("PIL")  # pillow, from the extra [video]
+        require_library("PIL")  # pillow, from the extra [video]
         from cavirheo.video import picture
 
         names = ("um_per_px", "polarity", "exclude", "reference_frame")
         settings: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
         settings["exposure"] = self.exposure_us and self.exposure_us * 1e-6
-        settings |= {"roi": _numbers("--roi", self.roi, 4), "span": _numbers("--frames", self.frames, 2)}
+        settings |= {"roi": _parse_numbers("--roi", self.roi, 4), "span": _parse_numbers("--frames", self.frames, 2)}
         (path,) = (self.video,) if self.video.is_dir() else run.files([self.video])
         overlay = ["overlay.mp4"] if self.overlay else []
         outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", *overlay, inputs=[path])
         with ExitStack() as stack:
 
             def begin(count: int) -> Callable[[], None]:
-                return stack.enter_context(run.bar("measuring", count, unit="frames"))
+                return stack.enter_context(run.progress_bar("measuring", count, unit="frames"))
 
             measurement, curve = examine(path, begin=begin, **settings)
         warnings = [warning.text for warning in checks.curve_warnings(curve, WATER)]
         run.notes += measurement.notes
-        record = describe(measurement, curve, warnings, **run.head)
+        record = describe(measurement, curve, warnings, **run.document_fields)
         outputs.write("measured.csv", write_csv, measurement)
-        record.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
+        record.notes += outputs.write_picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
         if self.overlay:
             outputs.write("overlay.mp4", picture.write_overlay, measurement)
-        run.deliver(outputs, record)
+        run.write_document(outputs, record)
         run.end(f"written to {self.out}", bool(warnings or record.unusable))
 
 
@@ -103,8 +103,8 @@ class Simulate(options.Verb, options.Liquid):
     stiffening: Annotated[float | None, option("alpha of qkv")] = None
     duration_us: Annotated[float, option("us after R_max")] = 100.0
     fps: Annotated[float, option("frames per second")] = 1e6
-    pulse: Annotated[tuple[float, float, float] | None, option(_PULSE, DRIVEN, metavar="KPA MHZ US")] = None
-    driving: Annotated[Path | None, option(_DRIVING, DRIVEN)] = None
+    pulse: Annotated[tuple[float, float, float] | None, option(_PULSE, DRIVING, metavar="KPA MHZ US")] = None
+    driving: Annotated[Path | None, option(_DRIVING, DRIVING)] = None
     motion: Annotated[_Motion, option("equation of the wall", BUBBLE)] = "keller-miksis"
     polytropic: Annotated[float | None, option(_POLYTROPIC, BUBBLE)] = None
     contents: Annotated[Literal["equilibrium", "kinetic"], option(options.CONTENTS, BUBBLE)] = "equilibrium"
@@ -132,12 +132,12 @@ class Simulate(options.Verb, options.Liquid):
         liquid, pulse, driving = self.liquid, self.pulse, self.driving
         both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
         require(not (pulse and driving), both, "simulate.two_drivings")
-        law, fps, count = self.law(), self.fps, self.duration_us * 1e-6 * self.fps
+        law, fps, count = self.make_law(), self.fps, self.duration_us * 1e-6 * self.fps
         possible = self.duration_us > 0 and fps > 0 and 1 <= count <= 1e6
         got = f"got {self.duration_us} us at {fps} frames per second"
         require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
         frames = int(count * (1 + 1e-9)) + 1
-        bubble = self.bubble()
+        bubble = self.make_bubble()
         message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
         require(not self.fields or self.polytropic is None, message, "physics.no_fields")
         far_field = None
@@ -149,7 +149,7 @@ class Simulate(options.Verb, options.Liquid):
                 raise error.within(str(driving)) from None
             for note in notes:
                 say(f"{driving}: {note}")
-        writers = {_FRAMES: _write_frames} | ({_FIELDS: _write_fields} if self.fields else {})
+        writers = {_FRAMES_FILE: _write_frames} | ({_FIELDS_FILE: _write_fields} if self.fields else {})
         outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
         forward.load_solver()
         try:
@@ -170,9 +170,9 @@ class Simulate(options.Verb, options.Liquid):
         for name, writer in writers.items():
             outputs.write(name, writer, simulation)
         outputs.finish()
-        run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES}")
+        run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES_FILE}")
 
-    def bubble(self) -> Bubble:
+    def make_bubble(self) -> Bubble:
         """Return the bubble of the options. Raises InputError, with the names of options."""
         from cavirheo.physics.bubble import ACCOMMODATION, Bubble, Damage
 
@@ -180,7 +180,7 @@ class Simulate(options.Verb, options.Liquid):
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
         message = "--damage-by changes nothing without --damage: give that too"
         require(self.damage is not None or self.damage_by == "first-rebound", message, "simulate.idle")
-        values = options.shared(self, Bubble) | {"exponent": self.polytropic}
+        values = options.shared_values(self, Bubble) | {"exponent": self.polytropic}
         values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
         values["wall_distance"] = self.wall_distance_um and self.wall_distance_um * 1e-6
         try:
@@ -189,7 +189,7 @@ class Simulate(options.Verb, options.Liquid):
         except InputError as error:
             raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
 
-    def law(self) -> Material:
+    def make_law(self) -> Material:
         """Return the material: a name, with parameters from the options, or a sum of laws with its own parameters."""
         from inspect import signature
 
@@ -208,7 +208,7 @@ class Simulate(options.Verb, options.Liquid):
         return law
 
 
-def _numbers(option: str, text: str | None, count: int) -> tuple[int, ...] | None:
+def _parse_numbers(option: str, text: str | None, count: int) -> tuple[int, ...] | None:
     if text is None:
         return None
     parts = re.split("[,:]", text)

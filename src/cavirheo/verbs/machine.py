@@ -62,9 +62,9 @@ def cluster(
     for versions in sorted({worker.versions for worker in workers if worker.versions}):
         run.say(f"{sum(worker.versions == versions for worker in workers)} workers with {versions}")
     for worker in workers:
-        if worker.wrong:
-            terminal.say(f"refused: {worker.address} on {worker.host}: {worker.wrong}")
-    usable, mine = [worker for worker in workers if not worker.wrong], identity()
+        if worker.refusal:
+            terminal.say(f"refused: {worker.address} on {worker.host}: {worker.refusal}")
+    usable, mine = [worker for worker in workers if not worker.refusal], identity()
     bits = {worker.identity.bits for worker in usable if worker.identity}
     same = "the bits of this machine" if bits == {mine.bits} else "other last bits than this machine"
     run.say(f"{len(usable)} of {len(workers)} workers can be used, with {same} ({mine.bits[:8]})")
@@ -74,7 +74,7 @@ def cluster(
 
 def generate(
     recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
-    out: options.Growing,
+    out: options.ResumableOut,
     n: Annotated[int | None, option("curves; default: as in the recipe", None, "-n", min=1)] = None,
     seed: Annotated[int | None, option("default: as in the recipe", min=0)] = None,
     workers: Annotated[int | None, option("threads; default: all cores", min=1)] = None,
@@ -97,9 +97,9 @@ def generate(
     require(workers is None or scheduler is None, message, "option.workers")
     load_solver()
     run, seed = Run(quiet=quiet), content.data.seed if seed is None else seed
-    how: dict[str, Any] = {"seed": seed, "workers": workers, "shard": (part, parts), "progress": not quiet}
+    keywords: dict[str, Any] = {"seed": seed, "workers": workers, "shard": (part, parts), "progress": not quiet}
     with connected(scheduler, run.say) as executor:
-        written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **how)
+        written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **keywords)
     run.say(f"{written.curves} curves in {out}: {written.written} files written, {written.skipped} already there")
     if written.simulated:
         rate = written.simulated / written.seconds
@@ -111,7 +111,7 @@ def generate(
 def train(
     recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
     data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")],
-    out: options.Growing,
+    out: options.ResumableOut,
     threads: Annotated[int | None, option("threads; default: torch's choice", min=1, max=1024)] = None,
     device: Annotated[str | None, option("cpu or cuda; default: cuda if there is one")] = None,
     quiet: options.Quiet = False,

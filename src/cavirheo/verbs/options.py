@@ -29,20 +29,20 @@ INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for exp
 INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
 
 
-def argument(metavar: str, help: str, **how: Any) -> Any:
+def argument(metavar: str, help: str, **keywords: Any) -> Any:
     """Return a positional argument."""
-    return Argument(metavar=metavar, help=help, **how)
+    return Argument(metavar=metavar, help=help, **keywords)
 
 
-def option(help: str, panel: str | None = None, *names: str, **how: Any) -> Any:
+def option(help: str, panel: str | None = None, *names: str, **keywords: Any) -> Any:
     """Return an option in a panel of `--help`; without a panel, it is on the first screen."""
-    return Option(*names, help=help, rich_help_panel=panel, **how)
+    return Option(*names, help=help, rich_help_panel=panel, **keywords)
 
 
 def number(help: str, panel: str | None = None, *words: str, kind: Callable[[str], Any] = float) -> Any:
     """Return an option that takes a number or one of these words; without words, a number above 0."""
 
-    def parsed(text: str) -> Any:
+    def parse(text: str) -> Any:
         with suppress(ValueError):
             value: Any = text if text in words else kind(text)
             if words or value > 0:
@@ -50,65 +50,66 @@ def number(help: str, panel: str | None = None, *words: str, kind: Callable[[str
         expected = f"a number or {' or '.join(map(repr, words))}" if words else "a number above 0"
         raise BadParameter(f"must be {expected}, got {text!r}")
 
-    return option(help, panel, parser=parsed, metavar=f"<{'|'.join((kind.__name__, *words))}>")
+    return option(help, panel, parser=parse, metavar=f"<{'|'.join((kind.__name__, *words))}>")
 
 
 def folder(help: str) -> Any:
     """Return the option `-o` or `--out`, which takes a folder."""
 
-    def named(text: object) -> Path:
+    def parse_folder(text: object) -> Path:
         if not str(text).strip():
             raise BadParameter("a folder must have a name; leave the option out for the usual one")
         return Path(str(text))
 
-    return option(help, None, "-o", "--out", parser=named, metavar="FOLDER")
+    return option(help, None, "-o", "--out", parser=parse_folder, metavar="FOLDER")
 
 
 # Shell completion of the values of options; nothing here imports a compiler, a network or the solver.
 
 
-def _completing(words: Callable[[], Iterable[str]], between: str = "") -> Callable[[str], list[str]]:
+def _completer(words: Callable[[], Iterable[str]], separators: str = "") -> Callable[[str], list[str]]:
     """Return a completion by these words; if several may be given, it completes the text after the last separator."""
 
     def complete(incomplete: str) -> list[str]:
-        start = max((incomplete.rfind(mark) for mark in between), default=-1) + 1
+        start = max((incomplete.rfind(mark) for mark in separators), default=-1) + 1
         prefix, beginning = incomplete[:start], incomplete[start:]
         prefix += beginning[: len(beginning) - len(beginning.lstrip())]
-        used = prefix.replace(",", " ").split() if "," in between else []
+        used = prefix.replace(",", " ").split() if "," in separators else []
         return [prefix + word for word in words() if word.startswith(beginning.strip()) and word not in used]
 
     return complete
 
 
-def _fitted() -> list[str]:
-    """Return the laws whose parameters have a range or a default: `ABLE` of inference/assumptions, slow to import."""
-    from cavirheo.parameters import PARAMETERS, inferred_as
+def _fittable_laws() -> list[str]:
+    """Return the laws whose parameters have a range or a default: `FITTABLE` of inference/assumptions, slow to
+    import."""
+    from cavirheo.parameters import PARAMETERS, inferred_name
     from cavirheo.physics.materials import LAWS
 
-    def able(name: str) -> bool:
+    def has_range(name: str) -> bool:
         parameters = inspect.signature(LAWS[name]).parameters.values()
-        return all(PARAMETERS[inferred_as(p.name)].searched or p.default is not p.empty for p in parameters)
+        return all(PARAMETERS[inferred_name(p.name)].search_range or p.default is not p.empty for p in parameters)
 
-    return [name for name in LAWS if able(name)]
+    return [name for name in LAWS if has_range(name)]
 
 
-bubble_names = _completing(lambda: ("real", "field"), ",")
-damage_names = _completing(lambda: ("none", "first-rebound", "strain"), ",")
-figure_names = _completing(lambda: ("png", "svg", "pdf"), ",")
-model_names = _completing(lambda: sorted(path.stem for path in _MODELS.glob("*.onnx")))
-medium_names = _completing(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
-any_law_names = _completing(lambda: resolve_name("cavirheo.physics.materials.LAWS"), "+")
-sum_names = _completing(_fitted, "+")
-many_law_names = _completing(_fitted, "+,")
+bubble_names = _completer(lambda: ("real", "field"), ",")
+damage_names = _completer(lambda: ("none", "first-rebound", "strain"), ",")
+figure_names = _completer(lambda: ("png", "svg", "pdf"), ",")
+model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.onnx")))
+medium_names = _completer(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
+any_law_names = _completer(lambda: resolve_name("cavirheo.physics.materials.LAWS"), "+")
+sum_names = _completer(_fittable_laws, "+")
+many_law_names = _completer(_fittable_laws, "+,")
 
 
 def law_names(incomplete: str) -> list[str]:
     """Complete the laws that can be fitted, also as the next part of a sum, and auto."""
-    return [*sum_names(incomplete), *_completing(lambda: ["auto"])(incomplete)]
+    return [*sum_names(incomplete), *_completer(lambda: ["auto"])(incomplete)]
 
 
 Out = Annotated[Path, folder("folder for the results")]  # for documents: a run locks it; --replace belongs to it
-Growing = Annotated[Path, folder("folder, which may hold a part")]  # for work that a later call continues
+ResumableOut = Annotated[Path, folder("folder, which may hold a part")]  # for work that a later call continues
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
@@ -135,20 +136,20 @@ TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
 Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; a folder, or - for stdin"
 _COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
-_BLUR = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
+_EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; "
 _BUBBLE += "auto: the evidence chooses"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ..."
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 _PICTURES = "draw pictures; --no-pictures is faster"
-_STATED = "R_max/R_0; free: without the prior that a file states  [default: with it]"
+_INFER_STRETCH = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
 _VERIFY = "auto: draws of a surrogate that simulations check; full: weighted simulations; "
 _VERIFY += "map: maximum of the posterior; none: network alone"
 
 
-def shared(options: object, kind: Any) -> dict[str, Any]:
+def shared_values(options: object, kind: Any) -> dict[str, Any]:
     """Return the values of the options that have the name of a field of the dataclass `kind`."""
     return {field.name: getattr(options, field.name) for field in fields(kind) if hasattr(options, field.name)}
 
@@ -163,7 +164,7 @@ class FileSettings:
     rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
     shots: Shots = None
     group: Group = "auto"
-    exposure_us: Annotated[Any, number(_BLUR, INPUT)] = None
+    exposure_us: Annotated[Any, number(_EXPOSURE, INPUT)] = None
     column: Annotated[Path | None, option(_COLUMN, INPUT, readable=False)] = None
 
     def __post_init__(self) -> None:
@@ -190,11 +191,11 @@ class Liquid:
         """The medium of the options. Raises InputError: no such medium, or an impossible constant."""
         from cavirheo.physics.media import Medium, medium
 
-        return medium(self.medium, unusual=self.trust_input, **shared(self, Medium))
+        return medium(self.medium, unusual=self.trust_input, **shared_values(self, Medium))
 
 
 @dataclass(kw_only=True)
-class OneBubble:
+class BubbleOptions:
     """Options for the bubble: a named one, or auto, and values that replace those of the named one."""
 
     contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(CONTENTS, BUBBLE)] = None
@@ -218,7 +219,7 @@ class OneBubble:
         message = f"--damage must be {', '.join(DAMAGES)}, got {self.damage!r}"
         require(set(damages) <= set(DAMAGES), message, "option.damage")
         wall = self.wall_distance_um and self.wall_distance_um * 1e-6
-        values = shared(self, Bubble) | {"wall_distance": wall, "damage": None}
+        values = shared_values(self, Bubble) | {"wall_distance": wall, "damage": None}
         values = {name: value for name, value in values.items() if value is not None}
         if self.bubble is None and not values and damages == ["none"]:
             return None
@@ -242,7 +243,7 @@ class Verb:
 
 
 @dataclass(kw_only=True)
-class Printing(Verb):
+class PrintingVerb(Verb):
     """A verb with a document that can be printed."""
 
     json: Annotated[bool, option("print the JSON document instead of the table", None, "--json")] = False
@@ -254,7 +255,7 @@ class Pictures:
 
     pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
 
-    def drawing(self, run: "Run") -> bool:
+    def draws_pictures(self, run: "Run") -> bool:
         """Whether pictures are drawn; if they are requested without matplotlib, a note is added to the run."""
         from cavirheo.writing import style
 
@@ -264,19 +265,19 @@ class Pictures:
 
 
 @dataclass(kw_only=True)
-class Answering(Printing, Pictures, Liquid, FileSettings, OneBubble):
+class AnsweringVerb(PrintingVerb, Pictures, Liquid, FileSettings, BubbleOptions):
     """Options of all verbs that answer measured curves."""
 
     seed: Seed = 0
 
-    def requested(self, files: Iterable[Path], **settings: Any) -> "Analysis":
+    def make_analysis(self, files: Iterable[Path], **settings: Any) -> "Analysis":
         """Return the analysis of each curve, from the options with names of its fields and from `settings`. Raises
         InputError: settings that are impossible, alone or together."""
         from cavirheo.inference.analysis import Analysis
 
-        return Analysis(**shared(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid} | settings)
+        return Analysis(**shared_values(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid} | settings)
 
-    def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
+    def read_recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """Read the files by `read_shots` with these options. Raises InputError."""
         from cavirheo.io.shots import read_shots
 
@@ -284,15 +285,19 @@ class Answering(Printing, Pictures, Liquid, FileSettings, OneBubble):
         require(exclude is None or len(files) == 1, message, "option.exclude")
         exposure, scale = self.exposure_us and self.exposure_us * 1e-6, self.rmax_um and self.rmax_um * 1e-6
         video = {"um_per_px": self.um_per_px, "exposure": exposure, "exclude": exclude}
-        how: dict[str, Any] = {"density": self.liquid.density, "pressure": self.liquid.pressure, "shots": self.shots}
-        curve_set = read_shots(files, max_radius=scale, group=self.group, frame_rate_hz=self.fps, **how, **video)
+        keywords: dict[str, Any] = {
+            "density": self.liquid.density,
+            "pressure": self.liquid.pressure,
+            "shots": self.shots,
+        }
+        curve_set = read_shots(files, max_radius=scale, group=self.group, frame_rate_hz=self.fps, **keywords, **video)
         if exposure is None:
             return curve_set
         return curve_set._replace(curves=[curve.labelled(exposure_s=exposure) for curve in curve_set.curves])
 
 
 @dataclass(kw_only=True)
-class Measured(Answering):
+class MeasuredFiles(AnsweringVerb):
     """Options of verbs that answer given files: files, excluded frames, figure files, and the scheduler."""
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
@@ -312,16 +317,16 @@ class Measured(Answering):
             require(available(), '--figures needs matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
         return kinds
 
-    def read(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
+    def read_curves(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """Return all curves of the files, with their values of --column, and load the solver. Raises InputError: no
         curve, or a column that does not match the curves."""
         from cavirheo.physics.simulate import load_solver
 
-        recordings = self.recordings(files, self.exclude)
-        run.refuse(recordings.problems)
+        recordings = self.read_recordings(files, self.exclude)
+        run.note_unreadable(recordings.problems)
         run.notes += recordings.remarks + recordings.hints
         curves = recordings.curves
-        run.need(curves, "curve")
+        run.require_any(curves, "curve")
         if self.column is not None:
             from cavirheo.io.shots import with_column
 
@@ -331,18 +336,18 @@ class Measured(Answering):
 
 
 @dataclass(kw_only=True)
-class Inference(Answering):
+class Inference(AnsweringVerb):
     """Options that `infer` and `watch` share."""
 
     material: Material = None
-    stretch: Annotated[Any, number(_STATED, None, "free")] = None
+    stretch: Annotated[Any, number(_INFER_STRETCH, None, "free")] = None
     verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
     window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
     model: ModelName = "posterior"
     exact_law: ExactLaw = False
 
-    def requested(self, files: Iterable[Path], **settings: Any) -> "Analysis":
-        """As `Answering.requested`. Raises InputError also if an option has no effect without verification:
+    def make_analysis(self, files: Iterable[Path], **settings: Any) -> "Analysis":
+        """As `AnsweringVerb.make_analysis`. Raises InputError also if an option has no effect without verification:
         --exact-law, and --exposure-us (which videos among the files use in any case)."""
         from cavirheo.video.frames import is_video
 
@@ -350,4 +355,4 @@ class Inference(Answering):
         idle = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
         message = f"{' and '.join(idle)} would change nothing with --verify none: leave out one of them"
         require(self.verify != "none" or not idle, message)
-        return super().requested(files, discrepancy=not self.exact_law, **settings)
+        return super().make_analysis(files, discrepancy=not self.exact_law, **settings)

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Document, Outputs
 
 # options that change no answer
-_SHOWING = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
+_NEUTRAL_OPTIONS = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
 # order of the options on the first screen ("" stands for all others), and of the panels
-_ORDER = ("material", "laws", "stretch", "verify", "bubble", "", "out", "replace", "json", "quiet", "help")
+_OPTION_ORDER = ("material", "laws", "stretch", "verify", "bubble", "", "out", "replace", "json", "quiet", "help")
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 
@@ -42,24 +42,24 @@ class Run:
     """One run of a command, timed from its creation. `command` (what was typed) and `date` are as in documents."""
 
     def __init__(self, *, json: bool = False, quiet: bool = False) -> None:
-        self.began = time.perf_counter()
+        self.start_time = time.perf_counter()
         self.command = shlex.join(["cavirheo", *sys.argv[1:]])
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
         self.unreadable = 0  # number of unreadable files, which `notes` name
         self.notes: list[str] = []  # on the run as a whole
-        self.refusals: list[str] = []  # the notes that are already printed on stderr
+        self.printed_notes: list[str] = []  # the notes that are already printed on stderr
         self.json, self.quiet = json, quiet or json
 
     @property
-    def head(self) -> dict[str, Any]:
+    def document_fields(self) -> dict[str, Any]:
         """The fields of a document that describe the run."""
         return {"command": self.command, "date": self.date, "notes": [*self.notes]}
 
-    def bar(
-        self, what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
+    def progress_bar(
+        self, label: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
     ) -> AbstractContextManager[Callable[..., None]]:
-        """Return a `terminal.bar`, not visible in a quiet run."""
-        return terminal.bar(what, total, visible=visible and not self.quiet, unit=unit)
+        """Return a `terminal.progress_bar`, not visible in a quiet run."""
+        return terminal.progress_bar(label, total, visible=visible and not self.quiet, unit=unit)
 
     def files(self, patterns: list[Path]) -> list[Path]:
         """Return the files of the folders, patterns and `-` (standard input); one without any file is refused alone."""
@@ -74,21 +74,21 @@ class Run:
                 if str(pattern) == "-" and (claim := CLAIM.get()):
                     claim.inputs.append(sha256(files[-1]))
             except InputError as error:
-                self.refuse([str(error)])
-        self.need(files, "file")
+                self.note_unreadable([str(error)])
+        self.require_any(files, "file")
         return list(dict.fromkeys(files))
 
-    def refuse(self, problems: list[str]) -> None:
+    def note_unreadable(self, problems: list[str]) -> None:
         """Print on stderr which files cannot be read, note and count them."""
         self.unreadable += len(problems)
         for problem in problems:
-            self.refusals.append(f"not read: {problem}")
-            self.notes.append(self.refusals[-1])
+            self.printed_notes.append(f"not read: {problem}")
+            self.notes.append(self.printed_notes[-1])
             terminal.say(f"error: {problem}")
 
-    def need(self, items: Sequence[Any], what: str) -> None:
+    def require_any(self, items: Sequence[Any], kind: str) -> None:
         """End the run if there are no items. Raises typer.Exit(2) if files were refused before, else InputError."""
-        require(bool(items) or self.unreadable > 0, f"no {what} could be read", "run.nothing")
+        require(bool(items) or self.unreadable > 0, f"no {kind} could be read", "run.nothing")
         if not items:
             raise typer.Exit(2)
 
@@ -103,7 +103,7 @@ class Run:
 
             (table or print_table)(document)
 
-    def deliver(self, outputs: Outputs, document: Document) -> None:
+    def write_document(self, outputs: Outputs, document: Document) -> None:
         """Write KIND.json, the last file of a run, and print the document on stdout."""
         from cavirheo.writing.document import write_json
 
@@ -116,15 +116,15 @@ class Run:
         if not self.quiet:
             terminal.say(text)
 
-    def stop(self, message: str, written: Path | None) -> NoReturn:
+    def end_interrupted(self, message: str, written: Path | None) -> NoReturn:
         """Print the last line of an interrupted run, and exit with status 130."""
         terminal.say(f"{message}: {written}" if written else message)
         raise typer.Exit(130)
 
-    def end(self, done: str, failed: bool = False, places: str = "") -> None:
-        """Print the last line on stderr: what is done, the duration and `places`. Exit with status 2 if files were
+    def end(self, summary: str, failed: bool = False, places: str = "") -> None:
+        """Print the last line on stderr: `summary`, the duration and `places`. Exit with status 2 if files were
         unreadable, or 1 if `failed`."""
-        self.say(f"{done} in {time.perf_counter() - self.began:.1f} s{places}")
+        self.say(f"{summary} in {time.perf_counter() - self.start_time:.1f} s{places}")
         if self.unreadable or failed:
             raise typer.Exit(2 if self.unreadable else 1)
 
@@ -144,7 +144,7 @@ class Command(TyperCommand):
                 from cavirheo.writing.document import Claim
 
                 run = Run(json=getattr(verb, "json", False), quiet=verb.quiet)
-                options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
+                options = {name: value for name, value in vars(verb).items() if name not in _NEUTRAL_OPTIONS}
                 request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
                 with Claim(run.command, request, verb.replace).running():
                     verb(run)
@@ -155,7 +155,7 @@ class Command(TyperCommand):
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:
         """Return the rows (argument or option, its help) of each panel, by title."""
         panels: dict[str, list[tuple[str, str]]] = {title: [] for title in _PANELS}
-        places = {name: place for place, name in enumerate(_ORDER)}
+        places = {name: place for place, name in enumerate(_OPTION_ORDER)}
         for parameter in sorted(self.get_params(ctx), key=lambda parameter: places.get(parameter.name, places[""])):
             if row := parameter.get_help_record(ctx):
                 argument = parameter.param_type_name == "argument"

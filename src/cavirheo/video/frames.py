@@ -26,22 +26,22 @@ from cavirheo.messages import Message
 
 Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
 
-MOVIES = (".mp4", ".avi", ".mkv", ".mov", ".gif", ".webm")
-STACKS = (".tif", ".tiff")
-IMAGES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm")  # a folder of them is a recording
-PIXELS, HEADER = ".mraw", ".cihx"  # the two files of one film, in one folder
-CAMERAS = (".cine", PIXELS, HEADER)
-ENDINGS = frozenset((*MOVIES, *STACKS, *CAMERAS))
-LARGEST = 2_500_000_000  # bytes of all frames in memory
-_HEADER = 50_000_000  # most bytes of a camera's header
-_STEADY = 0.1  # of a frame interval; time stamps this close to even spacing are made evenly spaced
-_COLOURED = 12  # of 255 levels; after compression the channels of a grey picture differ by up to this
-_IN_COLOUR = "a colour recording: its brightness is measured"
+MOVIE_ENDINGS = (".mp4", ".avi", ".mkv", ".mov", ".gif", ".webm")
+STACK_ENDINGS = (".tif", ".tiff")
+IMAGE_ENDINGS = (".png", ".bmp", ".jpg", ".jpeg", ".pgm")  # a folder of them is a recording
+PIXELS_ENDING, HEADER_ENDING = ".mraw", ".cihx"  # the two files of one film, in one folder
+CAMERA_ENDINGS = (".cine", PIXELS_ENDING, HEADER_ENDING)
+ENDINGS = frozenset((*MOVIE_ENDINGS, *STACK_ENDINGS, *CAMERA_ENDINGS))
+LARGEST_SIZE = 2_500_000_000  # bytes of all frames in memory
+_LARGEST_HEADER = 50_000_000  # most bytes of a camera's header
+_STAMP_TOLERANCE = 0.1  # of a frame interval; time stamps this close to even spacing are made evenly spaced
+_GREY_TOLERANCE = 12  # of 255 levels; after compression the channels of a grey picture differ by up to this
+_COLOUR_NOTE = "a colour recording: its brightness is measured"
 _FFMPEG = {  # without playlists, which would open other files
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
     "protocol_whitelist": "file",
 }
-_LENGTHS = {"micron": 1.0, "um": 1.0, "µm": 1.0, "\\u00B5m": 1.0, "mm": 1e3, "cm": 1e4, "nm": 1e-3}  # in um
+_UM_PER_UNIT = {"micron": 1.0, "um": 1.0, "µm": 1.0, "\\u00B5m": 1.0, "mm": 1e3, "cm": 1e4, "nm": 1e-3}  # in um
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,24 +84,24 @@ def read(path: Path) -> Footage:
 
 def _reader(path: Path) -> Callable[[Path], Footage]:
     if path.is_dir():
-        return _folder
-    if (ending := path.suffix.lower()) in (PIXELS, HEADER):
-        return _mraw
+        return _read_folder
+    if (ending := path.suffix.lower()) in (PIXELS_ENDING, HEADER_ENDING):
+        return _read_mraw
     with path.open("rb") as file:
         head = file.read(4)
     if ending == ".cine" and head[:2] == b"CI":
-        return _cine
-    return _stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _movie
+        return _read_cine
+    return _read_stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _read_movie
 
 
-def need(library: str) -> None:
+def require_library(library: str) -> None:
     """Raise InputError if a library is not installed."""
     why = f'recordings need {library}: pip install "cavirheo[video]"'
     require(find_spec(library) is not None, why, "video.not_installed")
 
 
-def _movie(path: Path) -> Footage:
-    need("av")
+def _read_movie(path: Path) -> Footage:
+    require_library("av")
     import av
 
     av.logging.set_level(av.logging.PANIC)
@@ -119,8 +119,8 @@ def _movie(path: Path) -> Footage:
                 for frame in container.decode(stream):
                     if not damaged:
                         ranges = np.ptp(frame.to_ndarray(format="rgb24")[::2, ::2].astype(np.int16), axis=2)
-                        if np.percentile(ranges, 90) > _COLOURED:
-                            notes.append(_IN_COLOUR)
+                        if np.percentile(ranges, 90) > _GREY_TOLERANCE:
+                            notes.append(_COLOUR_NOTE)
                     image = frame.to_ndarray(format="gray16le" if deep else "gray")
                     damaged.append(bool(frame.is_corrupt))
                     yield image
@@ -128,30 +128,30 @@ def _movie(path: Path) -> Footage:
             require(bool(damaged), f"no frame of a video can be decoded ({error.strerror})", "video.undecodable")
             warnings.append(Message("check_input.file_damaged", {"frames": len(damaged), "cause": error.strerror}))
 
-    frames = _joined(decoded())
+    frames = _join_frames(decoded())
     if not warnings and len(damaged) < stated:
-        warnings.append(_cut_short(len(damaged), stated, "about "))
+        warnings.append(_cut_short_warning(len(damaged), stated, "about "))
     bad = np.array(damaged, bool)
     notes += [f"{bad.sum()} damaged frames are left out"] if bad.any() else []
     return Footage(frames, damaged=bad, notes=tuple(notes), warnings=tuple(warnings))
 
 
-def _joined(frames: Iterable[Pixels]) -> Pixels:
+def _join_frames(frames: Iterable[Pixels]) -> Pixels:
     """Join frames to (n, height, width), without a second copy in memory. Raises InputError: too large, or mixed."""
-    held, like = bytearray(), np.empty((0, 0))
+    content, first = bytearray(), np.empty((0, 0))
     for frame in frames:
-        like = like if held else frame
-        same = frame.shape == like.shape and frame.dtype == like.dtype
-        sizes = f"{frame.shape[::-1]} after {like.shape[::-1]}"
+        first = first if content else frame
+        same = frame.shape == first.shape and frame.dtype == first.dtype
+        sizes = f"{frame.shape[::-1]} after {first.shape[::-1]}"
         require(same, f"the frames are of several sizes or kinds: {sizes}", "video.sizes")
-        _fits(len(held) + frame.nbytes)
-        held += frame.tobytes()
-    return np.frombuffer(held, like.dtype).reshape(-1, *like.shape)
+        _check_size(len(content) + frame.nbytes)
+        content += frame.tobytes()
+    return np.frombuffer(content, first.dtype).reshape(-1, *first.shape)
 
 
-def _fits(size: float) -> None:
-    why = f"its frames are more than {LARGEST / 1e9:g} GB; cut the recording to the bubble and save that"
-    require(size <= LARGEST, why, "video.too_large")
+def _check_size(size: float) -> None:
+    why = f"its frames are more than {LARGEST_SIZE / 1e9:g} GB; cut the recording to the bubble and save that"
+    require(size <= LARGEST_SIZE, why, "video.too_large")
 
 
 def _grey(image: Pixels) -> Pixels:
@@ -165,35 +165,35 @@ def _grey(image: Pixels) -> Pixels:
     return np.rint(colours @ weights).astype(image.dtype)
 
 
-def _stack(path: Path) -> Footage:
-    need("tifffile")
+def _read_stack(path: Path) -> Footage:
+    require_library("tifffile")
     from tifffile import TiffFile
 
     with TiffFile(path) as file:
         pages, first = len(file.pages), file.pages[0]
-        _fits(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
+        _check_size(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
         imagej = file.imagej_metadata or {}
         # ImageJ stores the length of a pixel; the resolution in other files is for printing
-        per, tag = _LENGTHS.get(str(imagej.get("unit", ""))), first.tags.get("XResolution")  # type: ignore[union-attr]
+        per, tag = _UM_PER_UNIT.get(str(imagej.get("unit", ""))), first.tags.get("XResolution")  # type: ignore[union-attr]
         scale = per * tag.value[1] / tag.value[0] if per and tag and tag.value[0] else None
         notes = [f"{scale:.4g} um per pixel, as ImageJ stored it"] if scale else []
-        notes += [_IN_COLOUR] if getattr(first, "samplesperpixel", 1) > 2 else []
+        notes += [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
         try:
-            at_once = imagej.get("images", 1) > pages
-            images = file.asarray() if at_once else _joined(_grey(page.asarray()) for page in file.pages)
+            readable_whole = imagej.get("images", 1) > pages
+            images = file.asarray() if readable_whole else _join_frames(_grey(page.asarray()) for page in file.pages)
         except (ValueError, ImportError):  # a compression that needs another library
-            images = _joined(_by_pillow(path))
+            images = _join_frames(_pillow_images(path))
     images = images.reshape(-1, *images.shape[-2:])
     return Footage(_unsigned(images), um_per_px=scale, notes=tuple(notes))
 
 
-def _by_pillow(path: Path, most: int | None = None) -> Iterator[Pixels]:
-    """Yield the brightness of the first `most` images in a file (None: all)."""
-    need("PIL")
+def _pillow_images(path: Path, count: int | None = None) -> Iterator[Pixels]:
+    """Yield the brightness of the first `count` images in a file (None: all)."""
+    require_library("PIL")
     from PIL import Image, ImageSequence
 
     with Image.open(path) as image:
-        for page in islice(ImageSequence.Iterator(image), most):
+        for page in islice(ImageSequence.Iterator(image), count):
             yield _grey(np.asarray(page.convert("RGB") if page.mode in ("P", "CMYK", "YCbCr") else page))
 
 
@@ -208,11 +208,11 @@ def _unsigned(images: Pixels) -> Pixels:
     return np.rint((wide - low) * (60000.0 / max(high - low, 1e-12))).astype(np.uint16)
 
 
-def _folder(path: Path) -> Footage:
+def _read_folder(path: Path) -> Footage:
     names = _images(path)
-    expected = f"expected at least 3 images of one kind ({', '.join(IMAGES + STACKS)})"
+    expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
     require(bool(names), f"no recording in this folder; {expected}", "video.no_images")
-    frames = _joined(frame for name in names for frame in _by_pillow(name, 1))
+    frames = _join_frames(frame for name in names for frame in _pillow_images(name, 1))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
     return Footage(_unsigned(frames), notes=(note,))
 
@@ -220,7 +220,7 @@ def _folder(path: Path) -> Footage:
 def _images(folder: Path) -> list[Path]:
     """Return the images with the commonest ending, in natural order (frame 2 before frame 10); none if no recording."""
     try:
-        paths = [path for path in folder.iterdir() if path.name[0] != "." and path.suffix.lower() in IMAGES + STACKS]
+        paths = [p for p in folder.iterdir() if p.name[0] != "." and p.suffix.lower() in IMAGE_ENDINGS + STACK_ENDINGS]
     except OSError:
         return []
     most = Counter(path.suffix.lower() for path in paths).most_common(1)
@@ -229,12 +229,12 @@ def _images(folder: Path) -> list[Path]:
     def natural(path: Path) -> list[tuple[str, int]]:
         return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
 
-    return sorted(chosen, key=natural) if _single(chosen) else []
+    return sorted(chosen, key=natural) if _forms_recording(chosen) else []
 
 
-def _single(images: list[Path]) -> bool:
+def _forms_recording(images: list[Path]) -> bool:
     """Whether images form a recording: there are at least three, and the first is no stack of frames."""
-    if len(images) < 3 or images[0].suffix.lower() not in STACKS or not find_spec("tifffile"):
+    if len(images) < 3 or images[0].suffix.lower() not in STACK_ENDINGS or not find_spec("tifffile"):
         return len(images) > 2
     from tifffile import TiffFile
 
@@ -245,14 +245,14 @@ def _single(images: list[Path]) -> bool:
         return False
 
 
-def _cine(path: Path) -> Footage:
+def _read_cine(path: Path) -> Footage:
     """Read a Phantom film: FFmpeg decodes the pixels. The header (Vision Research, Cine File Format, 2011) has the
     frame rate that was set, and the actual exposure and time stamp of every frame."""
-    movie = _movie(path)
+    movie = _read_movie(path)
     with path.open("rb") as file:
         head = file.read(44)
         count, _, setup, images = struct.unpack_from("<4I", head, 20)
-        require(44 <= setup < images <= _HEADER, "the header of the .cine file is damaged", "video.cine")
+        require(44 <= setup < images <= _LARGEST_HEADER, "the header of the .cine file is damaged", "video.cine")
         head += file.read(images - 44)
     rate = float(struct.unpack_from("<I", head, setup + 768)[0])
     at, blocks = setup + struct.unpack_from("<H", head, setup + 142)[0], {}
@@ -264,14 +264,14 @@ def _cine(path: Path) -> Footage:
         at += size
     n, notes, warnings = len(movie.frames), [*movie.notes], [*movie.warnings]
     if n < count:
-        warnings.append(_cut_short(n, count))
+        warnings.append(_cut_short_warning(n, count))
     time = exposure = None
     if len(blocks.get(1002, b"")) >= 8 * n and n > 1:
         parts, seconds = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64).T
         time = (seconds - seconds[0]) + (parts - parts[0]) / 2**32
         if np.all(np.diff(time) > 0):
             stamped = (n - 1) / max(float(time[-1]), 1e-12)
-            if np.all(np.abs(time * stamped - np.arange(n)) < _STEADY):  # stamps are rounded, often to 1 us
+            if np.all(np.abs(time * stamped - np.arange(n)) < _STAMP_TOLERANCE):  # stamps are rounded, often to 1 us
                 time = np.arange(n) / stamped
             notes.append(f"{stamped:.6g} frames per second by the time stamps of the .cine file")
             if rate and abs(stamped / rate - 1.0) > 0.01:
@@ -281,20 +281,20 @@ def _cine(path: Path) -> Footage:
             warnings.append(Message("check_input.time_stamps"))
     if len(blocks.get(1003, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
-    told: dict[str, Any] = {"notes": tuple(notes), "warnings": tuple(warnings)}
-    return replace(movie, time=time, frame_rate=rate or None, exposure=exposure, **told)
+    metadata: dict[str, Any] = {"notes": tuple(notes), "warnings": tuple(warnings)}
+    return replace(movie, time=time, frame_rate=rate or None, exposure=exposure, **metadata)
 
 
-def _cut_short(frames: int, stated: float, precision: str = "") -> Message:
+def _cut_short_warning(frames: int, stated: float, precision: str = "") -> Message:
     return Message("check_input.file_cut_short", {"frames": frames, "stated": stated, "about": precision})
 
 
-def _mraw(path: Path) -> Footage:
+def _read_mraw(path: Path) -> Footage:
     """Read a Photron film: raw pixels, described by a .cihx file (XML) of the same name."""
-    header, raw = path.with_suffix(HEADER), path.with_suffix(PIXELS)
+    header, raw = path.with_suffix(HEADER_ENDING), path.with_suffix(PIXELS_ENDING)
     for each in (header, raw):
         require(each.is_file(), f"{each.name} is missing beside it: pixels and header are two files", "video.mraw_pair")
-    text = read_bytes(header, _HEADER)
+    text = read_bytes(header, _LARGEST_HEADER)
     require(b"<cih>" in text, f"{header.name} is no Photron header", "video.cihx")
     tree = ElementTree.fromstring(text[text.index(b"<cih>") : text.rindex(b"</cih>") + 6])
 
@@ -309,7 +309,7 @@ def _mraw(path: Path) -> Footage:
     fine = bits in (8, 12, 16) and kind in ("Mono", "Raw", "")
     require(fine, f"{bits} bits of kind {kind!r}; expected grey pixels of 8, 12 or 16 bits", "video.mraw_bits")
     size = width * height
-    _fits(float(stated) * size * (2 if bits > 8 else 1))
+    _check_size(float(stated) * size * (2 if bits > 8 else 1))
     require(size > 0 and size * bits % 8 == 0, f"frames of {width} x {height} pixels", "video.mraw_bits")
     content = np.fromfile(raw, np.uint8, count=stated * size * bits // 8)
     n = len(content) * 8 // (size * bits)
@@ -318,7 +318,7 @@ def _mraw(path: Path) -> Footage:
         a, b, c = content.reshape(-1, 3).astype(np.uint16).T
         content = np.stack([a << 4 | b >> 4, (b & 15) << 8 | c], axis=1)
     frames = (content.view("<u2") if bits == 16 else content).reshape(-1, height, width)
-    short = (_cut_short(n, stated),) if n < stated else ()
+    short = (_cut_short_warning(n, stated),) if n < stated else ()
     rate, shutter = number("recordInfo/recordRate"), number("recordInfo/shutterSpeedNsec")
     notes = (f"{rate} frames per second and an exposure of {shutter / 1e3:g} us by the camera's header",)
     return Footage(frames, None, float(rate) or None, shutter * 1e-9 or None, notes=notes, warnings=short)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, numbered, require
+from cavirheo.errors import InputError, parse_number_list, require
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE
 from cavirheo.video import frames
@@ -24,10 +24,10 @@ from cavirheo.writing import digits, document, terminal
 from cavirheo.writing.document import Document, Finite, Record
 
 _PIXEL = 1e-6  # m, placeholder for the size of a pixel until the scale is known
-_DIFFERS = 0.01  # relative; if the user's number differs by more from the file's, a warning says so
-_TWINS = 0.2  # share of the measured frames; a second bubble in so many gives a warning
-_CUT = 0.9  # share of the outline at R_max; if less is visible, a note says so
-_BURNT = 0.3  # share of the background at the brightest value, above which a warning is given
+_TOLERANCE = 0.01  # relative; if the user's number differs by more from the file's, a warning says so
+_TWIN_SHARE = 0.2  # share of the measured frames; a second bubble in so many gives a warning
+_LEAST_ARC = 0.9  # share of the outline at R_max; if less is visible, a note says so
+_SATURATED_SHARE = 0.3  # share of the background at the brightest value, above which a warning is given
 _NO_RATE = "how fast it was recorded is not known, for a video file states how fast it is played"
 COLUMNS = {
     "time_us": "from the first frame of the recording on",
@@ -45,11 +45,11 @@ COLUMNS = {
 
 
 class StatedNumber(Record):
-    """A number that somebody must say.
+    """A number that the frames do not show, and its origin.
 
     Attributes:
-        value: in SI, but for um per pixel; null where nobody says it.
-        origin: who says so.
+        value: the number, in SI, or in um for um_per_px; null where it is not known.
+        origin: who states the number: "the user", "the camera's header", ..., or "not known".
     """
 
     value: Finite = None
@@ -94,7 +94,7 @@ class Measurement:
         notes += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in self.counts.items() if flag not in usual]
         if listed := self.options.get("exclude"):
             notes.append(f"excluded by hand: frames {listed}")
-        notes += [self.cut] if self.cut else []
+        notes += [self.cut_note] if self.cut_note else []
         hint = self.track.exposure_hint
         if self.exposure.value is None and hint and isfinite(hint):
             share = f"{min(hint, 1.0):.2g} of the time between frames"
@@ -102,22 +102,22 @@ class Measurement:
         return tuple(notes)
 
     @property
-    def cut(self) -> str:
+    def cut_note(self) -> str:
         """A note if only a part of the largest outline is within the frame; else empty."""
         share = self.track.arc[int(np.nanargmax(self.track.radius))]
-        return f"at R_max {100 * share:.0f} % of the outline is within the frame" if share < _CUT else ""
+        return f"at R_max {100 * share:.0f} % of the outline is within the frame" if share < _LEAST_ARC else ""
 
-    def without(self, frames: str | Iterable[int]) -> Measurement:
+    def excluding(self, frames: str | Iterable[int]) -> Measurement:
         """Return the measurement without these frames ("12,40-45" or numbers, from 1 in the recording); the others stay
         as they are. Raises InputError: there are no such frames, or no measured frame is left."""
-        listed = numbered(frames, "frames to exclude", "video.exclude", self.first, self.last)
+        listed = parse_number_list(frames, "frames to exclude", "video.exclude", self.first, self.last)
         left = np.isin(np.arange(self.first, self.last + 1), listed)
         arrays = {name: array for name, array in vars(self.track).items() if isinstance(array, np.ndarray)}
         out = {name: np.where(left, "excluded" if name == "flags" else np.nan, each) for name, each in arrays.items()}
         track: Track = replace(self.track, **out)  # type: ignore[arg-type]
         require(bool(np.isfinite(track.radius).any()), "all measured frames are excluded", "video.exclude")
         listed = (np.flatnonzero(track.flags == "excluded") + self.first).tolist()
-        return replace(self, track=track, options={**self.options, "exclude": digits.ranges(listed)})
+        return replace(self, track=track, options={**self.options, "exclude": digits.number_ranges(listed)})
 
     def curve(self, **meta: Any) -> RadiusCurve:
         """Return the radius history; unused frames are NaN, and `meta` has the (n,) `flags`. Raises InputError."""
@@ -164,20 +164,20 @@ def measure(
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
     whole = frames.read(path)
-    counted = whole.frame_rate, "the camera's header"
+    camera_rate = whole.frame_rate, "the camera's header"
     if whole.time is not None:
-        counted = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"
+        camera_rate = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"
     warnings, numbers = [*whole.warnings], list[StatedNumber]()
-    for what, stated, value, origin in (
-        ("frames per second", frame_rate, *counted),
+    for quantity, stated, value, origin in (
+        ("frames per second", frame_rate, *camera_rate),
         ("seconds of exposure", exposure, whole.exposure, "the camera's header"),
         ("um per pixel", um_per_px, whole.um_per_px, "the resolution stored by ImageJ"),
     ):
-        if stated and value and abs(stated / value - 1.0) > _DIFFERS:
-            differ = {"given": stated, "what": what, "origin": origin, "value": value}
+        if stated and value and abs(stated / value - 1.0) > _TOLERANCE:
+            differ = {"given": stated, "what": quantity, "origin": origin, "value": value}
             warnings.append(Message("check_input.camera_differs", differ))
-        by_file = StatedNumber(value=value, origin=origin) if value else StatedNumber()
-        numbers.append(by_file if stated is None else StatedNumber(value=stated, origin="the user"))
+        by_camera = StatedNumber(value=value, origin=origin) if value else StatedNumber()
+        numbers.append(by_camera if stated is None else StatedNumber(value=stated, origin="the user"))
     rate, shutter, scale = numbers
     if rate.value is None:
         raise InputError(f"{_NO_RATE}; give it (--fps; in Python frame_rate=)", "video.frame_rate")
@@ -186,15 +186,15 @@ def measure(
     time = np.arange(count) / rate.value if whole.time is None or frame_rate else whole.time
     first, last = span or (1, count)
     region = roi or (0, 0, width, height)
-    footage = _part(whole, first, last, region)
+    footage = _cropped(whole, first, last, region)
     fine = reference_frame is None or first <= reference_frame <= last
     require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
-    between = float(np.median(np.diff(time)))
-    exposed = shutter.value / between if shutter.value else None
-    longer = f"{1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * between:.4g} us between frames"
-    require(not exposed or exposed <= 1.001, f"an exposure of {longer}", "video.exposure")
+    interval = float(np.median(np.diff(time)))
+    exposed_share = shutter.value / interval if shutter.value else None
+    longer = f"{1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * interval:.4g} us between frames"
+    require(not exposed_share or exposed_share <= 1.001, f"an exposure of {longer}", "video.exposure")
     stage = set_stage(footage, polarity, reference_frame and reference_frame - first + 1)
-    track = follow(stage, exposed, begin(len(footage.frames)))
+    track = follow(stage, exposed_share, begin(len(footage.frames)))
     options = {
         "polarity": "dark" if stage.depth > 0 else "bright",
         "roi": roi,
@@ -203,16 +203,16 @@ def measure(
         "frames_without_bubble": stage.empty,
     }
     measured = int(np.isfinite(track.radius).sum())
-    if track.twins >= _TWINS * measured:
+    if track.twins >= _TWIN_SHARE * measured:
         warnings.append(Message("check_input.two_bubbles", {"frames": track.twins, "measured": measured}))
-    if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT:
+    if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _SATURATED_SHARE:
         warnings.append(Message("check_input.overexposed"))
     time, corner = time[first - 1 : last], region[:2]
     measurement = Measurement(track, footage, time, rate, scale, shutter, options, tuple(warnings), first, corner)
-    return measurement if exclude is None else measurement.without(exclude)
+    return measurement if exclude is None else measurement.excluding(exclude)
 
 
-def _part(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:
+def _cropped(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:
     """Return a region of the frames `first` to `last`, counted from 1."""
     (x, y, width, height), (count, high, wide) = roi, whole.frames.shape
     message = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
@@ -226,28 +226,28 @@ def _part(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int])
 
 
 class Measured(Document):
-    """What was found in a recording, and where every number came from.
+    """The results of measuring a recording, with the origin of each stated number.
 
     Attributes:
-        name: of the recording.
-        source: the file, as it was given.
-        source_sha256: its SHA-256.
-        width: of a frame, pixels.
-        height: of a frame, pixels.
-        bits: of a pixel.
-        frame_rate_hz: frames per second.
-        um_per_px: micrometres per pixel.
-        exposure_s: of a frame, s.
-        measured_with: the settings.
-        optics_sigma_px: standard deviation of the blur at rest, pixels.
-        flags: frames with each flag.
+        name: name of the recording.
+        source: file of the recording, as it was given.
+        source_sha256: SHA-256 of the file; null for a folder of images.
+        width: width of the measured region, pixels.
+        height: height of the measured region, pixels.
+        bits: number of bits in which the brightness of a pixel is stored.
+        frame_rate_hz: frame rate, 1/s.
+        um_per_px: length of a pixel, um.
+        exposure_s: exposure time of a frame, s.
+        measured_with: settings of the measurement.
+        optics_sigma_px: standard deviation of the blur of a bubble at rest, pixels.
+        flags: number of frames with each flag.
         max_radius_px: largest radius of a frame, pixels.
-        max_radius_m: R_max, m; null where there is no scale, or no maximum.
-        time_of_max_s: time of R_max, s from the first frame; null as `max_radius_m`.
-        collapse_times_s: times of the collapses, s from the first frame.
-        unusable: why there is no R_max; else empty.
-        warnings: about the recording and its settings.
-        columns: of measured.csv, with what each holds.
+        max_radius_m: R_max, m; null if there is no scale, or no maximum.
+        time_of_max_s: time of R_max after the first frame of the recording, s; null if max_radius_m is.
+        collapse_times_s: times of the collapses after the first frame of the recording, s.
+        unusable: reason why there is no R_max; else empty.
+        warnings: input warnings on the recording and its settings.
+        columns: meaning of each column of measured.csv.
     """
 
     kind: Literal["measure"] = "measure"
@@ -314,8 +314,8 @@ def print_table(record: Measured) -> None:
     if record.max_radius_m:
         top += f", {1e6 * record.max_radius_m:.2f} um; {len(record.collapse_times_s)} collapses"
     console.print(top)
-    for what, number in (("frames per second", record.frame_rate_hz), ("um per pixel", record.um_per_px)):
-        console.print(f"{what}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
+    for quantity, number in (("frames per second", record.frame_rate_hz), ("um per pixel", record.um_per_px)):
+        console.print(f"{quantity}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
     terminal.print_warnings(console, ((record.name, warning) for warning in record.warnings))
     notes = [note for note in (record.unusable, *record.notes) if note]
-    terminal.print_remarks(console, terminal.by_message((record.name, note) for note in notes))
+    terminal.print_remarks(console, terminal.names_by_message((record.name, note) for note in notes))

@@ -15,12 +15,12 @@ from scipy.ndimage import label, map_coordinates, uniform_filter
 from cavirheo.arrays import Bools, Floats
 from cavirheo.video.stage import Image, Stage
 
-_RAYS = (48, 300)  # fewest, most
+_RAY_COUNTS = (48, 300)  # fewest, most
 _STEP = 0.5  # px along a ray
 _TUKEY = 4.0  # scaled residual beyond which a point has no weight
-WHOLE = 0.9  # share of the circle; an outline that shows more determines its own centre and shape
-_BINNED = 30_000  # pixels; in frames of this size and more the rough search averages 2 x 2 pixels
-QUARTERS = 1.349  # distance between 25 % and 75 % of a Gaussian edge, over its sigma
+WHOLE_ARC = 0.9  # share of the circle; an outline that shows more determines its own centre and shape
+_BINNING_SIZE = 30_000  # pixels; in frames of this size and more the rough search averages 2 x 2 pixels
+QUARTILE_WIDTH = 1.349  # distance between 25 % and 75 % of a Gaussian edge, over its sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Edge:
 @dataclass(frozen=True, eq=False)
 class Outline:
     """points: (k, 2) on the wall. radius, x, y: px. sigma: deviation of the radius by the fit alone, px. mode:
-    amplitude of the second mode, px, NaN if too little of the circle is visible. good: share of the points that fit."""
+    amplitude of the second mode, px, NaN if too little of the circle is visible. inlier_share: of points that fit."""
 
     points: Floats
     radius: float
@@ -59,13 +59,13 @@ class Outline:
     y: float
     sigma: float
     mode: float
-    good: float
+    inlier_share: float
     edge: Edge
 
 
 def patches(stage: Stage, i: int) -> list[Patch]:
     """Return the regions in frame i that may be the bubble, the largest first, at most four."""
-    step = 2 if stage.reference.size >= _BINNED else 1
+    step = 2 if stage.reference.size >= _BINNING_SIZE else 1
     covered = np.nan_to_num(stage.covered(i, step=step))
     smooth = covered if step > 1 and stage.noise < 0.05 else uniform_filter(covered, 3)
     marks, _ = label(smooth > 0.5)
@@ -113,36 +113,36 @@ def _rough_circle(x: Floats, y: Floats) -> tuple[float, float, float] | None:
         square = c + a * a + b * b
         if square <= 0:
             return None
-        off = np.hypot(x - a, y - b) - np.sqrt(square)
-        weight = _tukey(off, max(1.4826 * float(np.median(np.abs(off))), 0.7))
+        residual = np.hypot(x - a, y - b) - np.sqrt(square)
+        weight = _tukey(residual, max(1.4826 * float(np.median(np.abs(residual))), 0.7))
     return float(a), float(b), float(np.sqrt(square))
 
 
-def _tukey(off: Floats, scale: float) -> Floats:
-    return np.asarray(np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2)
+def _tukey(residual: Floats, scale: float) -> Floats:
+    return np.asarray(np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2)
 
 
 def measure(stage: Stage, i: int, rough: Patch) -> Outline | None:
     """Measure the outline near a rough circle in frame i; None if no wall is found."""
     x0, y0, radius, width = rough.x, rough.y, rough.radius, 2.0
     for _ in range(3):  # repeat if the edge is wider than assumed, or elsewhere
-        half = float(np.clip(0.25 * radius + 2.0 * width, 6.0, 60.0))
-        result = _on_rays(stage, i, x0, y0, radius, half, width)
+        span = float(np.clip(0.25 * radius + 2.0 * width, 6.0, 60.0))
+        result = _trace_rays(stage, i, x0, y0, radius, span, width)
         if result is None:
             return None
         moved = np.hypot(result.x - x0, result.y - y0) + abs(result.radius - radius)
-        settled = moved < 0.25 * half and result.edge.width < 0.4 * half
+        settled = moved < 0.25 * span and result.edge.width < 0.4 * span
         x0, y0, radius, width = result.x, result.y, max(result.radius, 1.0), max(0.5, result.edge.width)
         if settled:
             break
     return result
 
 
-def _on_rays(stage: Stage, i: int, x0: float, y0: float, radius: float, half: float, width: float) -> Outline | None:
-    count = int(np.clip(2 * np.pi * radius / 1.5, *_RAYS))
+def _trace_rays(stage: Stage, i: int, x0: float, y0: float, radius: float, span: float, width: float) -> Outline | None:
+    count = int(np.clip(2 * np.pi * radius / 1.5, *_RAY_COUNTS))
     angles = np.arange(count) * (2 * np.pi / count)
-    away = np.arange(max(radius - half, 0.25), radius + half, _STEP)
-    size = radius + half + 2
+    away = np.arange(max(radius - span, 0.25), radius + span, _STEP)
+    size = radius + span + 2
     top, left = max(int(y0 - size), 0), max(int(x0 - size), 0)
     part = (slice(top, max(int(y0 + size) + 2, 0)), slice(left, max(int(x0 + size) + 2, 0)))
     if 0 in stage.reference[part].shape:
@@ -150,29 +150,29 @@ def _on_rays(stage: Stage, i: int, x0: float, y0: float, radius: float, half: fl
     covered = stage.covered(i, part)
     x = x0 - left + np.cos(angles)[:, None] * away
     y = y0 - top + np.sin(angles)[:, None] * away
-    along = map_coordinates(covered, [y, x], order=1, mode="constant", cval=np.nan)
-    inside_frame = np.isfinite(along)
+    profiles = map_coordinates(covered, [y, x], order=1, mode="constant", cval=np.nan)
+    inside_frame = np.isfinite(profiles)
     if inside_frame.mean() < 0.02:
         return None
     outer, inner = away > radius + 1.5 * width + 1.5, (away < radius - 1.5 * width - 1.0) & (away > 0.55 * radius)
-    outside_level = _level(along[:, outer], 0.0)
-    inside_level = _level(along[:, inner], 1.0) if radius > 8 and inner.sum() > 2 else 1.0
+    outside_level = _level(profiles[:, outer], 0.0)
+    inside_level = _level(profiles[:, inner], 1.0) if radius > 8 and inner.sum() > 2 else 1.0
     contrast = inside_level - outside_level
     if contrast < 0.15:
         return None
-    smooth = along if radius < 12 else (along + np.roll(along, 1, 0) + np.roll(along, -1, 0)) / 3
+    smooth = profiles if radius < 12 else (profiles + np.roll(profiles, 1, 0) + np.roll(profiles, -1, 0)) / 3
     wall, outside, within = (_crossings(smooth, away, outside_level + part * contrast) for part in (0.5, 0.25, 0.75))
-    on = np.isfinite(wall)
-    if on.sum() < 8:
+    seen = np.isfinite(wall)
+    if seen.sum() < 8:
         return None
-    points = np.stack([x0 + wall[on] * np.cos(angles[on]), y0 + wall[on] * np.sin(angles[on])], axis=1)
+    points = np.stack([x0 + wall[seen] * np.cos(angles[seen]), y0 + wall[seen] * np.sin(angles[seen])], axis=1)
     width = _median(outside - within, np.nan)
-    lag = _lag(smooth, away, wall, outside_level, contrast, 1.2 * _median(outside - within, 2.0) + 1.5)[on]
+    lag = _lag(smooth, away, wall, outside_level, contrast, 1.2 * _median(outside - within, 2.0) + 1.5)[seen]
     light = np.nan
     if radius < 20 and inside_frame.mean() > 0.99:
         light = _light(covered, x0 - left, y0 - top, radius + 3 * width + 2.0, outside_level)
-    edge = Edge(width, _median(lag, 0.0), light, contrast, float(on.mean()))
-    return fitted(points, (x0, y0), edge)
+    edge = Edge(width, _median(lag, 0.0), light, contrast, float(seen.mean()))
+    return fit_circle(points, (x0, y0), edge)
 
 
 def _median(values: NDArray[np.floating], otherwise: float) -> float:
@@ -190,25 +190,25 @@ def _level(values: NDArray[np.floating], otherwise: float) -> float:
     return float(np.mean(finite[deviation <= 4.0 * np.median(deviation) + 0.02]))
 
 
-def _crossings(along: NDArray[np.floating], away: Floats, level: float) -> Floats:
+def _crossings(profiles: NDArray[np.floating], distance: Floats, level: float) -> Floats:
     """Return (rays,) the largest distance at which a ray falls below the level; NaN if it does not."""
-    above = along >= level
-    falls = above[:, :-1] & (along[:, 1:] < level)
+    above = profiles >= level
+    falls = above[:, :-1] & (profiles[:, 1:] < level)
     last = falls.shape[1] - 1 - falls[:, ::-1].argmax(1)
-    ray = np.arange(len(along))
-    before, after = along[ray, last], along[ray, last + 1]
+    ray = np.arange(len(profiles))
+    before, after = profiles[ray, last], profiles[ray, last + 1]
     with np.errstate(invalid="ignore", divide="ignore"):
-        crossing = away[last] + (away[1] - away[0]) * (before - level) / (before - after)
+        crossing = distance[last] + (distance[1] - distance[0]) * (before - level) / (before - after)
     return np.where(falls.any(1), crossing, np.nan)
 
 
 def _lag(
-    along: NDArray[np.floating], away: Floats, wall: Floats, outside_level: float, contrast: float, distance: float
+    profiles: NDArray[np.floating], distance: Floats, wall: Floats, outside_level: float, contrast: float, reach: float
 ) -> Floats:
     """Return (rays,) by how much the wall's mean over the exposure is outside the half level, by the profile's area."""
-    within = np.abs(away - wall[:, None]) <= distance
-    begin = away[within.argmax(1)] - _STEP / 2
-    covered = np.where(within, (along - outside_level) / contrast, 0.0).sum(1) * _STEP
+    within = np.abs(distance - wall[:, None]) <= reach
+    begin = distance[within.argmax(1)] - _STEP / 2
+    covered = np.where(within, (profiles - outside_level) / contrast, 0.0).sum(1) * _STEP
     return np.asarray(begin + covered - wall)
 
 
@@ -220,38 +220,38 @@ def _light(covered: Image, x: float, y: float, distance: float, outside_level: f
     return float(np.sqrt(max(missing, 0.0) / np.pi))
 
 
-def fitted(points: Floats, centre: tuple[float, float], edge: Edge, sigma: float | None = None) -> Outline | None:
+def fit_circle(points: Floats, centre: tuple[float, float], edge: Edge, sigma: float | None = None) -> Outline | None:
     """Fit a circle to points by distance, with the modes of its shape if nearly all of it is visible; None if it fails.
     sigma: deviation of `centre`, px, if that is known from other frames; None: `centre` is a first guess."""
     x, y = centre
-    whole = edge.arc > WHOLE
+    whole = edge.arc > WHOLE_ARC
     weight = np.ones(len(points))
     for turn in range(8):
         away = np.hypot(points[:, 0] - x, points[:, 1] - y)
         angle = np.arctan2(points[:, 1] - y, points[:, 0] - x)
-        last = turn > 1 and whole
-        most = (8 if np.median(away) >= 15 else 4 if np.median(away) >= 6 else 2) if last else 1
-        orders = np.arange(1, most + 1)
+        all_modes = turn > 1 and whole
+        highest = (8 if np.median(away) >= 15 else 4 if np.median(away) >= 6 else 2) if all_modes else 1
+        orders = np.arange(1, highest + 1)
         rows = np.hstack([np.ones((len(away), 1)), np.cos(angle[:, None] * orders), np.sin(angle[:, None] * orders)])
         root = np.sqrt(weight)
-        scaled, aims = rows * root[:, None], away * root
+        scaled, targets = rows * root[:, None], away * root
         if sigma is not None:
             spread = max(1.4826 * float(np.median(np.abs(away - np.median(away)))), 0.1) / sigma
             pull = np.zeros((2, rows.shape[1]))
-            pull[0, 1] = pull[1, 1 + most] = spread
-            back = np.array([centre[0] - x, centre[1] - y])
-            scaled, aims = np.vstack([scaled, pull]), np.append(aims, spread * back)
-        solution = np.linalg.lstsq(scaled, aims, rcond=None)[0]
-        off = away - rows @ solution
-        scale = max(1.4826 * float(np.median(np.abs(off))), 0.02)
-        weight = _tukey(off, scale)
+            pull[0, 1] = pull[1, 1 + highest] = spread
+            offset = np.array([centre[0] - x, centre[1] - y])
+            scaled, targets = np.vstack([scaled, pull]), np.append(targets, spread * offset)
+        solution = np.linalg.lstsq(scaled, targets, rcond=None)[0]
+        residual = away - rows @ solution
+        scale = max(1.4826 * float(np.median(np.abs(residual))), 0.02)
+        weight = _tukey(residual, scale)
         if weight.sum() < 6:
             return None
-        step = solution[1], solution[1 + most]
+        step = solution[1], solution[1 + highest]
         x, y = x + float(step[0]), y + float(step[1])
         if turn > 3 and np.hypot(*step) < 1e-3:
             break
-    inliers = off[weight > 0]
+    inliers = residual[weight > 0]
     rho = 0.0
     if len(inliers) > 4 and np.ptp(inliers):
         rho = float(np.clip(np.corrcoef(inliers[:-1], inliers[1:])[0, 1], 0.0, 0.95))
@@ -259,6 +259,6 @@ def fitted(points: Floats, centre: tuple[float, float], edge: Edge, sigma: float
     radius = float(solution[0])
     if not 0.3 < radius < 1e4:
         return None
-    mode = float(np.hypot(solution[2], solution[2 + most])) if most > 1 else np.nan
+    mode = float(np.hypot(solution[2], solution[2 + highest])) if highest > 1 else np.nan
     scatter = float(np.sqrt(np.mean(inliers**2) / effective))
-    return Outline(points, radius, x, y, scatter, mode, float(len(inliers) / len(off)), edge)
+    return Outline(points, radius, x, y, scatter, mode, float(len(inliers) / len(residual)), edge)

@@ -23,24 +23,24 @@ COLOURS = {  # palette of Okabe and Ito; all other flags are grey
     **dict.fromkeys(("poor", "faint", "elsewhere", "lost"), "#e69f00"),
 }
 GREY = "#999999"
-_SHEET = 1600  # px, width of the contact sheet
-_CELL = (190, 150)  # px, largest width and height of a frame in the sheet
-_MOST = 400  # most frames in the sheet
-_LARGEST = 4.0  # largest magnification of a single frame
-_FILM = 640  # px, smallest width of the film
+_SHEET_WIDTH = 1600  # px, width of the contact sheet
+_CELL_SIZE = (190, 150)  # px, largest width and height of a frame in the sheet
+_MOST_FRAMES = 400  # most frames in the sheet
+_LARGEST_SCALE = 4.0  # largest magnification of a single frame
+_LEAST_FILM_WIDTH = 640  # px, smallest width of the film
 
 
 def contact_sheet(measurement: Measurement) -> Image.Image:
     """Draw all frames in one picture, or evenly spaced ones if there are very many."""
     n = len(measurement.time)
-    chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST)).astype(int))
+    chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST_FRAMES)).astype(int))
     height, width = measurement.recording.frames.shape[1:]
-    scale = min(_CELL[0] / width, _CELL[1] / height)
-    across, cell = _SHEET // _CELL[0], (int(width * scale), int(height * scale) + 13)
-    rows = -(-len(chosen) // across)
-    sheet = Image.new("RGB", (across * (cell[0] + 4) + 4, rows * (cell[1] + 4) + 4), "white")
+    scale = min(_CELL_SIZE[0] / width, _CELL_SIZE[1] / height)
+    columns, cell = _SHEET_WIDTH // _CELL_SIZE[0], (int(width * scale), int(height * scale) + 13)
+    rows = -(-len(chosen) // columns)
+    sheet = Image.new("RGB", (columns * (cell[0] + 4) + 4, rows * (cell[1] + 4) + 4), "white")
     for k, picture in enumerate(_pictures(measurement, scale, chosen)):
-        sheet.paste(picture, (4 + k % across * (cell[0] + 4), 4 + k // across * (cell[1] + 4)))
+        sheet.paste(picture, (4 + k % columns * (cell[0] + 4), 4 + k // columns * (cell[1] + 4)))
     return sheet
 
 
@@ -53,13 +53,13 @@ def save_sheet(path: Path, sheet: Image.Image) -> None:
     sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(path, "png", optimize=True)
 
 
-def frame_address(measurement: Measurement, i: int, across: int) -> str:
-    """Return frame i with its circle, about `across` px wide, as a data URL."""
-    scale = min(across / measurement.recording.frames.shape[2], _LARGEST)
-    return address(_frame(measurement, i, scale, _levels(measurement)), 80)
+def frame_url(measurement: Measurement, i: int, width: int) -> str:
+    """Return frame i with its circle, about `width` px wide, as a data URL."""
+    scale = min(width / measurement.recording.frames.shape[2], _LARGEST_SCALE)
+    return data_url(_frame(measurement, i, scale, _levels(measurement)), 80)
 
 
-def address(picture: Image.Image, quality: int = 60) -> str:
+def data_url(picture: Image.Image, quality: int = 60) -> str:
     """Return a picture as a data URL (JPEG) that a web page can show."""
     file = io.BytesIO()
     picture.save(file, "jpeg", quality=quality)
@@ -68,7 +68,7 @@ def address(picture: Image.Image, quality: int = 60) -> str:
 
 def write_overlay(path: Path, measurement: Measurement) -> None:
     """Write the recording as a film (H.264), every frame with its circle."""
-    scale = max(1.0, _FILM / measurement.recording.frames.shape[2])
+    scale = max(1.0, _LEAST_FILM_WIDTH / measurement.recording.frames.shape[2])
     film = (np.asarray(picture) for picture in _pictures(measurement, scale, np.arange(len(measurement.time))))
     write_movie(path, film, 20)
 

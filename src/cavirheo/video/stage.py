@@ -13,15 +13,15 @@ from cavirheo.errors import require
 from cavirheo.video.frames import Footage, Pixels
 
 POLARITIES = ("auto", "dark", "bright")
-_SAMPLED = 4000  # pixels of a frame that are used to classify it
-_AT_ONCE = 20_000_000  # most such pixels in all frames
+_PIXELS_SAMPLED = 4000  # pixels of a frame that are used to classify it
+_MOST_SAMPLED = 20_000_000  # most such pixels in all frames
 _FLASH = 1.25  # of the usual brightness; in a flash the darkest quarter of the frame is above it
 _SATURATED = 0.3  # share of saturated pixels, above which a frame is a flash
 _DARK = 0.5  # of the usual brightness at the border; a dark frame is below it
 _OPAQUE = 0.3  # of the usual brightness; pixels of the background below it are not used (a wall, dust)
-_PASSING = 5.0  # noise deviations from the first background, beyond which a pixel is disturbed
-_SHALLOW = 4.0  # noise deviations by which a bubble must differ from the background
-_LOOKED_AT = 32  # most frames used for the first background
+_DISTURBANCE = 5.0  # noise deviations from the first background, beyond which a pixel is disturbed
+_LEAST_CONTRAST = 4.0  # noise deviations by which a bubble must differ from the background
+_BACKGROUND_FRAMES = 32  # most frames used for the first background
 
 Image = NDArray[np.float32]
 Indices = NDArray[np.intp]
@@ -72,7 +72,7 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     message = f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}"
     require(polarity in POLARITIES, message, "video.polarity")
     frames = recording.frames
-    step = max(int(np.sqrt(frames[0].size / _SAMPLED)), int(np.sqrt(frames.size / _AT_ONCE)), 1)
+    step = max(int(np.sqrt(frames[0].size / _PIXELS_SAMPLED)), int(np.sqrt(frames.size / _MOST_SAMPLED)), 1)
     small = frames[:, ::step, ::step].astype(np.float32)
     kinds, level = _kinds(small, recording)
     normal = np.flatnonzero(kinds == "")
@@ -87,11 +87,11 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     dark = polarity == "dark" or (polarity == "auto" and down >= up)
     swing = down if dark else -up  # by how much the bubble darkens a pixel
     still = "nothing moves in the recording: no bubble that is darker or brighter than the background"
-    require(abs(swing) > max(_SHALLOW * noise, 0.03 * usual), still, "video.no_bubble")
+    require(abs(swing) > max(_LEAST_CONTRAST * noise, 0.03 * usual), still, "video.no_bubble")
     # If the bubble never disappears, the middle of the moving region is always covered.
     within = binary_fill_holes(moving)
-    bare = np.where(within & ((usual - middle) / swing > 0.3), usual, middle)
-    with_bubble = np.flatnonzero((((bare - small) / swing > 0.5) & within).any((1, 2)))
+    background = np.where(within & ((usual - middle) / swing > 0.3), usual, middle)
+    with_bubble = np.flatnonzero((((background - small) / swing > 0.5) & within).any((1, 2)))
     empty = normal[: int(with_bubble[0])] if len(with_bubble) else normal[:0]
     empty = empty[:-1] if len(empty) > 2 else empty
     if reference_frame is None:
@@ -140,8 +140,8 @@ def _first_background(
         return np.stack([frames[i] / np.float32(gain[i]) for i in chosen])
 
     if len(empty) > 2:
-        return np.asarray(light(empty[:_LOOKED_AT]).mean(axis=0), np.float32)
-    stack = light(normal[np.unique(np.linspace(0, len(normal) - 1, _LOOKED_AT).astype(int))])
+        return np.asarray(light(empty[:_BACKGROUND_FRAMES]).mean(axis=0), np.float32)
+    stack = light(normal[np.unique(np.linspace(0, len(normal) - 1, _BACKGROUND_FRAMES).astype(int))])
     background = np.asarray(np.percentile(stack, 80 if swing > 0 else 20, axis=0), np.float32)
     moving = np.ptp(stack, axis=0) > 0.5 * abs(swing)
     hole = binary_fill_holes(binary_opening(moving, iterations=2)) & ((usual - background) / swing > 0.3)
@@ -161,19 +161,19 @@ def smooth_surface(image: Image, measured: Bools) -> Image:
     for _ in range(6):
         root = np.sqrt(weight)
         solution = np.linalg.lstsq(rows * root[:, None], values * root, rcond=None)[0]
-        off = values - rows @ solution
-        weight = 1.0 / (1.0 + (off / max(1.4826 * float(np.median(np.abs(off))), 1e-6)) ** 2) ** 2
+        residual = values - rows @ solution
+        weight = 1.0 / (1.0 + (residual / max(1.4826 * float(np.median(np.abs(residual))), 1e-6)) ** 2) ** 2
     return np.asarray(terms @ solution, np.float32)
 
 
-def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Stage:
+def with_refined_background(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Stage:
     """Return the stage with a new background: each pixel's mean over all frames where it is well outside the bubble.
 
     circles: by frame, (x, y, R) in px.
     """
     total, count = np.zeros((2, *stage.reference.shape)), np.zeros((2, *stage.reference.shape))  # all; undisturbed
     usual = float(np.median(stage.reference))
-    most = max(_PASSING * stage.noise, 0.02) * abs(stage.depth) * (usual if stage.depth > 0 else 1.0)
+    tolerance = max(_DISTURBANCE * stage.noise, 0.02) * abs(stage.depth) * (usual if stage.depth > 0 else 1.0)
     y, x = (np.arange(size, dtype=np.float32) for size in stage.reference.shape)
     gains = stage.gains.copy()
     for i in [*range(stage.empty), *circles] if stage.empty else circles:
@@ -186,7 +186,7 @@ def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Sta
             outside = ((x - centre_x) ** 2)[None, :] + ((y - centre_y) ** 2)[:, None] > (1.25 * radius + 5.0) ** 2
         gains[i] = _gain(stage.frames[i], stage.reference, outside & ~stage.blind)
         light = stage.frames[i] / np.float32(gains[i])
-        for k, part in enumerate((outside, outside & (np.abs(light - stage.reference) < most))):
+        for k, part in enumerate((outside, outside & (np.abs(light - stage.reference) < tolerance))):
             np.add(total[k], light, out=total[k], where=part)
             count[k] += part
     passed = count[1] > 0.5 * count[0]  # a shock wave passes these pixels, in a few frames

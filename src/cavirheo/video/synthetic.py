@@ -13,12 +13,12 @@ from scipy.ndimage import gaussian_filter
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import require
-from cavirheo.video.frames import Pixels, need
+from cavirheo.video.frames import Pixels, require_library
 
-_FINE = 3  # subpixels along a pixel's side
+_SUBPIXELS = 3  # subpixels along a pixel's side
 _MOMENTS = 65  # times within an exposure at which the bubble is drawn
-_TURN = 0.25  # px, motion within the exposure that a reversal must exceed
-_SHOCK = 120.0  # px per frame, speed of a shock wave
+_LEAST_REVERSAL = 0.25  # px, motion within the exposure that a reversal must exceed
+_SHOCK_SPEED = 120.0  # px per frame, speed of a shock wave
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Film:
         fine = path.suffix != ".mp4" or self.frames.dtype == np.uint8
         require(fine, "16 bits are saved as .mkv or .tif", "render.bits")
         if path.suffix == ".tif":
-            need("tifffile")
+            require_library("tifffile")
             from tifffile import imwrite
 
             imwrite(path, self.frames, photometric="minisblack")
@@ -91,7 +91,7 @@ class Film:
 def write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
     """Encode frames, (height, width) or (height, width, 3), in H.264 of the quality `crf`, or if it is None in lossless
     FFV1. They are cut to an even height and width, and played at 10 per second."""
-    need("av")
+    require_library("av")
     import av
 
     codec, options = ("ffv1", {}) if crf is None else ("libx264", {"crf": str(crf)})
@@ -146,9 +146,9 @@ class _Camera:
         if scene.wall is not None and not scene.mirror:
             self.light *= 1.0 - 0.85 / (1.0 + np.exp(-(y - scene.wall) / 0.8))
         self.x, self.y = x, y
-        late = float(np.median(radius[-len(radius) // 5 :]))
+        final_radius = float(np.median(radius[-len(radius) // 5 :]))
         angles, away = rng.uniform(0, 2 * np.pi, scene.satellites), rng.uniform(1.6, 2.6, scene.satellites)
-        x, y = late * away * np.array([np.cos(angles), np.sin(angles)])
+        x, y = final_radius * away * np.array([np.cos(angles), np.sin(angles)])
         self.satellites = list(zip(x, y, rng.uniform(1.2, 3.0, scene.satellites), strict=True))
         minima = np.flatnonzero((radius[1:-1] < radius[:-2]) & (radius[1:-1] <= radius[2:])) + 1
         self.collapses = time[minima]
@@ -165,7 +165,7 @@ class _Camera:
         if scene.shock:
             for begin in (0.0, *self.collapses[:2]):
                 if 0.0 < middle - begin < 3.0:
-                    away = np.hypot(self.x - centre[0], self.y - centre[1]) - _SHOCK * (middle - begin)
+                    away = np.hypot(self.x - centre[0], self.y - centre[1]) - _SHOCK_SPEED * (middle - begin)
                     bright, dark = (np.exp(-((away / 1.5 - behind) ** 2)) for behind in (0, 2))
                     image = image * (1.0 + 0.35 * bright - 0.35 * dark)
         image = scene.lit * image
@@ -177,7 +177,7 @@ class _Camera:
         image = image + scene.row_noise * rng.normal(size=(len(image), 1))
         full = 2**scene.bits - 1
         pixels = np.rint(np.clip(image, 0.0, 1.0) * full).astype(np.uint8 if scene.bits == 8 else np.uint16)
-        turned = bool(min(radii[0], radii[-1]) > radii.min() > 0 and np.ptp(radii) > _TURN)
+        turned = bool(min(radii[0], radii[-1]) > radii.min() > 0 and np.ptp(radii) > _LEAST_REVERSAL)
         return pixels, (true if true > 0 else np.nan), turned, centre
 
     def _transmission(self, radii: Floats, centre: Floats, middle: float) -> Floats:
@@ -195,25 +195,25 @@ class _Camera:
         if left >= right or top >= bottom:
             return 1.0 - cut
         edge = int(np.ceil(4 * scene.blur)) + 1  # margin beyond the region, for the blur
-        steps = (np.arange(-edge * _FINE, (n + edge) * _FINE) + 0.5 for n in (right - left, bottom - top))
-        x, y = (step / _FINE - 0.5 + start for step, start in zip(steps, (left, top), strict=True))
+        steps = (np.arange(-edge * _SUBPIXELS, (n + edge) * _SUBPIXELS) + 0.5 for n in (right - left, bottom - top))
+        x, y = (step / _SUBPIXELS - 0.5 + start for step, start in zip(steps, (left, top), strict=True))
         covered = self._bubble(x[None, :] - centre[0], y[:, None] - centre[1], radii)
         if wall is not None:
             below = self._bubble(x[None, :] - centre[0], 2 * wall - y[:, None] - centre[1], radii)
             covered = np.where(y[:, None] < wall, covered, below)
         for dx, dy, size in satellites:
             away = np.hypot(x[None, :] - centre[0] - dx, y[:, None] - centre[1] - dy)
-            covered = np.maximum(covered, (1.0 - scene.dark) * np.clip((size - away) * _FINE + 0.5, 0.0, 1.0))
-        smooth = gaussian_filter(covered, scene.blur * _FINE)
-        inner = smooth[edge * _FINE : -edge * _FINE, edge * _FINE : -edge * _FINE]
-        cut[top:bottom, left:right] = inner.reshape(bottom - top, _FINE, right - left, _FINE).mean((1, 3))
+            covered = np.maximum(covered, (1.0 - scene.dark) * np.clip((size - away) * _SUBPIXELS + 0.5, 0.0, 1.0))
+        smooth = gaussian_filter(covered, scene.blur * _SUBPIXELS)
+        inner = smooth[edge * _SUBPIXELS : -edge * _SUBPIXELS, edge * _SUBPIXELS : -edge * _SUBPIXELS]
+        cut[top:bottom, left:right] = inner.reshape(bottom - top, _SUBPIXELS, right - left, _SUBPIXELS).mean((1, 3))
         return 1.0 - cut
 
     def _bubble(self, x: Floats, y: Floats, radii: Floats) -> Floats:
         """Return the share of light that the bubble blocks, at points relative to its centre."""
         scene, away = self.scene, np.hypot(x, y)
         table = np.arange(0.0, radii.max() + 2.0, 0.04)
-        share = np.clip((radii[:, None] - table) * _FINE + 0.5, 0.0, 1.0).mean(axis=0)
+        share = np.clip((radii[:, None] - table) * _SUBPIXELS + 0.5, 0.0, 1.0).mean(axis=0)
         if scene.modes:
             angle = np.arctan2(y, x)
             away = away / (1.0 + sum(size * np.cos(n * angle + phase) for n, size, phase in scene.modes))

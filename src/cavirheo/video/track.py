@@ -13,8 +13,8 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.landmarks import collapse_time, spikes
 from cavirheo.video import outline
-from cavirheo.video.outline import QUARTERS, WHOLE, Outline, Patch
-from cavirheo.video.stage import Stage, refined
+from cavirheo.video.outline import QUARTILE_WIDTH, WHOLE_ARC, Outline, Patch
+from cavirheo.video.stage import Stage, with_refined_background
 
 FLAGS = {  # flag of a frame: its meaning
     "ok": "measured",
@@ -38,23 +38,23 @@ USED = ("ok", "small", "arc", "reversal")  # flags of frames whose radius is use
 class Rules:
     """The thresholds and factors of this module. Lengths are in px if not stated otherwise; deviations are of radii."""
 
-    small: float = 4.0  # radius below which the missing light is measured, not the outline
-    calibrated: tuple[float, float] = (5.0, 15.0)  # radii between which both are measured, for calibration
+    small_radius: float = 4.0  # radius below which the missing light is measured, not the outline
+    calibration_radii: tuple[float, float] = (5.0, 15.0)  # radii between which both are measured, for calibration
     short_arc: float = 0.25  # share of the circle, below which an arc is short
-    faint: float = 0.5  # of the usual contrast, below which a frame is faint
-    fits: float = 0.5  # share of the points that must be near the circle
-    jump: float = 12.0  # largest motion of the centre, in addition to half the radius
-    neighbours: int = 15  # number of fully visible outlines that give a partly visible one its centre
-    gap: int = 1  # frames without a bubble that may be crossed on the way back to its beginning
-    spike: float = 0.1  # of the largest radius, by which a spike exceeds both neighbours
-    swing: float = 0.2  # change of the radius within half an exposure that a reversal must exceed
-    close: float = 0.25  # uncertainty of the time of a reversal, in frames
-    interpolated: float = 0.065  # px^2, part of the edge's variance by interpolation, which moves no level
-    scatter: float = 1.6  # factor on the deviation of the fit, as neighbouring rays share their noise
+    faint_contrast: float = 0.5  # of the usual contrast, below which a frame is faint
+    least_inlier_share: float = 0.5  # share of the points that must be near the circle
+    centre_motion: float = 12.0  # largest motion of the centre, in addition to half the radius
+    neighbour_count: int = 15  # number of fully visible outlines that give a partly visible one its centre
+    largest_gap: int = 1  # frames without a bubble that may be crossed on the way back to its beginning
+    spike_share: float = 0.1  # of the largest radius, by which a spike exceeds both neighbours
+    reversal_swing: float = 0.2  # change of the radius within half an exposure that a reversal must exceed
+    reversal_time_error: float = 0.25  # uncertainty of the time of a reversal, in frames
+    interpolation_variance: float = 0.065  # px^2, part of the edge's variance by interpolation, which moves no level
+    scatter_factor: float = 1.6  # factor on the deviation of the fit, as neighbouring rays share their noise
     per_width: float = 0.0005  # deviation over the edge's width
     per_lag: float = 0.1  # deviation over the correction for the motion within the exposure
-    blurred: tuple[float, float] = (1.1, 1.4)  # width over that at rest, where the correction begins and is full
-    per_bend: float = 1.5  # deviation over the next order of the correction for a curved edge
+    blur_range: tuple[float, float] = (1.1, 1.4)  # width over that at rest, where the correction begins and is full
+    per_curvature: float = 1.5  # deviation over the next order of the correction for a curved edge
     per_reversal: float = 0.15  # deviation in a reversal over the edge's width
     floor: float = 0.002  # smallest deviation
     small_share: float = 0.02  # deviation of a small bubble's radius over the radius
@@ -97,7 +97,7 @@ def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], No
     patches_of = {i: outline.patches(stage, i) for i in map(int, np.flatnonzero(stage.kinds == ""))}
     chosen, _ = _one_bubble(patches_of, n)
     levels = [patch.inside for patch in chosen.values() if patch.radius > 10 and np.isfinite(patch.inside)]
-    stage = refined(stage, {i: (patch.x, patch.y, patch.radius) for i, patch in chosen.items()})
+    stage = with_refined_background(stage, {i: (patch.x, patch.y, patch.radius) for i, patch in chosen.items()})
     if levels:
         stage = replace(stage, depth=stage.depth * float(np.median(levels)))
     patches_of = {i: patches or outline.patches(stage, i) for i, patches in patches_of.items()}
@@ -111,81 +111,81 @@ def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], No
         if measured := outline.measure(stage, i, patch):
             outlines[i] = measured
         advance()
-    require(bool(outlines), _NOTHING, "video.no_bubble")
-    return _judged(stage, _centred(outlines), elsewhere, exposure, twins)
+    require(bool(outlines), _NO_BUBBLE, "video.no_bubble")
+    return _corrected_and_flagged(stage, _centred(outlines), elsewhere, exposure, twins)
 
 
-_NOTHING = "no bubble is found in any frame; name its place with --roi x,y,w,h, or --polarity dark or bright"
+_NO_BUBBLE = "no bubble is found in any frame; name its place with --roi x,y,w,h, or --polarity dark or bright"
 
 
 def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, Patch], set[int]]:
     """Return (the bubble's patch by frame, frames with patches elsewhere), from the largest patch on both ways."""
     largest = max(patches_of, key=lambda i: max((patch.area for patch in patches_of[i]), default=0.0))
-    require(bool(patches_of[largest]), _NOTHING, "video.no_bubble")
+    require(bool(patches_of[largest]), _NO_BUBBLE, "video.no_bubble")
     peak, chosen, elsewhere = patches_of[largest][0], {}, set()
-    for way in (range(largest, n), range(largest - 1, -1, -1)):
-        last, gone = peak, 0
-        for i in way:
-            away = [(patch, hypot(patch.x - last.x, patch.y - last.y)) for patch in patches_of.get(i, ())]
-            candidates = [(p, d) for p, d in away if d < RULES.jump + 0.5 * max(p.radius, last.radius)]
+    for frames in (range(largest, n), range(largest - 1, -1, -1)):
+        last, missed = peak, 0
+        for i in frames:
+            distances = [(patch, hypot(patch.x - last.x, patch.y - last.y)) for patch in patches_of.get(i, ())]
+            candidates = [(p, d) for p, d in distances if d < RULES.centre_motion + 0.5 * max(p.radius, last.radius)]
             if candidates:
-                (last, _), gone = max(candidates, key=lambda pair: pair[0].area / (1.0 + (pair[1] / 10.0) ** 2)), 0
+                (last, _), missed = max(candidates, key=lambda pair: pair[0].area / (1.0 + (pair[1] / 10.0) ** 2)), 0
                 chosen[i] = last
             elif i in patches_of:
-                gone += 1
+                missed += 1
                 if patches_of[i]:
                     elsewhere.add(i)
-                if way.step < 0 and gone > RULES.gap:
+                if frames.step < 0 and missed > RULES.largest_gap:
                     break
     return dict(sorted(chosen.items())), elsewhere
 
 
 def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
     """Fit partly visible outlines again, with the centre of fully visible outlines in near frames."""
-    whole = [i for i, fit in outlines.items() if fit.edge.arc > WHOLE]
+    whole = [i for i, fit in outlines.items() if fit.edge.arc > WHOLE_ARC]
     whole = whole or sorted(outlines, key=lambda i: -outlines[i].edge.arc)[:5]
 
     def centred(i: int, fit: Outline) -> Outline:
-        if fit.edge.arc > WHOLE:
+        if fit.edge.arc > WHOLE_ARC:
             return fit
-        neighbours = [outlines[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.neighbours]]
+        neighbours = [outlines[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.neighbour_count]]
         weight = np.array([1.0 / max(each.sigma, 0.02) for each in neighbours])
         centres = np.array([(each.x, each.y) for each in neighbours])
         x, y = map(float, np.quantile(centres, 0.5, axis=0, method="inverted_cdf", weights=weight))
         spread = 1.4826 * float(np.median([hypot(*away) for away in centres - (x, y)])) + 0.3
-        return outline.fitted(fit.points, (x, y), fit.edge, spread) or fit
+        return outline.fit_circle(fit.points, (x, y), fit.edge, spread) or fit
 
     return {i: centred(i, fit) for i, fit in outlines.items()}
 
 
-def _judged(
+def _corrected_and_flagged(
     stage: Stage, outlines: dict[int, Outline], elsewhere: set[int], exposure: float | None, twins: int
 ) -> Track:
     """Return the radii of the outlines, corrected for blur, with deviations and flags."""
     n, index = len(stage.frames), list(outlines)
     values = np.full((11, n), np.nan)
     for i, fit in outlines.items():
-        values[:, i] = fit.radius, fit.sigma, fit.x, fit.y, fit.mode, fit.good, *astuple(fit.edge)
-    radius, sigma, x, y, mode, good, width, lag, light, contrast, arc = values
+        values[:, i] = fit.radius, fit.sigma, fit.x, fit.y, fit.mode, fit.inlier_share, *astuple(fit.edge)
+    radius, sigma, x, y, mode, inlier_share, width, lag, light, contrast, arc = values
     sharp = (arc > 0.5) & (radius > 8.0) & (width > 0.0)
-    optics = float(np.percentile(width[sharp], 20)) / QUARTERS if sharp.any() else 1.0
-    blurred = np.interp(width / (QUARTERS * optics), RULES.blurred, (0.0, 1.0))
+    optics = float(np.percentile(width[sharp], 20)) / QUARTILE_WIDTH if sharp.any() else 1.0
+    blurred = np.interp(width / (QUARTILE_WIDTH * optics), RULES.blur_range, (0.0, 1.0))
     still = lag[blurred == 0.0]
-    moved = np.nan_to_num((lag - (np.median(still) if len(still) > 2 else 0.0)) * blurred)
+    motion = np.nan_to_num((lag - (np.median(still) if len(still) > 2 else 0.0)) * blurred)
     # A disc of radius R with blur sigma has its half level at that r for which Rice(r, sigma) has the median R.
-    bent = np.minimum(optics**2 - RULES.interpolated, 0.1 * radius**2)
-    radius = np.sqrt(radius**2 + bent) + moved
-    both = (radius > RULES.calibrated[0]) & (radius < RULES.calibrated[1]) & (light > 0.0)
-    share = float(np.median(radius[both] / light[both])) if both.sum() > 4 else 1.0
-    small = (radius < RULES.small) & (light > 0.0)
-    radius = np.where(small, share * light, radius)
+    curvature = np.minimum(optics**2 - RULES.interpolation_variance, 0.1 * radius**2)
+    radius = np.sqrt(radius**2 + curvature) + motion
+    both = (radius > RULES.calibration_radii[0]) & (radius < RULES.calibration_radii[1]) & (light > 0.0)
+    light_factor = float(np.median(radius[both] / light[both])) if both.sum() > 4 else 1.0
+    small = (radius < RULES.small_radius) & (light > 0.0)
+    radius = np.where(small, light_factor * light, radius)
     radius[~(radius > 0.0)] = np.nan
     parts = (
-        RULES.scatter * sigma,
+        RULES.scatter_factor * sigma,
         RULES.per_width * width,
-        RULES.per_lag * moved,
+        RULES.per_lag * motion,
         RULES.small_share * radius * small,
-        RULES.per_bend * optics**4 / np.maximum(radius, optics) ** 3 * ~small,
+        RULES.per_curvature * optics**4 / np.maximum(radius, optics) ** 3 * ~small,
     )
     sigma = np.sqrt(RULES.floor**2 + sum(part**2 for part in parts))
     flags = stage.kinds.astype("U12")
@@ -194,18 +194,18 @@ def _judged(
     flags[index] = "ok"
     flags[small] = "small"
     flags[arc < RULES.short_arc] = "arc"
-    flags[(good < RULES.fits) | (sigma > np.maximum(0.05 * radius, 0.3))] = "poor"
-    flags[contrast < RULES.faint * float(np.nanmedian(contrast))] = "faint"
+    flags[(inlier_share < RULES.least_inlier_share) | (sigma > np.maximum(0.05 * radius, 0.3))] = "poor"
+    flags[contrast < RULES.faint_contrast * float(np.nanmedian(contrast))] = "faint"
     measured = np.flatnonzero(np.isfinite(radius) & np.isin(flags, USED))
-    require(len(measured) > 0, _NOTHING, "video.no_bubble")
-    high = spikes(radius[measured], RULES.spike * float(np.max(radius[measured])))
+    require(len(measured) > 0, _NO_BUBBLE, "video.no_bubble")
+    high = spikes(radius[measured], RULES.spike_share * float(np.max(radius[measured])))
     flags[measured[high]] = "spike"
     hint = _exposure_hint(radius, width, flags, optics)
-    open_for = exposure if exposure is not None else min(hint or 1.0, 1.0)
-    turned = _reversals(np.where(np.isin(flags, USED), radius, np.nan), open_for)
+    exposure_used = exposure if exposure is not None else min(hint or 1.0, 1.0)
+    turned = _reversals(np.where(np.isin(flags, USED), radius, np.nan), exposure_used)
     flags[turned] = "reversal"
     sigma[turned] = np.hypot(sigma[turned], RULES.per_reversal * width[turned])
-    require(bool(np.any(flags == "ok")), _NOTHING, "video.no_bubble")
+    require(bool(np.any(flags == "ok")), _NO_BUBBLE, "video.no_bubble")
     early = np.arange(n) < int(np.argmax(flags == "ok"))
     flags[early & ~np.isin(flags, ("flash", "dark"))] = "before"
     used = np.isin(flags, USED)
@@ -222,7 +222,7 @@ def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optic
     fast = (np.abs(speed) > 2.0) & (flags == "ok") & np.concatenate([[False], steady, [False]])
     if fast.sum() < 2:
         return None
-    added = np.clip(width[fast] ** 2 - (QUARTERS * optics) ** 2, 0.0, None)
+    added = np.clip(width[fast] ** 2 - (QUARTILE_WIDTH * optics) ** 2, 0.0, None)
     return float(np.median(2.0 * np.sqrt(added) / np.abs(speed[fast])))
 
 
@@ -235,14 +235,14 @@ def _reversals(radius: Floats, exposure: float) -> list[int]:
         if radius[i] > min(radius[before], radius[after]) or after - before > 4:
             continue
         speed = max((radius[before] - radius[i]) / (i - before), (radius[after] - radius[i]) / (after - i))
-        turn = _turn(radius, measured, k)
-        late = [abs(j - turn) < exposure / 2 + RULES.close for j in (before, i, after)]
-        if speed * exposure / 2 > RULES.swing:
-            turned += [j for j, within in zip((before, i, after), late, strict=True) if within]
+        turn = _reversal_time(radius, measured, k)
+        near_turn = [abs(j - turn) < exposure / 2 + RULES.reversal_time_error for j in (before, i, after)]
+        if speed * exposure / 2 > RULES.reversal_swing:
+            turned += [j for j, within in zip((before, i, after), near_turn, strict=True) if within]
     return turned
 
 
-def _turn(radius: Floats, measured: list[int], k: int) -> float:
+def _reversal_time(radius: Floats, measured: list[int], k: int) -> float:
     """Return when (in frames) the wall turns near frame measured[k], the smallest: midway between the minimum of the
     parabola through three frames (a gentle turn) and the point where the branches of R^(5/2), straight in a collapse,
     meet; with too few frames, that minimum."""

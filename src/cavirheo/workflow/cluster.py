@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
     from distributed import Client
 
-LOOK = 1.0  # s between two counts of workers
-SECONDS = 2.0  # shortest duration of a batch, s
+COUNT_INTERVAL = 1.0  # s between two counts of workers
+SHORTEST_BATCH = 2.0  # shortest duration of a batch, s
 SECONDS_PER_THREAD = 0.016  # s of a batch for each thread; the driver needs a quarter of this (benchmarks/scale.py)
-LONGEST = 60.0  # longest duration of a batch, s, which is lost with a worker
-AHEAD = 2  # batches for each thread: one that runs and one that waits
-MOST = 1000  # largest number of jobs in a batch
-WAIT = 20  # s for a scheduler to answer
+LONGEST_BATCH = 60.0  # longest duration of a batch, s, which is lost with a worker
+BATCHES_PER_THREAD = 2  # batches for each thread: one that runs and one that waits
+MOST_JOBS = 1000  # largest number of jobs in a batch
+SCHEDULER_TIMEOUT = 20  # s for a scheduler to answer
 _ADDRESS = re.compile(r"(tcp|tls|ucx)://[\w.\[\]:-]+:\d{1,5}")
 _LARGEST = 100_000  # bytes of a file of settings
 # dask's profiler asks Python for the stack frames of all threads a hundred times a second. Python 3.11 can hang at this
@@ -76,10 +76,10 @@ def identity() -> Identity:
     time_s, digest = np.linspace(0.0, 1e-4, 200), hashlib.sha256()
     for material, bubble in shots:
         digest.update(simulate(material, max_radius=2.45e-4, stretch=6.0, time=time_s, bubble=bubble).radius.tobytes())
-    return Identity(version("cavirheo"), code_of(Path(__file__).parents[1]), digest.hexdigest())
+    return Identity(version("cavirheo"), code_hash(Path(__file__).parents[1]), digest.hexdigest())
 
 
-def code_of(package: Path) -> str:
+def code_hash(package: Path) -> str:
     """SHA-256 of the modules and networks in a folder, without the app, on which no answer depends."""
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*")):
@@ -98,7 +98,7 @@ class WorkerReport:
     threads: int
     identity: Identity | None
     versions: str = ""  # of Python and the libraries on which its answers depend
-    wrong: str = ""  # why it is refused
+    refusal: str = ""  # why it is refused
 
 
 def self_description() -> dict[str, Any]:
@@ -119,52 +119,52 @@ def reports(client: Client, wait: float) -> list[WorkerReport]:
 
             return self_description()
         except ImportError as error:
-            return {"host": platform.node(), "identity": None, "wrong": f"cannot import what is needed: {error}"}
+            return {"host": platform.node(), "identity": None, "refusal": f"cannot import what is needed: {error}"}
 
     end = time.monotonic() + wait
     while not (threads := client.nthreads()):
         message = f"no worker came to {client.scheduler_info()['address']} within {wait:.0f} s"
         require(time.monotonic() < end, f"{message}: start some, and try again", "cluster.no_worker")
-        time.sleep(0.5 * LOOK)
+        time.sleep(0.5 * COUNT_INTERVAL)
     workers, mine = [], identity()
     for address, answer in sorted(client.run(probe, on_error="return").items()):
         if isinstance(answer, BaseException):
-            answer = {"host": "?", "identity": None, "wrong": f"{type(answer).__name__}: {answer}"}
+            answer = {"host": "?", "identity": None, "refusal": f"{type(answer).__name__}: {answer}"}
         worker = WorkerReport(address, threads=threads.get(address, 0), **answer)
-        if theirs := worker.identity:
-            if theirs.version != mine.version:
-                worker.wrong = f"it has cavirheo {theirs.version}, and this is {mine.version}"
-            elif theirs.code != mine.code:
-                worker.wrong = f"its cavirheo {theirs.version} has other code ({theirs.code[:8]}, here {mine.code[:8]})"
+        if peer := worker.identity:
+            if peer.version != mine.version:
+                worker.refusal = f"it has cavirheo {peer.version}, and this is {mine.version}"
+            elif peer.code != mine.code:
+                worker.refusal = f"its cavirheo {peer.version} has other code ({peer.code[:8]}, here {mine.code[:8]})"
         workers.append(worker)
-    alike = {worker.address: worker.identity.bits for worker in workers if worker.identity and not worker.wrong}
-    ((usual, _),) = Counter(alike.values()).most_common(1) or [("", 0)]
+    bits_of = {worker.address: worker.identity.bits for worker in workers if worker.identity and not worker.refusal}
+    ((usual, _),) = Counter(bits_of.values()).most_common(1) or [("", 0)]
     for worker in workers:
-        if (bits := alike.get(worker.address, usual)) != usual:
-            worker.wrong = f"its simulations differ in their last bits ({bits[:8]}, the others {usual[:8]})"
+        if (bits := bits_of.get(worker.address, usual)) != usual:
+            worker.refusal = f"its simulations differ in their last bits ({bits[:8]}, the others {usual[:8]})"
     return workers
 
 
-def admitted(client: Client, say: Callable[[str], None], wait: float) -> Identity:
+def required_identity(client: Client, notify: Callable[[str], None], wait: float) -> Identity:
     """The identity that every worker must have, also later ones. Raises InputError: no worker, or one is refused."""
     workers = reports(client, wait)
-    wrong = [f"{worker.address} on {worker.host}: {worker.wrong}" for worker in workers if worker.wrong]
-    more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+    refusals = [f"{worker.address} on {worker.host}: {worker.refusal}" for worker in workers if worker.refusal]
+    more = f"; and {len(refusals) - 3} more" if len(refusals) > 3 else ""
     remedy = "install the same cavirheo there, or stop them (`cavirheo cluster check` lists all)"
-    require(not wrong, f"refused {'; '.join(wrong[:3])}{more}; {remedy}", "cluster.refused")
+    require(not refusals, f"refused {'; '.join(refusals[:3])}{more}; {remedy}", "cluster.refused")
     required = workers[0].identity
     assert required
     if required.bits != identity().bits:
         differ = "note: simulations of the workers differ from this machine's in their last bits"
-        say(f"{differ}: let a data set be made by one kind of machine")
+        notify(f"{differ}: let a data set be made by one kind of machine")
     threads = sum(worker.threads for worker in workers)
-    say(f"{len(workers)} workers with {threads} threads, all with cavirheo {required.version} and the same bits")
+    notify(f"{len(workers)} workers with {threads} threads, all with cavirheo {required.version} and the same bits")
     return required
 
 
-def seconds_for(threads: int) -> float:
+def batch_duration(threads: int) -> float:
     """Duration of a batch, s, for which the driver of `threads` threads spends a quarter of its time on batches."""
-    return min(max(SECONDS, SECONDS_PER_THREAD * threads), LONGEST)
+    return min(max(SHORTEST_BATCH, SECONDS_PER_THREAD * threads), LONGEST_BATCH)
 
 
 @dataclass(frozen=True)
@@ -174,22 +174,24 @@ class Workers:
     client: Client
     required: Identity
 
-    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
-        """As `Executor.flow`. The batches of a lost worker are done by another one. Raises InputError: a worker has
+    def map_unordered(
+        self, function: Callable[[Job], Output], jobs: Sequence[Job]
+    ) -> Generator[tuple[int, Output], None, None]:
+        """As `Executor.map_unordered`. Another worker does the batches of a lost one. Raises InputError: a worker has
         another identity, a job ended several workers, or the scheduler is gone. Also raises errors of `function`."""
         from distributed import as_completed
 
         waiting = deque(range(len(jobs)))
         sent: dict[object, Sequence[int]] = {}
         running = as_completed(with_results=True, raise_errors=False, loop=self.client.loop)
-        size, looked, threads, places = 1.0, 0.0, 1, AHEAD
+        size, counted_at, threads, most_batches = 1.0, 0.0, 1, BATCHES_PER_THREAD
         try:
             while waiting or sent:
-                if time.monotonic() > looked + LOOK:
-                    threads, looked = max(sum(self.client.nthreads().values()), 1), time.monotonic()
-                    places = AHEAD * threads
-                while waiting and len(sent) < places:
-                    count = min(round(size), max(len(waiting) // places, 1), len(waiting))
+                if time.monotonic() > counted_at + COUNT_INTERVAL:
+                    threads, counted_at = max(sum(self.client.nthreads().values()), 1), time.monotonic()
+                    most_batches = BATCHES_PER_THREAD * threads
+                while waiting and len(sent) < most_batches:
+                    count = min(round(size), max(len(waiting) // most_batches, 1), len(waiting))
                     batch = [waiting.popleft() for _ in range(count)]
                     content = [jobs[index] for index in batch]
                     future = self.client.submit(_batch, self.required, function, content, pure=False)
@@ -201,8 +203,8 @@ class Workers:
                     raise _error_of(future.status, outcome)
                 seconds, results = outcome
                 future.release()
-                ideal = seconds_for(threads) * len(results) / max(seconds, 1e-6)
-                size = 0.5 * size + 0.5 * min(max(ideal, 1.0), MOST)
+                ideal = batch_duration(threads) * len(results) / max(seconds, 1e-6)
+                size = 0.5 * size + 0.5 * min(max(ideal, 1.0), MOST_JOBS)
                 yield from zip(indices, results, strict=True)
         finally:
             running.clear()
@@ -217,9 +219,9 @@ def _batch(required: Identity, function: Callable[[Job], Output], jobs: Sequence
 
         message = f"the worker {get_worker().address} has cavirheo {mine.version} with other code or other last bits"
         raise InputError(f"{message}: stop it, and the same command goes on", "cluster.refused")
-    began = time.perf_counter()
+    started = time.perf_counter()
     results = [function(job) for job in jobs]
-    return time.perf_counter() - began, results
+    return time.perf_counter() - started, results
 
 
 def _error_of(status: str, outcome: object) -> BaseException:
@@ -236,19 +238,19 @@ def _error_of(status: str, outcome: object) -> BaseException:
 
 
 @contextmanager
-def connected(scheduler: str | None, say: Callable[[str], None]) -> Iterator[Workers | None]:
+def connected(scheduler: str | None, notify: Callable[[str], None]) -> Iterator[Workers | None]:
     """The executor of `--scheduler`: "tcp://HOST:PORT" or "tls://HOST:PORT" of a dask scheduler, or "slurm:FILE.toml".
     Without a scheduler None, which stands for this machine. Workers are checked before they get work. Raises
     InputError: no such scheduler, no workers, or workers that are refused (the message names them)."""
     if scheduler is None:
         yield None
         return
-    with client_of(scheduler, say) as (client, wait):
-        yield Workers(client, admitted(client, say, wait))
+    with client_of(scheduler, notify) as (client, wait):
+        yield Workers(client, required_identity(client, notify, wait))
 
 
 @contextmanager
-def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Client, float]]:
+def client_of(scheduler: str, notify: Callable[[str], None]) -> Iterator[tuple[Client, float]]:
     """A client of the scheduler, and the time in s to wait for a first worker. Raises InputError: no such scheduler."""
     expected = "--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, or slurm:FILE.toml"
     slurm = scheduler.startswith("slurm:")
@@ -265,21 +267,21 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
         settings = read_settings(Path(scheduler.removeprefix("slurm:")))
         with jobs_of(settings) as cluster, Client(cluster) as client:
             cluster.scale(jobs=settings.jobs)
-            say(f"{settings.jobs} jobs asked of the queue {settings.queue}; the work begins when the first is there")
+            notify(f"{settings.jobs} jobs asked of the queue {settings.queue}; the work begins when the first is there")
             yield client, settings.wait_hours * 3600
         return
     try:
-        client = Client(scheduler, timeout=WAIT)
+        client = Client(scheduler, timeout=SCHEDULER_TIMEOUT)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         reason = str(error).partition("\n")[0] or "time out"
         message = f"no dask scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
         raise InputError(message, "cluster.unreachable") from None
     with client:
-        yield client, WAIT
+        yield client, SCHEDULER_TIMEOUT
 
 
 class SlurmSettings(BaseModel):
-    """The file. A job has `cores` processes with one thread each, which share `memory`."""
+    """The file of settings. A job has `cores` processes with one thread each, which share `memory`."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 

@@ -22,75 +22,75 @@ from cavirheo.parallel import Executor
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
-from cavirheo.writing.document import into, whole
+from cavirheo.writing.document import atomic_file, writable_folder
 from cavirheo.writing.packing import decode, encode
-from cavirheo.writing.terminal import bar, say
+from cavirheo.writing.terminal import progress_bar, say
 
 _TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
 _Value = TypeVar("_Value")
-HELD = 500  # answers of a run, up to which all are held in memory
+MOST_IN_MEMORY = 500  # answers of a run, up to which all are held in memory
 
 
 class Store:
     """Values by their keys. Many threads may use a store.
 
-    folder: has a file for each value, written completely or not at all; None: values are in memory alone. most: only so
-    many of the latest values are held in memory; None: all. If there is a folder, a value without a file in it is
-    always held. written: keys of the files that this store has written.
+    folder: has a file for each value, written completely or not at all; None: values are in memory alone. capacity:
+    only so many of the latest values are held in memory; None: all. If there is a folder, a value without a file in it
+    is always held. written: keys of the files that this store has written.
     """
 
-    def __init__(self, folder: Path | None = None, most: int | None = None) -> None:
-        self.folder, self.most = folder, most
+    def __init__(self, folder: Path | None = None, capacity: int | None = None) -> None:
+        self.folder, self.capacity = folder, capacity
         self.written: set[str] = set()
-        self._held: dict[str, Future[Any]] = {}  # the latest is last
+        self._memory: dict[str, Future[Any]] = {}  # the latest is last
         self._lock = Lock()
 
     def get(self, key: str, kind: type[_Value] = Posterior) -> _Value | None:  # type: ignore[assignment]
         """The value of a key; None if there is none, or none of this kind that can be read."""
         with self._lock:
-            held = self._held.get(key)
-        value = held.result() if held else self._read(key)
-        if held is None and value is not None:
-            self._hold(key, value)
+            in_memory = self._memory.get(key)
+        value = in_memory.result() if in_memory else self._read(key)
+        if in_memory is None and value is not None:
+            self._remember(key, value)
         return value if isinstance(value, kind) else None
 
     def put(self, key: str, value: Any, *, file: bool = True) -> None:
         """Store an answer, a curve, or several of them in a tuple or a dict; in a file, too, unless `file` is False.
         Raises InputError: the folder cannot be written."""
         if self.folder and file:
-            with into(self.folder), whole(self._place(key)) as temporary:
+            with writable_folder(self.folder), atomic_file(self._path(key)) as temporary:
                 temporary.write_bytes(encode(value, default=str))
             self.written.add(key)
-        self._hold(key, value)
+        self._remember(key, value)
 
-    def once(self, key: str, function: Callable[[], _Value]) -> _Value:
+    def get_or_compute(self, key: str, function: Callable[[], _Value]) -> _Value:
         """The value of a key in memory, or else the output of `function`. The first thread that asks calls `function`,
         and the others wait. If it raises an error, all of them raise it, and it is not stored."""
         with self._lock:
-            mine = key not in self._held
-            task: Future[_Value] = self._held.pop(key, Future())
-            self._held[key] = task
+            is_first = key not in self._memory
+            task: Future[_Value] = self._memory.pop(key, Future())
+            self._memory[key] = task
             self._trim()
-        if mine:
+        if is_first:
             try:
                 task.set_result(function())
             except BaseException as error:  # raised again in every thread that waits
                 with self._lock:
-                    self._held.pop(key, None)
+                    self._memory.pop(key, None)
                 task.set_exception(error)
         return task.result()
 
     def values(self, kind: type[_Value]) -> Iterator[_Value]:
         """All values of a kind that are in files."""
-        for place in sorted(self.folder.glob("*.npz")) if self.folder else ():
-            if isinstance(value := self._read(place.stem), kind):
+        for path in sorted(self.folder.glob("*.npz")) if self.folder else ():
+            if isinstance(value := self._read(path.stem), kind):
                 yield value
 
     def remove(self, keys: Iterable[str]) -> None:
         """Remove the values of these keys, and the folder if it is then empty."""
         for key in keys:
-            self._held.pop(key, None)
+            self._memory.pop(key, None)
             if self.folder:
                 for name in (f"{key}.npz", f".{key}.npz.part.npz"):
                     (self.folder / name).unlink(missing_ok=True)
@@ -98,29 +98,29 @@ class Store:
             if self.folder:
                 self.folder.rmdir()
 
-    def _place(self, key: str) -> Path:
+    def _path(self, key: str) -> Path:
         assert self.folder
         return self.folder / f"{key}.npz"
 
     def _read(self, key: str) -> Any:
         """The value in the file of a key; None if it cannot be read."""
         with suppress(EOFError, OSError):  # a missing or damaged file: the answer is computed again
-            return decode(self._place(key).read_bytes(), _KINDS) if self.folder else None
+            return decode(self._path(key).read_bytes(), _KINDS) if self.folder else None
         return None
 
-    def _hold(self, key: str, value: Any) -> None:
+    def _remember(self, key: str, value: Any) -> None:
         task: Future[Any] = Future()
         task.set_result(value)
         with self._lock:
-            self._held[key] = task
+            self._memory[key] = task
             self._trim()
 
     def _trim(self) -> None:
         """Drop the oldest values if too many are in memory."""
-        over = 0 if self.most is None else max(len(self._held) - self.most, 0)
-        for key in list(self._held)[:over]:
-            if self.folder is None or self._place(key).exists():
-                del self._held[key]
+        over = 0 if self.capacity is None else max(len(self._memory) - self.capacity, 0)
+        for key in list(self._memory)[:over]:
+            if self.folder is None or self._path(key).exists():
+                del self._memory[key]
 
 
 def analyse(
@@ -138,25 +138,25 @@ def analyse(
     in `Analysis.answer`. visible: show a bar on stderr. A failed answer is held in memory alone, because another run
     may have more memory; the answer of an unusable curve has a file. Closing the iterator drops curves not yet begun.
     """
-    keys, left = [analysis.key(curve) for curve in curves], list[int]()
+    keys, missing = [analysis.key(curve) for curve in curves], list[int]()
     for index, (curve, key) in enumerate(zip(curves, keys, strict=True)):
         if answer := store.get(key):
-            yield index, of_file(answer, curve)
+            yield index, with_source_of(answer, curve)
         else:
-            left.append(index)
-    if not left:
+            missing.append(index)
+    if not missing:
         return
-    some, begin = [curves[index] for index in left], [starts[index] for index in left] if starts else None
-    progress = bar(analysis.doing, len(left), visible=visible)
-    with progress as advance, closing(analysis.flow(some, begin, executor)) as flow:
+    queue, initial = [curves[index] for index in missing], [starts[index] for index in missing] if starts else None
+    progress = progress_bar(analysis.activity, len(missing), visible=visible)
+    with progress as advance, closing(analysis.flow(queue, initial, executor)) as flow:
         for place, answer in flow:
-            fine = answer.checks.verdict != "failed" or bool(some[place].unusable)
-            store.put(keys[left[place]], answer, file=fine)
+            to_file = answer.checks.verdict != "failed" or bool(queue[place].unusable)
+            store.put(keys[missing[place]], answer, file=to_file)
             advance()
-            yield left[place], answer
+            yield missing[place], answer
 
 
-def of_file(answer: Posterior, curve: RadiusCurve) -> Posterior:
+def with_source_of(answer: Posterior, curve: RadiusCurve) -> Posterior:
     """The answer with the SHA-256 of this curve's file; the recording may have been answered from another file."""
     return replace(answer, provenance={**answer.provenance, "source_sha256": curve.source_sha256})
 
@@ -186,17 +186,17 @@ class Answers(Sequence[Posterior]):
 class Unfinished:
     """The answers of one command that writes into the folder `out`, in `out`/unfinished until its documents are
     complete: the same command continues after Ctrl-C, a kill or a full disk. After Ctrl-C `interrupted` is True, and
-    no further curve is begun. With more answers than `held`, those with a file are not held in memory. Raises
+    no further curve is begun. With more answers than `capacity`, those with a file are not held in memory. Raises
     InputError: `out`/unfinished is not a folder."""
 
     def __init__(
-        self, out: str | Path, *, visible: bool = True, executor: Executor | None = None, held: int = HELD
+        self, out: str | Path, *, visible: bool = True, executor: Executor | None = None, capacity: int = MOST_IN_MEMORY
     ) -> None:
         folder = Path(out) / "unfinished"
-        way = f"{folder} must be a folder, for answers are kept there: give another place with -o"
-        require(folder.is_dir() or not folder.exists(), way, "document.folder")
+        message = f"{folder} must be a folder, for answers are kept there: give another place with -o"
+        require(folder.is_dir() or not folder.exists(), message, "document.folder")
         self.store = Store(folder)
-        self.visible, self.executor, self.held, self.interrupted = visible, executor, held, False
+        self.visible, self.executor, self.capacity, self.interrupted = visible, executor, capacity, False
         self._keys: set[str] = set()  # of all answers that this run may store
 
     def answers(
@@ -205,7 +205,7 @@ class Unfinished:
         """The answers of the curves; not all of them after an interruption. starts: as in `analyse`."""
         keys, indices, store = [analysis.key(curve) for curve in curves], list[int](), self.store
         self._keys.update(keys)
-        store.most = 0 if len(curves) > self.held else None
+        store.capacity = 0 if len(curves) > self.capacity else None
         if self.interrupted:
             return Answers(store, keys, indices)
         taken = sum(store.get(key) is not None for key in set(keys) - store.written)

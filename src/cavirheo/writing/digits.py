@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Quantity, Spread
 
 
-class Look(NamedTuple):
+class VerdictStyle(NamedTuple):
     """How a verdict is shown: its words, its colour on white, and its colour in a terminal."""
 
     words: str
@@ -21,31 +21,31 @@ class Look(NamedTuple):
     terminal: str
 
 
-LOOKS = {
-    "ok": Look("ok", "#00694d", "green"),
-    "check_input": Look("check input", "#7a5c00", "bright_yellow"),
-    "model_does_not_fit": Look("does not fit", "#a34a00", "yellow"),
-    "other_model_preferred": Look("other model preferred", "#8a4b2a", "yellow"),
-    "undetermined": Look("undetermined", "#1f5f8b", "cyan"),
-    "unverified": Look("not verified", "#5b6675", "bright_black"),
-    "outside_training_range": Look("outside range", "#8a3068", "magenta"),
-    "no_interval": Look("no interval", "#5f4bb6", "bright_magenta"),
-    "failed": Look("failed", "#b00020", "red"),
+VERDICT_STYLES = {
+    "ok": VerdictStyle("ok", "#00694d", "green"),
+    "check_input": VerdictStyle("check input", "#7a5c00", "bright_yellow"),
+    "model_does_not_fit": VerdictStyle("does not fit", "#a34a00", "yellow"),
+    "other_model_preferred": VerdictStyle("other model preferred", "#8a4b2a", "yellow"),
+    "undetermined": VerdictStyle("undetermined", "#1f5f8b", "cyan"),
+    "unverified": VerdictStyle("not verified", "#5b6675", "bright_black"),
+    "outside_training_range": VerdictStyle("outside range", "#8a3068", "magenta"),
+    "no_interval": VerdictStyle("no interval", "#5f4bb6", "bright_magenta"),
+    "failed": VerdictStyle("failed", "#b00020", "red"),
 }
-VERDICTS = {verdict: look.words for verdict, look in LOOKS.items()}
-MATERIALS = {
+VERDICT_WORDS = {verdict: look.words for verdict, look in VERDICT_STYLES.items()}
+MATERIAL_TITLES = {
     "nhkv": "neo-Hookean Kelvin-Voigt",
     "newtonian": "Newtonian fluid (no elasticity: G is not asked for)",
     "qkv": "quadratic Kelvin-Voigt",
 }
-METHODS = {
+METHOD_TITLES = {
     "bdt": "Bubble Dynamics Transformer: a point answer, no interval",
     "amortised": "posterior network",
     "verified": "posterior draws, weighted by the full physics",
     "least_squares": "least squares on the simulation",
     "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
 }
-SIMULATED = {  # by method: which simulation is drawn over a measurement
+SIMULATION_NAMES = {  # by method: which simulation is drawn over a measurement
     "amortised": "best draw",
     "verified": "best draw",
     "least_squares": "best fit",
@@ -88,7 +88,7 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
     return f"{middle}{unit}{joint}[{significant(value.q05 * factor, count)}, {above}]"
 
 
-def measured(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
+def quantity_with_unit(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
     """`quantity` for a sentence, with the unit after the interval: '6.1 [5.4, 6.9] kPa', 'below 0.030 Pa s (95 %)'."""
     if value.bound:
         return quantity(value, factor, unit=unit)
@@ -119,7 +119,7 @@ def significant(value: float, count: int = 3) -> str:
     return f"{rounded:.{max(count - 1 - floor(log10(abs(rounded))), 0)}f}"
 
 
-def described(name: str) -> tuple[str, str]:
+def symbol_and_unit(name: str) -> tuple[str, str]:
     """Symbol and unit of a parameter, "" if it is dimensionless; (name, "") for an unknown name."""
     from cavirheo.parameters import parameter_of  # imports numpy, which takes longer than a help page
 
@@ -135,27 +135,27 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" + ("" if count == 1 else "s")
 
 
-def counting(count: int, total: int) -> str:
+def counted_shots(count: int, total: int) -> str:
     """How many shots of a group count in its material or its means: '4 of 5 shots count'."""
     return f"{count} of {counted(total, 'shot')} count{'s' * (total == 1)}"
 
 
-def chance(predictive: Mapping[str, Any]) -> str:
+def p_value_in_words(predictive: Mapping[str, Any]) -> str:
     """p-value of a predictive check: 'p = 0.04', or 'p < 0.0015' if it is the least that its replicates can give."""
     p = predictive["p_value"]
     return f"p {'=' if p > predictive.get('least', 0.0) else '<'} {p:.2g}"
 
 
-def ranges(numbers: Sequence[int]) -> str:
+def number_ranges(numbers: Sequence[int]) -> str:
     """Sorted whole numbers as text with ranges: "12, 40-45"."""
     ends = [k for k, n in enumerate(numbers) if k == 0 or n > numbers[k - 1] + 1] + [len(numbers)]
     runs = [(numbers[low], numbers[high - 1]) for low, high in pairwise(ends)]
     return ", ".join(str(low) if low == high else f"{low}-{high}" for low, high in runs)
 
 
-def simulated(method: str) -> str:
+def simulation_name(method: str) -> str:
     """Which simulation is drawn over a measurement for an answer by this method: 'best draw'."""
-    return SIMULATED.get(method, "answer")
+    return SIMULATION_NAMES.get(method, "answer")
 
 
 def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
@@ -179,7 +179,7 @@ def elide(text: str, width: int) -> str:
     return text[: width - 1 - tail] + "…" + text[len(text) - tail :]
 
 
-def shortened(names: Sequence[str], width: int = 80) -> list[str]:
+def shorten_names(names: Sequence[str], width: int = 80) -> list[str]:
     """The names, elided, and of a single file only the shot numbers ("[7]"); all in full if two would be equal."""
     numbered = [name for name in names if name.endswith("]")]
     files = {name.rpartition("[")[0] for name in numbered}

@@ -37,10 +37,10 @@ except ModuleNotFoundError:  # Windows, where folders are not locked
     fcntl = None  # type: ignore[assignment]
 
 _log = logging.getLogger(__name__)
-LARGEST = 500_000_000  # most bytes of a document that is read
-NAME = 120  # most bytes of a name, to which an ending, a number and ".part" can be added
-LIST = ".cavirheo"  # file in each output folder, with the list of the files that cavirheo wrote
-LOCK = ".cavirheo.lock"  # file in an output folder while a run has locked it
+MAX_BYTES = 500_000_000  # most bytes of a document that is read
+MAX_NAME_BYTES = 120  # most bytes of a name, to which an ending, a number and ".part" can be added
+LIST_FILE = ".cavirheo"  # file in each output folder, with the list of the files that cavirheo wrote
+LOCK_FILE = ".cavirheo.lock"  # file in an output folder while a run has locked it
 Kind = TypeVar("Kind", bound="Document")
 Picture = TypeVar("Picture")
 
@@ -56,26 +56,27 @@ Finite = Annotated[float | None, BeforeValidator(finite)]
 
 
 class Record(BaseModel):
-    """Numbers are finite or null; a later version may add fields. `_if_any`: fields that are left out where empty."""
+    """A record whose numbers are finite or null; a later version may add fields. `_omitted_if_empty`: fields that are
+    not written where they are empty."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
-    _if_any: ClassVar[tuple[str, ...]] = ()
+    _omitted_if_empty: ClassVar[tuple[str, ...]] = ()
 
     @model_serializer(mode="wrap")
     def _without_empty(self, whole: Callable[[Record], dict[str, Any]]) -> dict[str, Any]:
-        return {key: value for key, value in whole(self).items() if value or key not in self._if_any}
+        return {key: value for key, value in whole(self).items() if value or key not in self._omitted_if_empty}
 
 
 class Document(Record):
     """The head of a document.
 
     Attributes:
-        kind: what it is, which is also the usual name of its file: "result", "laws", ...
-        schema_version: number of the schema; `schema` in the file.
-        version: of cavirheo that wrote it.
-        command: what was run.
-        date: when, with the time zone.
-        notes: on the run as a whole (pictures that could not be drawn, ...).
+        kind: kind of the document, which is also the usual name of its file: "result", "laws", ...
+        schema_version: number of the schema; its key in the file is `schema`.
+        version: version of cavirheo that wrote the document.
+        command: command that was run.
+        date: date and time of the run, with the time zone; null where they are not known.
+        notes: remarks on the run as a whole, such as pictures that could not be drawn.
     """
 
     kind: str
@@ -87,15 +88,15 @@ class Document(Record):
 
 
 class Quantity(Record):
-    """A value with its interval.
+    """A value with its interval, in the unit of its field.
 
     Attributes:
-        median: of the posterior, or the value of a point answer.
+        median: median of the posterior, or the value of a point answer; null where there is none.
         q05: lower end of the central 90 % interval; null for a point answer.
-        q95: its upper end; null for a point answer.
-        bound: what is known where the interval reaches an end of the range of the prior or the search: "upper", that
-            the value is below q95 (95 %), "lower", that it is above q05 (95 %), or "undetermined", nothing; null where
-            the interval lies inside the range, for a point answer, and where there is no range.
+        q95: upper end of the central 90 % interval; null for a point answer.
+        bound: what is known of the value if its interval reaches an end of the range of the prior or the search.
+            "upper": it is below q95 (95 %); "lower": it is above q05 (95 %); "undetermined": nothing is known. Null if
+            the interval lies inside the range, for a point answer, and if there is no range.
     """
 
     median: float | None = None
@@ -104,12 +105,14 @@ class Quantity(Record):
     bound: Bound | None = None
 
     @classmethod
-    def of(cls, low: float | None, median: float | None, high: float | None, bound: Bound | None = None) -> Quantity:
+    def from_interval(
+        cls, low: float | None, median: float | None, high: float | None, bound: Bound | None = None
+    ) -> Quantity:
         """The quantity with this interval (5 %, 50 %, 95 %)."""
         return cls(median=median, q05=low, q95=high, bound=bound)
 
     @property
-    def determined(self) -> float | None:
+    def determined_median(self) -> float | None:
         """The median; None if there is only a bound."""
         return self.median if self.bound is None else None
 
@@ -120,13 +123,13 @@ class Quantity(Record):
 
 
 class Spread(Record):
-    """Over several values; null where there is none.
+    """Statistics of several values, in the unit of their field; null where there is no value.
 
     Attributes:
-        mean: of the values.
-        std: their standard deviation with n - 1 below it; null for n < 2.
-        median: of the values.
-        n: how many they are; null where there is none, or their number is not known.
+        mean: mean of the values.
+        std: standard deviation of the values, with the divisor n - 1; null for n < 2.
+        median: median of the values.
+        n: number of values; null where there is none, or where their number is not known.
     """
 
     mean: float | None = None
@@ -147,7 +150,7 @@ def spread_of(values: list[float | None]) -> Spread:
 
 
 @contextmanager
-def into(folder: str | Path) -> Iterator[Path]:
+def writable_folder(folder: str | Path) -> Iterator[Path]:
     """Context for writing into a folder, which is made if it is missing. Raises InputError for an OSError within."""
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
@@ -157,19 +160,19 @@ def into(folder: str | Path) -> Iterator[Path]:
         raise InputError(f"cannot write into {folder}: {why}", "document.folder") from None
 
 
-def short_name(name: str, most: int = NAME) -> str:
-    """The first `most` bytes of a name; file systems allow 143 to 255 bytes for a file name."""
-    return name.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
+def short_name(name: str, max_bytes: int = MAX_NAME_BYTES) -> str:
+    """The first `max_bytes` bytes of a name; file systems allow 143 to 255 bytes for a file name."""
+    return name.encode("utf-8", "replace")[:max_bytes].decode("utf-8", "ignore")
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path) -> Iterator[Path]:
     """Context with a temporary file beside `path`: it replaces `path` when it is complete, and is removed on an error.
 
     Its name is hidden, only used by cavirheo, and keeps the ending, by which some libraries choose the format.
     """
     name = path.name
-    if (short := short_name(name, 2 * NAME)) != name:
+    if (short := short_name(name, 2 * MAX_NAME_BYTES)) != name:
         name = f"{short_name(short)}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:16]}"
     ending = path.suffix if len(os.fsencode(path.suffix)) < 20 else ""
     temporary = path.with_name(f".{name}.part{ending}")
@@ -195,8 +198,8 @@ class Claim:
     request: Mapping[str, Any]
     replace: bool = False
     inputs: list[str] = field(default_factory=list)
-    _held: dict[Path, IO[str]] = field(default_factory=dict)
-    _new: list[Path] = field(default_factory=list)  # folders that this run made
+    _locks: dict[Path, IO[str]] = field(default_factory=dict)
+    _made_folders: list[Path] = field(default_factory=list)  # folders that this run made
 
     @property
     def key(self) -> str:
@@ -204,12 +207,12 @@ class Claim:
         text = json.dumps([self.request, self.inputs], sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def hold(self, folder: Path, new: list[Path]) -> None:
+    def lock_folder(self, folder: Path, new: list[Path]) -> None:
         """Lock a folder until the run ends. new: folders made for it, which are removed at the end if they are empty.
         Raises OSError, and InputError: another run has locked the folder."""
-        place = Path(os.path.realpath(folder)) / LOCK
-        self._new += new
-        if fcntl is None or place in self._held:
+        place = Path(os.path.realpath(folder)) / LOCK_FILE
+        self._made_folders += new
+        if fcntl is None or place in self._locks:
             return
         while True:
             file = place.open("a+", encoding="utf-8", errors="replace")
@@ -229,7 +232,7 @@ class Claim:
                 if os.path.samestat(os.fstat(file.fileno()), place.stat()):
                     break
             file.close()
-        self._held[place] = file
+        self._locks[place] = file
         file.truncate(0)
         file.write(f"process {os.getpid()}: {self.command}"[:200])
         file.flush()
@@ -243,19 +246,19 @@ class Claim:
             yield
         finally:
             CLAIM.reset(before)
-            for place, file in self._held.items():
+            for place, file in self._locks.items():
                 with suppress(OSError):
                     place.unlink()
                 with suppress(OSError):  # a full disk
                     file.close()
-            self._held.clear()
-            for folder in self._new:
+            self._locks.clear()
+            for folder in self._made_folders:
                 with suppress(OSError):  # it is not empty
                     folder.rmdir()
 
 
 CLAIM: ContextVar[Claim | None] = ContextVar("claim", default=None)
-"""That of the command that runs; None in Python."""
+"""The claim of the running command; None outside of one."""
 
 
 class Outputs:
@@ -281,19 +284,19 @@ class Outputs:
         self._listed: dict[str, list[dict[str, str]]] = {}
         self._claim = CLAIM.get()
         new = [path for path in (self.folder, *self.folder.parents) if not os.path.exists(path)]
-        with into(self.folder):  # a test that leaves no file
+        with writable_folder(self.folder):  # a test that leaves no file
             if self._claim:
-                self._claim.hold(self.folder, new)
+                self._claim.lock_folder(self.folder, new)
             with TemporaryFile(dir=self.folder, buffering=0) as file:
                 file.write(bytes(4096))
-            self._read()
+            self._read_list()
             try:
                 self._check(names)
             finally:
                 for path in [] if self._claim else new:
                     path.rmdir()
         if self._claim and not self._claim.replace:
-            self._leave_others(names, self._claim.key)
+            self._check_other_runs(names, self._claim.key)
 
     def _check(self, names: Iterable[str]) -> None:
         """Check these files. Raises InputError: one of them exists and must not be replaced; and OSError."""
@@ -304,50 +307,50 @@ class Outputs:
             foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
             with suppress(FileNotFoundError):
                 path.lstat()  # raises OSError for a name that no file can have
-                require(bool(self.holds(name)), foreign, "document.foreign")
+                require(bool(self.listed_entry(name)), foreign, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
         """Write the file of this name by `writer(path, *content, **how)`."""
-        with into(self.folder):
+        with writable_folder(self.folder):
             self._check([name])
-            with whole(self.folder / name) as temporary:
+            with atomic_file(self.folder / name) as temporary:
                 writer(temporary, *content, **how)
                 entry = {"kind": self.kind, "name": name, "sha256": sha256(temporary)}
                 if self._claim:
                     entry |= {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
-                with (self.folder / LIST).open("a", encoding="utf-8") as file:
+                with (self.folder / LIST_FILE).open("a", encoding="utf-8") as file:
                     file.write("\n" + json.dumps(entry))  # on a new line, even after an incomplete one
                 self._listed.setdefault(name, []).append(entry)
         self._written.add(name)
 
-    def picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *content: Any) -> list[str]:
-        """Write a picture by `save(path, draw(*content))`; return the reason, as a list, if it cannot be drawn."""
+    def write_picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *args: Any) -> list[str]:
+        """Write a picture by `save(path, draw(*args))`; return the reason, as a list, if it cannot be drawn."""
         failed: list[str] = []
-        try_to_draw(name, failed, lambda: self.write(name, save, draw(*content)))
+        try_to_draw(name, failed, lambda: self.write(name, save, draw(*args)))
         return failed
 
     def finish(self) -> None:
         """Remove files of earlier runs of this kind that this one did not write, such as pictures of other curves."""
-        with into(self.folder):
+        with writable_folder(self.folder):
             for name in set(self._listed) - self._written:
                 path, kind = self.folder / name, self._listed[name][-1]["kind"]
-                if kind == self.kind and self.holds(name) and os.path.realpath(path) not in self._inputs:
+                if kind == self.kind and self.listed_entry(name) and os.path.realpath(path) not in self._inputs:
                     path.unlink()
             current = [entries[-1] for name, entries in self._listed.items() if os.path.lexists(self.folder / name)]
-            with whole(self.folder / LIST) as temporary:
+            with atomic_file(self.folder / LIST_FILE) as temporary:
                 temporary.write_text("\n".join(map(json.dumps, current)), encoding="utf-8")
 
-    def _leave_others(self, names: Sequence[str], run: str) -> None:
+    def _check_other_runs(self, names: Sequence[str], run: str) -> None:
         """Check for files of other runs. Raises InputError: this run would replace or remove one of them."""
         for name, entries in self._listed.items():
             concerned = (name in names or entries[-1]["kind"] == self.kind) and entries[-1]["run"] != run
-            if concerned and (entry := self.holds(name)) and entry["run"] != run:
+            if concerned and (entry := self.listed_entry(name)) and entry["run"] != run:
                 whose = f" ({entry['command']})" if entry["command"] else ""
                 message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
                 remedy = "name another folder by -o, or give --replace (replace=True in Python)"
                 raise InputError(f"{message}: {remedy}", "document.other_run")
 
-    def holds(self, name: str) -> dict[str, str] | None:
+    def listed_entry(self, name: str) -> dict[str, str] | None:
         """The line of this file in the list; None if the file is missing, or is not as cavirheo wrote it."""
         path, entries = self.folder / name, self._listed.get(name, [])
         if not entries or not path.is_file() or path.is_symlink():
@@ -355,9 +358,9 @@ class Outputs:
         digest = sha256(path)
         return next((entry for entry in reversed(entries) if entry["sha256"] == digest), None)
 
-    def _read(self) -> None:
+    def _read_list(self) -> None:
         """Read the list, by file name; incomplete lines, and lines of files in other folders, are left out."""
-        path = self.folder / LIST
+        path = self.folder / LIST_FILE
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
             with suppress(ValueError, TypeError, KeyError):
                 fields = {"run": "", "command": "", **json.loads(line)}
@@ -402,7 +405,7 @@ def write_json(path: str | Path, document: Document) -> None:
 def read_json(path: str | Path, kind: type[Kind]) -> Kind:
     """Read a document. Raises InputError: there is no such file, or it is not a document of this kind."""
     try:
-        return kind.model_validate_json(read_bytes(path, LARGEST))
+        return kind.model_validate_json(read_bytes(path, MAX_BYTES))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"])) or "the document"

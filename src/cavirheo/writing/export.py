@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def needed(name: str) -> Any:
+def import_optional(name: str) -> Any:
     """Import the library of this name. Raises InputError: it is not installed."""
     try:
         return import_module(name)
@@ -25,14 +25,14 @@ def needed(name: str) -> Any:
         raise
 
 
-def column(name: str, unit: str) -> str:
+def column_name(name: str, unit: str) -> str:
     """The name of a column as in result.csv: "shear_modulus_Pa", "viscosity_Pa_s", "stretch"."""
     return name if unit in ("", "1") else f"{name}_{unit.replace(' ', '_')}"
 
 
 def dataframe(columns: Mapping[str, Any], attributes: Mapping[str, Any]) -> Any:
     """A pandas.DataFrame of columns of one length, with `attributes` as its attrs. Raises InputError without pandas."""
-    frame = needed("pandas").DataFrame(dict(columns))
+    frame = import_optional("pandas").DataFrame(dict(columns))
     frame.attrs = dict(attributes)
     return frame
 
@@ -43,7 +43,7 @@ def inference_data(
     """Arrays (draws,) of each group as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on), one chain.
 
     Raises InputError without arviz."""
-    arviz, xarray = needed("arviz"), needed("xarray")
+    arviz, xarray = import_optional("arviz"), import_optional("xarray")
     sets = {}
     for group, values in groups.items():
         places = {"chain": [0], "draw": np.arange(len(next(iter(values.values()))))}
@@ -55,7 +55,7 @@ def inference_data(
     return tree.from_dict(sets) if kind is tree else kind(**sets)  # from ArviZ 1 on, InferenceData is DataTree
 
 
-def pairs(columns: Mapping[str, Floats], weights: Floats) -> Figure:
+def pair_plot(columns: Mapping[str, Floats], weights: Floats) -> Figure:
     """Figure of the marginals of draws (draws,) by label and of their pairs; lines mark median and central 90 %.
 
     Raises InputError without matplotlib or corner."""
@@ -65,7 +65,7 @@ def pairs(columns: Mapping[str, Floats], weights: Floats) -> Figure:
     draws = np.column_stack([*columns.values()])
     low, high = np.quantile(draws, [0.001, 0.999], axis=0, weights=weights, method="inverted_cdf")
     margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # above 0, even if all draws are equal
-    needed("corner").corner(
+    import_optional("corner").corner(
         draws,
         40,
         range=[*zip(low - margin, high + margin, strict=True)],

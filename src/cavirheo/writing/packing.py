@@ -69,7 +69,7 @@ def _unpack(value: Any, arrays: list[np.ndarray], kinds: Mapping[str, Any]) -> A
     return {"list": list, "tuple": tuple}[kind](_unpack(item, arrays, kinds) for item in inside)
 
 
-def key_of(content: Any) -> str:
+def content_hash(content: Any) -> str:
     """SHA-256 of any content that `encode` accepts."""
     arrays: list[np.ndarray] = []
     digest = hashlib.sha256(json.dumps(_pack(content, arrays), default=str).encode())

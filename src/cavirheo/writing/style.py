@@ -28,8 +28,8 @@ NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "
 DPI = 150  # of PNG files
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
 # If matplotlib cannot write its folder, it takes a temporary one; its log messages on this are not shown.
-_HOMELESS = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")
-logging.getLogger("matplotlib").addFilter(lambda record: not str(record.msg).startswith(_HOMELESS))
+_HIDDEN_LOG_MESSAGES = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")
+logging.getLogger("matplotlib").addFilter(lambda record: not str(record.msg).startswith(_HIDDEN_LOG_MESSAGES))
 
 
 def available() -> bool:
@@ -60,26 +60,26 @@ def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: 
     return axes
 
 
-def write(where: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **how: Any) -> Any:
+def write_text(on: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **options: Any) -> Any:
     """Write text at (x, y) in fractions of a figure or of axes. It is never read as mathematics."""
-    place = {"transform": where.transAxes} if hasattr(where, "transAxes") else {}
-    return where.text(x, y, printable(text), fontsize=size, color=color, parse_math=False, **place, **how)
+    place = {"transform": on.transAxes} if hasattr(on, "transAxes") else {}
+    return on.text(x, y, printable(text), fontsize=size, color=color, parse_math=False, **place, **options)
 
 
-def panel(name: str, right: str, x_label: str, y_label: str) -> tuple[Figure, Axes]:
+def new_panel(name: str, right: str, x_label: str, y_label: str) -> tuple[Figure, Axes]:
     """A figure of one panel, below the texts `name` (left) and `right`. Raises InputError without matplotlib."""
     figure = new_figure(3.8)
-    write(figure, 0.1, 0.93, elide(name, 50), size=11, weight="bold")
-    write(figure, 0.975, 0.93, right, size=10, ha="right", color=INK)
+    write_text(figure, 0.1, 0.93, elide(name, 50), size=11, weight="bold")
+    write_text(figure, 0.975, 0.93, right, size=10, ha="right", color=INK)
     return figure, new_axes(figure, (0.1, 0.13, 0.875, 0.72), x_label, y_label)
 
 
-def named_curves(axes: Axes) -> None:
+def add_legend(axes: Axes) -> None:
     """Add the names of the curves, three in a line, above the upper right of a panel."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
 
 
-def plain_ticks(axis: Any, steps: tuple[int, ...]) -> None:
+def set_plain_ticks(axis: Any, steps: tuple[int, ...]) -> None:
     """Label an axis with 0.01, 1, 100 instead of powers of ten, times each of `steps`; about nine labels at most."""
     from matplotlib.ticker import LogLocator
 
@@ -99,7 +99,7 @@ def save(path: str | Path, figure: Figure, kind: str = "png", dpi: int = DPI) ->
         figure.savefig(path, format=kind, dpi=dpi, metadata=undated[kind])
 
 
-def shades(fractions: Floats | Sequence[float]) -> np.ndarray:
+def tone_colours(fractions: Floats | Sequence[float]) -> np.ndarray:
     """Colours (n, 3) from dark blue over grey to yellow, ordered in lightness, so that grey prints keep the order."""
     stops = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]]) / 255.0
     return np.stack([np.interp(fractions, [0.0, 0.5, 1.0], stops[:, k]) for k in range(3)], axis=-1)

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.writing.digits import LOOKS, elide, printable, shortened
+from cavirheo.writing.digits import VERDICT_STYLES, elide, printable, shorten_names
 
-_LONGEST = 1000  # most characters of one line
-RATE_OVER = 120.0  # s, period of the mean rate: an answer may take many s, and a cluster returns many answers at once
+_MAX_LINE = 1000  # most characters of one line
+RATE_PERIOD = 120.0  # s, period of the mean rate: an answer may take many s, and a cluster returns many answers at once
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _UNIT = re.compile(r" ?(?:%|[kM]?Pa|[mnuµ]?[ms]|px|K|kg/m3|times|frames|shots|curves)(?!\w)")  # after a number
 
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
-def console(**how: Any) -> Console:
+def console(**options: Any) -> Console:
     """A console for results, or with `stderr=True` for progress; text is unchanged, except for control characters."""
     from rich.console import Console
 
     class Plain(Console):
-        def render_str(self, text: str, **how: Any) -> Text:
-            return super().render_str(printable(text), **how)
+        def render_str(self, text: str, **options: Any) -> Text:
+            return super().render_str(printable(text), **options)
 
-    return Plain(markup=False, emoji=False, highlight=False, **how)
+    return Plain(markup=False, emoji=False, highlight=False, **options)
 
 
 def say(text: str) -> None:
-    """Print one line on stderr, shortened to _LONGEST characters."""
-    print(elide(" ".join(printable(text).splitlines()), _LONGEST), file=sys.stderr)
+    """Print one line on stderr, shortened to _MAX_LINE characters."""
+    print(elide(" ".join(printable(text).splitlines()), _MAX_LINE), file=sys.stderr)
 
 
 @contextmanager
-def bar(
+def progress_bar(
     what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
 ) -> Iterator[Callable[..., None]]:
     """Progress bar on stderr with the rate in `unit` per second and the time left; it disappears at the end. There is
@@ -71,7 +71,7 @@ def bar(
         TimeRemainingColumn(table_column=whole),
         TextColumn("left", "dim"),
     )
-    with Progress(*columns, speed_estimate_period=RATE_OVER, console=on, transient=True) as progress:
+    with Progress(*columns, speed_estimate_period=RATE_PERIOD, console=on, transient=True) as progress:
         task = progress.add_task(what, total=total)
         yield lambda count=1, total=None, what=None: progress.update(task, advance=count, total=total, description=what)
 
@@ -93,11 +93,11 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
 
 def add_rows(to: Table, rows: Sequence[tuple[str, Sequence[Any], str]]) -> None:
     """Add a row for each (name, cells, style); long names are shortened."""
-    for name, (_, entries, style) in zip(shortened([name for name, *_ in rows]), rows, strict=True):
+    for name, (_, entries, style) in zip(shorten_names([name for name, *_ in rows]), rows, strict=True):
         to.add_row(name, *entries, style=style)
 
 
-def by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+def names_by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """{message: names} of (name, message), each message once and in order; empty messages are left out.
 
     Messages that differ only in numbers are merged: numbers that differ become ranges, "6.5 to 12 %". If one of these
@@ -110,12 +110,12 @@ def by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
         if message:
             by_form.setdefault(form, []).append((name, _NUMBER.findall(message)))
     return {
-        _merged(form, list(zip(*(numbers for _, numbers in mine), strict=True))): [name for name, _ in mine]
+        _merge_numbers(form, list(zip(*(numbers for _, numbers in mine), strict=True))): [name for name, _ in mine]
         for form, mine in by_form.items()
     }
 
 
-def _merged(form: str, columns: Sequence[Sequence[str]]) -> str:
+def _merge_numbers(form: str, columns: Sequence[Sequence[str]]) -> str:
     """The form of merged messages with its numbers. columns: for each number, its text in every message."""
     parts = form.split("{}")[1:]
     ends = [(min(column, key=float), max(column, key=float)) for column in columns]
@@ -141,5 +141,6 @@ def print_remarks(
 
 def print_warnings(to: Console, warnings: Iterable[tuple[str, str]]) -> None:
     """Print input warnings on recordings and settings, from (name, sentence): each sentence once, with its names."""
-    look, names = LOOKS["check_input"], {text: [*dict.fromkeys(of)] for text, of in by_message(warnings).items()}
-    print_remarks(to, names, most=2, mark=(f"{look.words}: ", look.terminal))
+    style, by_message = VERDICT_STYLES["check_input"], names_by_message(warnings)
+    unique = {text: [*dict.fromkeys(names)] for text, names in by_message.items()}
+    print_remarks(to, unique, most=2, mark=(f"{style.words}: ", style.terminal))

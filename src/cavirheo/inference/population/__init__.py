@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import expit
 
-from cavirheo.arrays import Floats, unscaled
+from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
-from cavirheo.inference.alternatives import model_of, of_one_law
+from cavirheo.inference.alternatives import keep_one_law, model_of
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
 from cavirheo.inference.verify.sampler import Sample
-from cavirheo.parameters import Bound, bound_of, natural_name, of_the_law, parameter_of
+from cavirheo.parameters import Bound, bound_of, is_law_parameter, natural_name, parameter_of
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Population", "population"]
 
-FEWEST = 3  # least number of shots of a population
+MIN_SHOTS = 3  # least number of shots of a population
 _DRAWS = 4000  # draws of a population
 _LEAST_EFFECTIVE = 200.0  # fewest effective draws of a population without a warning
-_NONE = np.empty((0, 0))
+_EMPTY = np.empty((0, 0))
 _REASONS = {  # reasons why a shot does not count, in words, besides its verdict
     "no_interval": "without an interval",
     "no_column_value": "without a value along the column",
@@ -41,7 +41,7 @@ _REASONS = {  # reasons why a shot does not count, in words, besides its verdict
     "copy": "a copy of another",
 }
 _LN10 = float(np.log(10.0))
-UNLIKE = 0.3  # decades: prior standard deviation of the difference between two materials that are compared
+DIFFERENCE_SCALE = 0.3  # decades: prior standard deviation of the difference between two materials that are compared
 
 
 class Difference(NamedTuple):
@@ -51,7 +51,7 @@ class Difference(NamedTuple):
         ratio: (5 %, 50 %, 95 %) of this material's value over the other's.
         probability_higher: probability that this material's value is larger.
         probability_differs: probability of two materials against one, if both are equally likely in advance, and two
-            materials are a factor of about 2 apart (UNLIKE decades).
+            materials are a factor of about 2 apart (DIFFERENCE_SCALE decades).
     """
 
     ratio: tuple[float, float, float]
@@ -91,11 +91,11 @@ class Population:
     shots: tuple[str, ...]
     left_out: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    centre: Floats = field(default_factory=lambda: _NONE)
-    spread: Floats = field(default_factory=lambda: _NONE)
-    correlation: Floats = field(default_factory=lambda: _NONE)
+    centre: Floats = field(default_factory=lambda: _EMPTY)
+    spread: Floats = field(default_factory=lambda: _EMPTY)
+    correlation: Floats = field(default_factory=lambda: _EMPTY)
     slope: Floats | None = None
-    common: Floats = field(default_factory=lambda: _NONE)
+    common: Floats = field(default_factory=lambda: _EMPTY)
     outlier_probability: Floats = field(default_factory=lambda: np.empty(0))
     gain: Evidence | None = None
     gain_of_one: Evidence | None = None
@@ -185,7 +185,7 @@ class Population:
         if not len(self.centre):
             return "no material: " + "; ".join(self.warnings)
         values = ", ".join(map(self._value, self.names))
-        count = digits.counting(len(self.shots), len(self.shots) + sum(self.left_out.values()))
+        count = digits.counted_shots(len(self.shots), len(self.shots) + sum(self.left_out.values()))
         away = len(self.outliers)
         outliers = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
         return "; ".join(filter(None, [values, self._scatter_in_words(), count + outliers]))
@@ -198,7 +198,7 @@ class Population:
         ]
         unlike = f"probably of another material than the other shots, and hardly counted: {', '.join(away)}"
         texts = [unlike] * bool(away)
-        words = digits.VERDICTS | _REASONS
+        words = digits.VERDICT_WORDS | _REASONS
         left = ", ".join(f"{count} {words[why]}" for why, count in self.left_out.items())
         return texts + [f"shots that do not count: {left}"] * bool(left) + list(self.warnings) * bool(len(self.centre))
 
@@ -232,7 +232,7 @@ class Population:
             difference = mine[:count] - its[:count]
             low, middle, high = _quantiles(difference, 0.9)
             square, mean = max(float(np.var(difference)), 1e-12), float(np.mean(difference))  # 0 between equal groups
-            wide = square + UNLIKE**2
+            wide = square + DIFFERENCE_SCALE**2
             log_odds = 0.5 * np.log(square / wide) + 0.5 * mean**2 * (1.0 / square - 1.0 / wide)
             higher = float(np.mean(difference > 0))
             differences[name] = Difference((10.0**low, 10.0**middle, 10.0**high), higher, float(expit(log_odds)))
@@ -245,7 +245,7 @@ class Population:
         Raises InputError: no draws, or pandas is missing."""
         columns = {}
         for k, (name, values) in enumerate(self._draws.items()):
-            columns[export.column(name, parameter_of(name).unit)] = values
+            columns[export.column_name(name, parameter_of(name).unit)] = values
             columns[f"{name}_spread_decades"] = self.spread[:, k]
             if self.slope is not None:
                 columns[f"{name}_slope_decades"] = self.slope[:, k]
@@ -263,7 +263,7 @@ class Population:
 
         Raises InputError: no draws, or matplotlib or corner is missing."""
         draws = {f"{name} ({parameter_of(name).unit})": values for name, values in self._draws.items()}
-        return export.pairs(draws, np.full(len(self.centre), 1.0 / len(self.centre)))
+        return export.pair_plot(draws, np.full(len(self.centre), 1.0 / len(self.centre)))
 
     @property
     def _draws(self) -> dict[str, Floats]:
@@ -326,7 +326,7 @@ def population(
     answers = list(answers)
     for answer in answers:
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
-    answers = of_one_law(answers)
+    answers = keep_one_law(answers)
     expect_whole(seed, "seed", 0, "option.seed")
     require(bool(answers), "a population needs answers of shots, got none", "population.none")
     shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)
@@ -334,14 +334,15 @@ def population(
     for argument, values in (("names", shots), ("along", column)):
         message = f"{argument} must have one entry for each of the {len(answers)} answers"
         require(np.shape(values) == (len(answers),), message, f"population.{argument}")
-    likelihoods, excluded = _counted(answers, column, only_trusted)
+    likelihoods, excluded = _select_likelihoods(answers, column, only_trusted)
     first = answers[next(iter(likelihoods), 0)]
-    law = tuple(name for name in first.names if of_the_law(name))
+    law = tuple(name for name in first.names if is_law_parameter(name))
     names = tuple(map(natural_name, law))
     fields: dict[str, Any] = {"names": names, "material": first.material, "bubble": first.bubble}
     fields |= {"shots": tuple(shots[i] for i in likelihoods), "left_out": excluded}
-    if len(likelihoods) < FEWEST:
-        warning = f"{digits.counting(len(likelihoods), len(answers))}, and a material with its scatter needs {FEWEST}"
+    if len(likelihoods) < MIN_SHOTS:
+        count = digits.counted_shots(len(likelihoods), len(answers))
+        warning = f"{count}, and a material with its scatter needs {MIN_SHOTS}"
         return Population(**fields, warnings=(warning,))
     rough = [f"{shots[i]} ({shot.effective:.0f})" for i, shot in likelihoods.items() if shot.effective < FEW]
     notes = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
@@ -387,7 +388,7 @@ def with_slope_if_any(
     return population(answers, names=names, only_trusted=only_trusted)
 
 
-def _counted(
+def _select_likelihoods(
     answers: Sequence[Posterior], column: Floats, only_trusted: bool
 ) -> tuple[dict[int, Likelihood], dict[str, int]]:
     """(likelihoods of the answers that count, by index; number of those that do not, by reason)."""
@@ -405,7 +406,7 @@ def _counted(
     unique: set[bytes] = set()
     likelihoods: dict[int, Likelihood] = {}
     for i in usable:
-        draws = answers[i].theta[:, [of_the_law(name) for name in answers[i].names]].tobytes()
+        draws = answers[i].theta[:, [is_law_parameter(name) for name in answers[i].names]].tobytes()
         if model_of(answers[i]) != most:
             why[i] = "other_model"
         elif draws in unique:
@@ -421,7 +422,7 @@ def _counted(
 def _likelihood(answer: Posterior) -> Likelihood | None:
     """The likelihood of a shot: its draws divided by their prior of the law's parameters, or by a flat one over the
     searched range if that is not known. None if there are too few draws."""
-    law = [k for k, name in enumerate(answer.names) if of_the_law(name)]
+    law = [k for k, name in enumerate(answer.names) if is_law_parameter(name)]
     names, theta = tuple(answer.names[k] for k in law), answer.theta[:, law]
     ends, log_weight = _ends(answer, names), np.zeros(len(theta)) if answer.log_weight is None else answer.log_weight
     rows = [(*answer.prior.get(name, ends[:, k]), 0.0, np.inf)[:4] for k, name in enumerate(names)]
@@ -430,11 +431,11 @@ def _likelihood(answer: Posterior) -> Likelihood | None:
 
 
 def _shots_bound(answers: Sequence[Posterior], names: Sequence[str]) -> dict[str, Bound]:
-    """Most frequent bound of each parameter that most shots only bound, and fewer than FEWEST determine."""
+    """Most frequent bound of each parameter that most shots only bound, and fewer than MIN_SHOTS determine."""
     most = {}
     for name in names:
         bounds = [bound for answer in answers if (bound := answer.bound(name))]
-        if len(answers) - len(bounds) < min(FEWEST, len(bounds)):
+        if len(answers) - len(bounds) < min(MIN_SHOTS, len(bounds)):
             most[name] = Counter(bounds).most_common(1)[0][0]
     return most
 
@@ -444,7 +445,7 @@ def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
     ends = []
     for name in law:
         values = answer.theta[:, answer.names.index(name)]
-        searched = parameter_of(name).searched or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
+        searched = parameter_of(name).search_range or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
         ends.append(tuple(answer.prior.get(name, searched))[:2])
     return np.array(ends, dtype=float).T
 
@@ -452,7 +453,7 @@ def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
 def _resampled(sample: Sample, seed: int) -> Floats:
     """(_DRAWS, m) equally likely draws, in random order."""
     rng = np.random.Generator(np.random.Philox(seed).jumped())
-    weight = unscaled(sample.log_weight)
+    weight = relative_weights(sample.log_weight)
     places = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
     chosen = np.searchsorted(np.cumsum(weight) / np.sum(weight), places)
     return sample.u[rng.permutation(np.minimum(chosen, len(weight) - 1))]

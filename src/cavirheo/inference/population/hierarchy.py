@@ -5,7 +5,8 @@ Draws of a posterior, weighted by the inverse density of the prior that they wer
 maximisation. It is smooth even if the material is narrower than the gaps between draws, and its convolution with a
 Gaussian population has a closed form: of shot i, with shares w, means m and covariances V,
 
-    p(frames_i | c, S) = (1 - OUTLIERS) sum w N(m; c + b x_i, V + S) + OUTLIERS sum w N(m; c + b x_i, V + S + WIDE^2),
+    p(frames_i | c, S) = (1 - P_OUTLIER) sum w N(m; c + b x_i, V + S)
+        + P_OUTLIER sum w N(m; c + b x_i, V + S + OUTLIER_STD^2),
 
 c the centre in log10, S the covariance of the spread, b the slope along a column x, if there is one. An outlier has the
 second, broad density (Mandel, Farr and Gair 2019, doi:10.1093/mnras/stz896).
@@ -32,41 +33,41 @@ from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal
 
 FEW = 30.0  # effective draws of a shot, below which its interval is rough
-_MOST = 4  # most Gaussians of a shot
-_EACH = 20.0  # effective draws for each Gaussian
+_MAX_GAUSSIANS = 4  # most Gaussians of a shot
+_DRAWS_PER_GAUSSIAN = 20.0  # effective draws for each Gaussian
 _STEPS, _GAIN = 40, 5e-4  # of expectation maximisation: most steps, and gain of log likelihood per draw at its end
 _BOUND_STEPS, _BOUND_GAIN = 100, 3e-5  # the same where a bound is fitted, which few draws determine
 _END, _END_DRAWS = 0.1, 2.0  # share of a prior's range near its end; effective draws there above which a bound is tried
-_THIN = 1e-4  # share of the covariance of all draws that is added to that of each Gaussian
-VALUE, UPPER, LOWER, NOTHING = 0, 1, -1, 2  # what a Gaussian describes of a parameter
-_SAYS: dict[Bound | None, int] = {None: VALUE, "upper": UPPER, "lower": LOWER, "undetermined": NOTHING}
-OUTLIERS = 0.05  # prior probability that a shot is an outlier
-WIDE = 0.7  # decades: additional standard deviation of outliers
-SPREAD = 0.2  # decades: scale of the half-normal prior of each spread
-SLOPE = 1.0  # decades per standard deviation of the column: standard deviation of the prior of each slope
-_LARGEST = 2.0  # decades: largest spread
+_ADDED = 1e-4  # share of the covariance of all draws that is added to that of each Gaussian
+VALUE, UPPER, LOWER, UNDETERMINED = 0, 1, -1, 2  # what a Gaussian describes of a parameter
+_KINDS: dict[Bound | None, int] = {None: VALUE, "upper": UPPER, "lower": LOWER, "undetermined": UNDETERMINED}
+P_OUTLIER = 0.05  # prior probability that a shot is an outlier
+OUTLIER_STD = 0.7  # decades: additional standard deviation of outliers
+SPREAD_SCALE = 0.2  # decades: scale of the half-normal prior of each spread
+SLOPE_STD = 1.0  # decades per standard deviation of the column: standard deviation of the prior of each slope
+_MAX_SPREAD = 2.0  # decades: largest spread
 _CHUNK = 100_000  # densities that are computed at a time
 _ROUND, _ENOUGH, _ADAPTED = 1000, 2500.0, 2  # draws of a round, effective draws that are enough, rounds that adapt
 _STEP = 0.002  # step of differences, in the coordinates of the prior
-_FAR = 30.0  # log integral below that of the best mode at which a mode is left out
-_STARTS, _CLIMBED = 12, 3  # most shots at each of which a search starts; starts that are used, the likeliest
+_MODE_DEPTH = 30.0  # log integral below that of the best mode at which a mode is left out
+_SHOT_STARTS, _CLIMBED = 12, 3  # most shots at each of which a search starts; starts that are used, the likeliest
 
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """m Gaussians: share (m,), mean (m, d), covariance (m, d, d). says: (m, d) VALUE, UPPER, LOWER or NOTHING of each
-    parameter, which decides how it is integrated."""
+    """m Gaussians: share (m,), mean (m, d), covariance (m, d, d). kinds: (m, d) VALUE, UPPER, LOWER or UNDETERMINED of
+    each parameter, which decides how it is integrated."""
 
     share: Floats
     mean: Floats
     covariance: Floats
-    says: np.ndarray
+    kinds: np.ndarray
 
     def log_densities(self, x: Floats, along: Floats, scatter: Floats) -> Floats:
         """Log density (k, m) of each Gaussian at x (k, d) plus `along` (k, m, d), widened by a scatter (k, d, d)."""
-        log_p = np.empty((len(x), len(self.says)))
-        for pattern in np.unique(self.says, axis=0):
-            some = np.flatnonzero(np.all(self.says == pattern, axis=1))
+        log_p = np.empty((len(x), len(self.kinds)))
+        for pattern in np.unique(self.kinds, axis=0):
+            some = np.flatnonzero(np.all(self.kinds == pattern, axis=1))
             mean, base = self.mean[some], self.covariance[some]
             order = np.concatenate([np.flatnonzero(pattern == VALUE), np.flatnonzero(np.abs(pattern) == UPPER)])
             off = [mean[:, i] - x[:, i, None] - along[:, some, i] for i in order]
@@ -95,19 +96,19 @@ def likelihood(
     effective, d = 1.0 / float(np.sum(weight**2)), theta.shape[1]
     if not effective > d + 3:
         return None
-    says = np.array([_SAYS[bound] for bound in bounds])
-    fits = [_Fit(theta, weight, says, ends)]
-    if not np.all(np.diag(fits[0].whole) > 0):
+    kinds = np.array([_KINDS[bound] for bound in bounds])
+    fits = [_Fit(theta, weight, kinds, ends)]
+    if not np.all(np.diag(fits[0].total) > 0):
         return None
     worth, width = effective * weight, _END * (ends[1] - ends[0])
     mass = np.array([worth @ (theta < ends[0] + width), worth @ (theta > ends[1] - width)])
     tail = np.where(mass[0] >= mass[1], UPPER, LOWER)
-    reaching = np.where((says == VALUE) & (np.max(mass, axis=0) >= _END_DRAWS), tail, says)
-    if effective >= FEW and np.any(reaching != says):
+    reaching = np.where((kinds == VALUE) & (np.max(mass, axis=0) >= _END_DRAWS), tail, kinds)
+    if effective >= FEW and np.any(reaching != kinds):
         fits.append(_Fit(theta, weight, reaching, ends))
     candidates: list[tuple[float, _Fit, Gaussians]] = []
     for fit in fits:
-        for k in range(1, max(min(_MOST, int(effective / _EACH)), 1) + 1):
+        for k in range(1, max(min(_MAX_GAUSSIANS, int(effective / _DRAWS_PER_GAUSSIAN)), 1) + 1):
             gaussians, fitted = fit.mixture(k)
             information = effective * fitted - 0.5 * np.log(effective) * (k * (d + 1) * (d + 2) / 2 - 1)
             if k > 1 and information <= candidates[-1][0]:
@@ -118,36 +119,36 @@ def likelihood(
     if effective < FEW:  # it is uncertain itself: that of Student's t, which predicts the next draw
         covariance = covariance * (effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0))
     share[0] /= fit.volume(gaussians.mean[0], covariance[0])
-    return Likelihood(share, gaussians.mean, covariance, gaussians.says, size, effective)
+    return Likelihood(share, gaussians.mean, covariance, gaussians.kinds, size, effective)
 
 
 class _Fit:
-    """Fits of Gaussians to draws theta (n, d) with weights that sum to 1. says: (d,) of the first Gaussian; the others
-    are of values. ends: (2, d) of the prior. whole: (d, d) covariance of the draws."""
+    """Fits of Gaussians to draws theta (n, d) with weights that sum to 1. kinds: (d,) of the first Gaussian; the others
+    are of values. ends: (2, d) of the prior. total: (d, d) covariance of the draws."""
 
-    def __init__(self, theta: Floats, weight: Floats, says: np.ndarray, ends: Floats) -> None:
-        self.theta, self.weight, self.says, self.ends, self.mean = theta, weight, says, ends, weight @ theta
-        self.whole: Floats = (theta - self.mean).T * weight @ (theta - self.mean)
-        self.bounded: list[int] = np.flatnonzero(np.abs(says) == UPPER).tolist()
+    def __init__(self, theta: Floats, weight: Floats, kinds: np.ndarray, ends: Floats) -> None:
+        self.theta, self.weight, self.kinds, self.ends, self.mean = theta, weight, kinds, ends, weight @ theta
+        self.total: Floats = (theta - self.mean).T * weight @ (theta - self.mean)
+        self.bounded: list[int] = np.flatnonzero(np.abs(kinds) == UPPER).tolist()
 
     def mixture(self, k: int) -> tuple[Gaussians, float]:
         """k Gaussians by expectation maximisation from slices across the longest axis, and the mean log density."""
         theta, weight, d = self.theta, self.weight, self.theta.shape[1]
-        along = theta @ np.linalg.eigh(self.whole)[1][:, -1]
+        along = theta @ np.linalg.eigh(self.total)[1][:, -1]
         order = np.argsort(along, kind="stable")
         rank = np.empty(len(along))
         rank[order] = np.cumsum(weight[order]) - 0.5 * weight[order]
-        slices = k - 1 if np.any(self.says) and k > 1 else k
+        slices = k - 1 if np.any(self.kinds) and k > 1 else k
         resp = (np.minimum((rank * slices).astype(int), slices - 1) == np.arange(slices)[:, None]).astype(float)
         if slices < k:  # the bound's Gaussian has all draws
             resp = 0.5 * np.concatenate([np.ones((1, len(theta))), resp])
         filled, spare = np.repeat(theta[None], k, axis=0), np.zeros((k, len(theta), d))
-        mean, covariance, says = np.empty((k, d)), np.empty((k, d, d)), np.zeros((k, d), dtype=int)
-        says[0] = self.says
+        mean, covariance, kinds = np.empty((k, d)), np.empty((k, d, d)), np.zeros((k, d), dtype=int)
+        kinds[0] = self.kinds
         for i in self.bounded:  # an upper bound starts at the 90 % quantile of the draws, a lower one at 10 %
-            edge = 0.9 if self.says[i] == UPPER else 0.1
+            edge = 0.9 if self.kinds[i] == UPPER else 0.1
             filled[0, :, i] = np.quantile(theta[:, i], edge, weights=weight, method="inverted_cdf")
-            spare[0, :, i] = 0.01 * self.whole[i, i]
+            spare[0, :, i] = 0.01 * self.total[i, i]
         before, steps = -np.inf, _BOUND_STEPS if self.bounded else _STEPS if k > 1 else 1
         for step in range(steps):
             mass = resp * weight
@@ -155,9 +156,9 @@ class _Fit:
             mean = np.einsum("kn,kni->ki", mass, filled) / share[:, None]
             mean[0] -= self._pull(mean[0], covariance[0]) if step else 0.0
             off = filled - mean[:, None]
-            covariance = np.einsum("kn,kni,knj->kij", mass, off, off) / share[:, None, None] + _THIN * self.whole
+            covariance = np.einsum("kn,kni,knj->kij", mass, off, off) / share[:, None, None] + _ADDED * self.total
             covariance += np.eye(d) * np.einsum("kn,kni->ki", mass, spare)[:, None] / share[:, None, None]
-            gaussians = Gaussians(share / np.sum(share), mean, covariance, says)
+            gaussians = Gaussians(share / np.sum(share), mean, covariance, kinds)
             densities = gaussians.log_densities(theta, np.zeros((1, k, d)), np.zeros((1, d, d)))
             log_p = np.ascontiguousarray(densities.T)
             log_p[0] -= np.log(self.volume(mean[0], covariance[0]))  # it then has the integral 1 over the prior's range
@@ -169,13 +170,13 @@ class _Fit:
                 break
             before = fitted
             self._fill(mean[0], covariance[0], filled[0], spare[0])
-        if k == 1 and not np.any(self.says):
-            gaussians = Gaussians(np.ones(1), self.mean[None], self.whole[None], says)
+        if k == 1 and not np.any(self.kinds):
+            gaussians = Gaussians(np.ones(1), self.mean[None], self.total[None], kinds)
         return gaussians, fitted
 
     def volume(self, mean: Floats, covariance: Floats) -> float:
         """The integral over the prior's range of the first Gaussian, with bounds as distribution functions."""
-        flat = np.flatnonzero(self.says == NOTHING)
+        flat = np.flatnonzero(self.kinds == UNDETERMINED)
         volume = float(np.prod(self.ends[1, flat] - self.ends[0, flat]))
         for i in self.bounded:
             room, deviation = self._room(mean, i), np.sqrt(covariance[i, i])
@@ -185,31 +186,31 @@ class _Fit:
 
     def _room(self, mean: Floats, i: int) -> float:
         """Distance from the end of the prior to a bound."""
-        return float(mean[i] - self.ends[0, i] if self.says[i] == UPPER else self.ends[1, i] - mean[i])
+        return float(mean[i] - self.ends[0, i] if self.kinds[i] == UPPER else self.ends[1, i] - mean[i])
 
     def _pull(self, mean: Floats, covariance: Floats) -> Floats:
         """Shift (d,) of the mean of the bounds from that of the draws to the end: farther bounds have more draws."""
         pull = np.zeros(len(mean))
         for i in self.bounded:
             room, deviation = max(self._room(mean, i), 1e-3), np.sqrt(covariance[i, i])
-            pull += self.says[i] * covariance[:, i] / max(room, deviation)
+            pull += self.kinds[i] * covariance[:, i] / max(room, deviation)
         return pull
 
     def _fill(self, mean: Floats, covariance: Floats, filled: Floats, spare: Floats) -> None:
         """Write the expected bound beyond each draw (n, d), given its values, and the variance of this bound."""
-        valued = np.flatnonzero(self.says == VALUE)
+        valued = np.flatnonzero(self.kinds == VALUE)
         off = self.theta[:, valued] - mean[valued]
         for i in self.bounded:
             along = np.linalg.solve(covariance[np.ix_(valued, valued)], covariance[valued, i])
             deviation = np.sqrt(max(covariance[i, i] - along @ covariance[valued, i], 1e-12))
-            middle, sign = mean[i] + off @ along, float(self.says[i])
+            middle, sign = mean[i] + off @ along, float(self.kinds[i])
             least = sign * (self.theta[:, i] - middle) / deviation
             hazard = np.exp(-0.5 * least**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(-least))
             filled[:, i] = middle + sign * deviation * hazard
             spare[:, i] = deviation**2 * np.maximum(1.0 + least * hazard - hazard**2, 0.0)
 
 
-def _log_gaussian(off: Sequence[Floats], covariance: Sequence[Sequence[Floats]], says: np.ndarray) -> Floats:
+def _log_gaussian(off: Sequence[Floats], covariance: Sequence[Sequence[Floats]], kinds: np.ndarray) -> Floats:
     """Log density at d distances mean - x with the lower triangle of the covariances, by Cholesky's factor. Bounds come
     last, because they may depend on the values, and are integrated from x on."""
     root: list[list[Floats]] = []
@@ -221,8 +222,8 @@ def _log_gaussian(off: Sequence[Floats], covariance: Sequence[Sequence[Floats]],
             row.append((covariance[i][j] - _dot(row, root[j][:j])) / root[j][j])
         row.append(np.sqrt(np.maximum(covariance[i][i] - _dot(row, row), 1e-300)))
         z = (distance - _dot(row[:-1], whitened)) / row[-1]
-        if says[i] != VALUE:
-            log_p = log_p + log_ndtr(says[i] * z)
+        if kinds[i] != VALUE:
+            log_p = log_p + log_ndtr(kinds[i] * z)
             continue
         whitened.append(z)
         root.append(row)
@@ -251,8 +252,8 @@ class Scatter:
         self.d, self.spread, self.column = len(low), spread, column
         d, pairs = self.d, self.d * (self.d - 1) // 2
         ranges = [(low[i], high[i], 0.0, np.inf) for i in range(d)]
-        ranges += [(0.0, _LARGEST, 0.0, SPREAD)] * d * spread + [(-1.0, 1.0, 0.0, np.inf)] * pairs * spread
-        ranges += [(-10.0 * SLOPE, 10.0 * SLOPE, 0.0, SLOPE)] * d * (column is not None)
+        ranges += [(0.0, _MAX_SPREAD, 0.0, SPREAD_SCALE)] * d * spread + [(-1.0, 1.0, 0.0, np.inf)] * pairs * spread
+        ranges += [(-10.0 * SLOPE_STD, 10.0 * SLOPE_STD, 0.0, SLOPE_STD)] * d * (column is not None)
         self.prior = Prior(tuple(map(str, range(len(ranges)))), *np.array(ranges, dtype=float).T)
 
     def parts(self, u: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -280,7 +281,7 @@ class Scatter:
         x = np.zeros(len(self.shot)) if self.column is None else self.column[self.shot]
         along = slope[:, None] * x[:, None]
         densities = []
-        for share, wide in ((1.0 - OUTLIERS, 0.0), (OUTLIERS, WIDE**2)):
+        for share, wide in ((1.0 - P_OUTLIER, 0.0), (P_OUTLIER, OUTLIER_STD**2)):
             log_p = gaussians.log_densities(centre, along, scatter + wide * np.eye(d)) + np.log(gaussians.share)
             densities.append(np.log(share) + _log_sum(log_p, self.first))
         return densities[0], densities[1]
@@ -327,19 +328,19 @@ class Scatter:
         spread = np.clip(np.std(means, axis=0), 0.01, 0.5)
         steady = np.clip(1.5 * np.median(np.abs(means - middle), axis=0), 0.01, 0.5)
         starts = [(middle, steady), (np.mean(means, axis=0), spread), (middle, 0.02 + 0.0 * spread)]
-        starts += [(mean, 0.05 + 0.0 * spread) for mean in means] if len(means) <= _STARTS else []
-        u = np.array([self._at(*start) for start in starts])
+        starts += [(mean, 0.05 + 0.0 * spread) for mean in means] if len(means) <= _SHOT_STARTS else []
+        u = np.array([self._to_u(*start) for start in starts])
         modes: list[tuple[Floats, Floats, float]] = []  # place, covariance and log of the integral
         for start in u[np.argsort(-self(u), kind="stable")[:_CLIMBED]]:
-            place, height = self._climbed(start)
+            place, height = self._climb(start)
             if not any(np.max(np.abs(place - mode[0])) < 0.05 for mode in modes):
-                width = self._width(place)
+                width = self._mode_covariance(place)
                 modes.append((place, width, height + 0.5 * np.linalg.slogdet(width)[1]))
         top = max(mode[2] for mode in modes)
-        places, widths, integrals = zip(*(mode for mode in modes if mode[2] > top - _FAR), strict=True)
+        places, widths, integrals = zip(*(mode for mode in modes if mode[2] > top - _MODE_DEPTH), strict=True)
         return Mixture.of_modes(places, widths, integrals)
 
-    def _at(self, centre: Floats, spread: Floats) -> Floats:
+    def _to_u(self, centre: Floats, spread: Floats) -> Floats:
         """u (m,) of a centre and a spread (d,)."""
         x = np.where(np.isfinite(self.prior.std), self.prior.mean, 0.5 * (self.prior.low + self.prior.high))
         x[: self.d] = centre
@@ -347,24 +348,24 @@ class Scatter:
             x[self.d : 2 * self.d] = spread
         return self.prior.to_u(x, inside=1e-6)
 
-    def _around(self, u: Floats, step: float) -> tuple[float, Floats, Floats]:
+    def _neighbours(self, u: Floats, step: float) -> tuple[float, Floats, Floats]:
         """The log posterior at u (m,), and those (m,) one step along each coordinate, upwards and downwards."""
         steps = step * np.eye(len(u))
         value = self(np.concatenate([u[None], u + steps, u - steps]))
         up, down = np.split(value[1:], 2)
         return float(value[0]), up, down
 
-    def _climbed(self, u: Floats) -> tuple[Floats, float]:
+    def _climb(self, u: Floats) -> tuple[Floats, float]:
         def falling(at: Floats) -> tuple[float, Floats]:
-            height, up, down = self._around(at, 1e-4)
+            height, up, down = self._neighbours(at, 1e-4)
             return -height, -(up - down) / 2e-4
 
         mode = minimize(falling, u, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-2})
         return np.clip(mode.x, -7.0, 7.0), -float(mode.fun)
 
-    def _width(self, u: Floats) -> Floats:
+    def _mode_covariance(self, u: Floats) -> Floats:
         """(m, m) covariance of the Gaussian about a mode."""
-        height, up, down = self._around(u, _STEP)
+        height, up, down = self._neighbours(u, _STEP)
         steps = np.sqrt(0.1 / np.maximum(-(up + down - 2.0 * height) / _STEP**2, 1.0))  # each lowers the height by 0.05
         along, (i, j) = np.diag(steps), np.tril_indices(len(u))
         value = [self(u + (a * along[i] + b * along[j])) for a in (1.0, -1.0) for b in (1.0, -1.0)]

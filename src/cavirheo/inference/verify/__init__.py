@@ -11,25 +11,25 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.curve import RadiusCurve, several
+from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import SolverError, expect
 from cavirheo.inference.alternatives import (
     LEAST_PROBABILITY,
-    LIMIT,
+    LIMIT_PRIOR,
     as_alternative,
     averaged_over_laws,
-    chosen_among,
+    choice_messages,
     comparable,
     contenders,
     judged,
     model_of,
 )
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.checks import ERRORS, MISFIT, warned
+from cavirheo.inference.checks import ANALYSIS_ERRORS, MISFIT, warned
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Verification
-from cavirheo.messages import Message, of_error
+from cavirheo.messages import Message, message_of_error
 from cavirheo.parallel import one_blas_thread
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
@@ -56,7 +56,7 @@ def verify(
     of other models the simplest that the evidence does not reject. Raises InputError: no answer, or a setting out of
     its domain.
     """
-    began, (curve,) = time.perf_counter(), several([curve])
+    began, (curve,) = time.perf_counter(), as_curves([curve])
     starts: list[Any] = list(answer) if isinstance(answer, list | tuple) else [answer]
     for start in starts:
         expect(start, Posterior, "a Posterior to be verified, of infer or fit")
@@ -72,7 +72,7 @@ def verify(
     if verification.rival:
         best = replace(best, others=(*best.others, *_rival(verification, curve, best)))
     start = next((model for model in models if model_of(model) == model_of(best)), starts[0])
-    messages = [] if best.laws else chosen_among(best, posteriors)
+    messages = [] if best.laws else choice_messages(best, posteriors)
     checked = start.checks.verdict != "check_input"
     checks = warned(judged(best, messages), start.checks.warnings, trust_input=checked)
     before = sum(start.seconds for start in starts)
@@ -96,13 +96,13 @@ def _answers(
                 posteriors.append(estimation.laplace())
             else:
                 estimations.append(estimation)
-        except ERRORS as error:  # of this shot alone
+        except ANALYSIS_ERRORS as error:  # of this shot alone
             problems.append(_failed(verification, model, error))
     independent = bool(verification.weights) or verification.search  # fits and searched laws are sampled one by one
     for batch in [[estimation] for estimation in estimations] if independent else [estimations] * bool(estimations):
         try:
             posteriors += answers_of(batch)
-        except ERRORS as error:  # of this shot alone
+        except ANALYSIS_ERRORS as error:  # of this shot alone
             problems.append(_failed(verification, batch[0].answer, error))
     return posteriors, problems
 
@@ -110,7 +110,7 @@ def _answers(
 def _failed(settings: Verification, answer: Posterior, error: Exception) -> Posterior:
     """The answer with a message on why it could not be verified."""
     _log.debug("no answer by %s", answer.material, exc_info=error)
-    why = of_error(error)
+    why = message_of_error(error)
     if not settings.weights:
         why = Message("answer.unverified", {"reason": why.text})
     verdict: Verdict = "failed" if settings.level != "map" else answer.checks.verdict
@@ -160,7 +160,7 @@ def _verify_with_bubble(
         estimation.sampling.search_windows()
         estimation.sampling.refine()
         return answers_of([estimation]) if estimation.sampling.log_laplace >= least else []
-    except ERRORS as error:
+    except ANALYSIS_ERRORS as error:
         _log.debug("%s has no answer of the %s", curve.name, bubble.title, exc_info=error)
         return []
 
@@ -192,11 +192,11 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
         unlike = max(above, default=-np.inf) > TUNING.limit_unlike
         limit = law.rival() if share > TUNING.share_small and not unlike else None
         if limit and _begin_sampling(limit) is None:
-            limit.log_prior = np.log(LIMIT) if real else -np.inf
+            limit.log_prior = np.log(LIMIT_PRIOR) if real else -np.inf
             limits[i] = limit
             _refine([law, limit])
         if real and (unlike or i in limits):
-            law.log_prior = np.log(1.0 - LIMIT)
+            law.log_prior = np.log(1.0 - LIMIT_PRIOR)
     counted = [law for law in (*laws, *limits.values()) if np.isfinite(law.log_prior)]
     _sample(counted)
     answers = []

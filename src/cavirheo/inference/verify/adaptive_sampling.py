@@ -23,7 +23,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
-from cavirheo.inference.alternatives import LAPLACE
+from cavirheo.inference.alternatives import LAPLACE_ERROR
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes
 from cavirheo.inference.verify.sampler import Proposal, Sample, effective_size, tempered
 from cavirheo.inference.verify.surrogate import AdaptiveProposal, Surrogate, SurrogateTarget, climb_by_surrogates
@@ -321,7 +321,7 @@ class AdaptiveSampling:
         """The evidence of the draws, or Laplace's without draws. Too few simulated draws miss a part of it: it is not
         less than the evidence of the surrogate's draws that they replaced."""
         if self.sample is None:
-            return Evidence(self.log_laplace, LAPLACE)
+            return Evidence(self.log_laplace, LAPLACE_ERROR)
         log, error = self.sample.log_evidence
         return Evidence(max(log, self.surrogate_evidence), max(error, self.surrogate_evidence - log))
 

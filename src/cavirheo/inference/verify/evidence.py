@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.special import softmax
 
-from cavirheo.curve import RadiusCurve, several
+from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import require
-from cavirheo.inference.alternatives import LAPLACE, as_alternative, chosen_among, contenders, judged, model_of
+from cavirheo.inference.alternatives import LAPLACE_ERROR, as_alternative, choice_messages, contenders, judged, model_of
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.population import Population, with_slope_if_any
@@ -149,7 +149,7 @@ def rank_laws(
     """
     laws = [laws] if isinstance(laws, str) else laws
     options |= {"medium": medium, "window": window, "trust_input": trust_input, "seed": seed}
-    curves = several(curves)
+    curves = as_curves(curves)
     analyses = plans(models(laws, bubbles_of(bubble)), stretch=stretch, **options)
     by_law = weigh_models(
         curves, analyses, lambda batch, plan, start: enumerate(plan.run(batch, workers, starts=start))
@@ -189,7 +189,10 @@ def weigh_models(
     """The answer of each model for each curve, by the index of the curve. A model keeps its Laplace evidence if this is
     far below the best of the curve (TUNING.evidence_hopeless). run: gives (index, answer) of each curve, from curves,
     an analysis and the answers to begin with; if some are missing, it was interrupted, and no answer is returned."""
-    by_law = {law: dict(sorted(run(curves, analysis.before or analysis, None))) for law, analysis in analyses.items()}
+    by_law = {
+        law: dict(sorted(run(curves, analysis.starting_analysis or analysis, None)))
+        for law, analysis in analyses.items()
+    }
     if any(len(answers) < len(curves) for answers in by_law.values()):
         return {law: {} for law in by_law}
     answers_of_laws = [answers.values() for answers in by_law.values()]
@@ -197,7 +200,7 @@ def weigh_models(
     top = np.max(logs, axis=0, where=np.isfinite(logs), initial=-np.inf)
     for law, in_reach in zip(by_law, logs > top - TUNING.evidence_hopeless, strict=True):
         indices = np.flatnonzero(in_reach).tolist()  # and of a curve without Laplace's evidence
-        if analyses[law].before and indices:
+        if analyses[law].starting_analysis and indices:
             full = dict(run([curves[i] for i in indices], analyses[law], [by_law[law][i] for i in indices]))
             laplace = {i: answer for i, answer in by_law[law].items() if i not in indices}
             by_law[law] = dict(sorted((laplace | {indices[k]: answer for k, answer in full.items()}).items()))
@@ -238,7 +241,7 @@ def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> lis
         alternatives = [alternative for alternative in answer.others if model_of(alternative) not in rival_models]
         answer = replace(answer, others=(*alternatives, *(as_alternative(rival) for rival in rivals if rival.evidence)))
         of_group = [Message("model.of_group", {"material": chosen})] if i in by_group else []
-        messages = chosen_among(answer, rivals) if chosen == ranking.chosen else of_group
+        messages = choice_messages(answer, rivals) if chosen == ranking.chosen else of_group
         chosen_answers.append(replace(answer, checks=judged(answer, messages)))
     return chosen_answers
 
@@ -249,7 +252,7 @@ def _evidence(answer: Posterior) -> Evidence | None:
     if evidence is None or not np.isfinite(evidence.log):
         return None
     if evidence.error is None:
-        return Evidence(evidence.log, LAPLACE)
+        return Evidence(evidence.log, LAPLACE_ERROR)
     if answer.log_weight is None:
         return Evidence(evidence.log, max(evidence.error, TUNING.evidence_distrusted))
     return evidence

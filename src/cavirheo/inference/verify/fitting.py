@@ -18,7 +18,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import FREE
-from cavirheo.inference.experiment import SHARPEST
+from cavirheo.inference.experiment import SOLVER_ERROR
 from cavirheo.inference.search import POLISH, ROUNDS, LeastSquares, Search
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, with_noise
 from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample
@@ -44,7 +44,7 @@ class SearchedEstimation(Estimation):
             self.modes = modes(self.target, earlier, maxima=self.modes)
             if not (self.modes and self.search.only_noise(self._missed)):
                 self.modes = modes(self.target, new, maxima=self.modes)
-            if self.modes and self.search.enough(self._missed):
+            if self.modes and self.search.is_finished(self._missed):
                 break
 
     @property
@@ -106,7 +106,7 @@ class FitEstimation(SearchedEstimation):
         """x (all,) and its misfit, infinite if the model may come nearer; for frames with less noise than the solver's
         error, least squares of default simulations from x find the nearest."""
         shot = self.shot
-        if shot.misfit(self._missed) > SHARPEST:
+        if shot.misfit(self._missed) > SOLVER_ERROR:
             return x, np.inf
         x = LeastSquares(shot).minimise(np.clip(x, *shot.bounds.T), DEFAULT, POLISH).x
         return x, shot.misfit(shot.difference(x))
@@ -143,7 +143,7 @@ class FitEstimation(SearchedEstimation):
                 nearest = min((x, stage), key=lambda point: float(np.sum(fit.residuals(point, ROUGH) ** 2)))
                 best = fit.minimise(nearest, ROUGH).x
             missed = float(np.sqrt(np.mean(shot.difference(best) ** 2)))
-            values = {name: value for name, value in shot.best(best).items() if name not in FREE.values()}
+            values = {name: value for name, value in shot.all_values(best).items() if name not in FREE.values()}
             at_end = np.minimum(best - low, high - best) < AT_BOUND * (high - low)
             at_bound = tuple(name for name, at in zip(shot.names, at_end, strict=True) if at)
             rmse = missed if np.isfinite(missed) else None

@@ -10,11 +10,11 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.camera import NAMES, CameraNuisances, rescaled
-from cavirheo.inference.experiment import FORWARD, Experiment
+from cavirheo.inference.experiment import DIFFERENCE_STEP, Experiment
 from cavirheo.inference.noise import MarginalNoise, Noise
 from cavirheo.inference.verify.sampler import Coordinates, integral_about
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.parallel import each
+from cavirheo.parallel import run_jobs
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 from cavirheo.physics.laws import fung_stress
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
@@ -35,8 +35,8 @@ class Target(Coordinates):
 
     def __init__(self, experiment: Experiment, whole: Prior, noise: Noise, workers: int = 1) -> None:
         self.experiment, self.whole, self.workers = experiment, whole, workers
-        self.camera: CameraNuisances = replace(experiment.camera, sized=experiment.camera.resolves_size(noise))
-        self.prior = whole.of([name for name in whole.names if name not in NAMES])
+        self.camera: CameraNuisances = replace(experiment.camera, simulates_size=experiment.camera.resolves_size(noise))
+        self.prior = whole.marginal([name for name in whole.names if name not in NAMES])
         self.columns = [whole.names.index(name) for name in self.prior.names]
         self.noise = MarginalNoise(noise, len(self.camera.free), self.camera.size)
         self._resistance = [i for i, name in enumerate(self.prior.names) if name == "accommodation"]
@@ -45,12 +45,12 @@ class Target(Coordinates):
         """Give shapes the collapses of the bubble at u (d,) with an extended residual (size,). Its effect of size is
         used for all bubbles if simulations do not each find theirs. Whether shapes changed."""
         frames, before = self.noise.frames, self.camera
-        curve = self.experiment.sampled(self.with_camera(u[None])[0], replace(before, sized=True))
+        curve = self.experiment.solve_on_grid(self.with_camera(u[None])[0], replace(before, simulates_size=True))
         if curve is None or not self.noise.pulls:
             return False
         camera = before.with_collapses(curve, before.z(residual), frames)
-        if not camera.sized:
-            shape = replace(camera, sized=True).extended(curve, frames)[0]
+        if not camera.simulates_size:
+            shape = replace(camera, simulates_size=True).extended(curve, frames)[0]
             camera = replace(camera, by_size=shape[-camera.numbers :])
         self.camera, self.noise = camera, MarginalNoise(frames, len(camera.free), camera.size)
         return camera.collapses != before.collapses
@@ -63,7 +63,7 @@ class Target(Coordinates):
         """Extended residuals (k, size) at u (k, d); NaN where the simulation failed."""
         shot, camera, frames = self.experiment, self.camera, self.noise.frames
         places = self.with_camera(u)
-        rows = each(lambda x: shot.extended(x, camera, frames, accuracy)[0], places, self.workers)
+        rows = run_jobs(lambda x: shot.extended(x, camera, frames, accuracy)[0], places, self.workers)
         return np.array(rows).reshape(len(u), camera.size)
 
     def with_camera(self, u: Floats, z: Floats | None = None) -> Floats:
@@ -72,7 +72,7 @@ class Target(Coordinates):
         x = np.zeros((len(u), len(self.whole.names)))
         x[:, self.columns] = self.prior.to_x(u)
         if z is not None and len(self.camera.free):
-            values, law = self.camera.natural(z), self.experiment.law
+            values, law = self.camera.natural(z), self.experiment.law_size
             for name, (middle, width, _) in self.experiment.free.items():
                 if name in NAMES:
                     x[:, self.whole.names.index(name)] = (values[name] - middle) / width
@@ -115,12 +115,12 @@ class Target(Coordinates):
         shot, frames, camera = self.experiment, self.noise.frames, self.camera
 
         def simulate(pair: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-            curve = shot.sampled(pair[0], camera, accuracy)
+            curve = shot.solve_on_grid(pair[0], camera, accuracy)
             if curve is None:
                 return np.full(camera.size, np.nan), np.full(frames.size, np.nan)
-            return camera.extended(curve, frames)[0] + correction, camera.missed_by_shape(curve, pair[1])
+            return camera.extended(curve, frames)[0] + correction, camera.shape_error(curve, pair[1])
 
-        rows = each(simulate, list(zip(self.with_camera(u), z, strict=True)), self.workers)
+        rows = run_jobs(simulate, list(zip(self.with_camera(u), z, strict=True)), self.workers)
         residual, missed = (np.array(part) for part in zip(*rows, strict=True))
         extended = self.extended(self.noise.shapes(residual), z)
         extended[:, : frames.size] += missed
@@ -133,7 +133,7 @@ class Target(Coordinates):
         if not np.any(selected) or not self.noise.pulls:
             return simulated
         residual, density_column = simulated.residual.copy(), self.noise.frames.size + self.noise.pulls
-        noise = self.noise.only(residual[selected], TUNING.noise_point_least)
+        noise = self.noise.select_points(residual[selected], TUNING.noise_point_least)
 
         def integral(residual: Floats) -> float:
             z, shape = self.camera.z(residual), self.noise.shapes(residual)
@@ -165,7 +165,7 @@ class Target(Coordinates):
 
     def _values(self, x: Floats) -> Floats:
         """Functions (k, d) of single parameters x (k, d) in which frames are nearly linear."""
-        law = self.experiment.law
+        law = self.experiment.law_size
         v = np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
         v[:, self._resistance] = np.log1p(_RESISTING * 10.0 ** -x[:, self._resistance])
         return v
@@ -173,7 +173,7 @@ class Target(Coordinates):
     def to_straight(self, w: Floats) -> tuple[Floats, Floats]:
         """v (k, d + m) of u and camera w (k, d + m), in which ridges of the posterior are nearly straight, and
         log |dv/dw| (k,). v is that of `linear`, without the stress of a law that stiffens."""
-        d, law, columns = len(self.prior.names), self.experiment.law, self._resistance
+        d, law, columns = len(self.prior.names), self.experiment.law_size, self._resistance
         x = self.prior.to_x(w[:, :d])
         v = self._values(x)
         by_x = np.log(10.0) * np.hstack([v[:, :law], -np.expm1(-v[:, columns])])
@@ -182,7 +182,7 @@ class Target(Coordinates):
 
     def from_straight(self, v: Floats) -> Floats:
         """w (k, d + m) of v (k, d + m); NaN outside the ranges."""
-        d, law, columns = len(self.prior.names), self.experiment.law, self._resistance
+        d, law, columns = len(self.prior.names), self.experiment.law_size, self._resistance
         x = v[:, :d].copy()
         with np.errstate(invalid="ignore", divide="ignore"):
             x[:, :law] = np.log10(v[:, :law])
@@ -196,7 +196,7 @@ class Target(Coordinates):
         """Derivatives (size, d) of the simulated frames by u, with the camera refitted: differences towards u = 0, with
         the steps of a fit."""
         steps = self.experiment.steps[self.columns]
-        moves = np.minimum(FORWARD * steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
+        moves = np.minimum(DIFFERENCE_STEP * steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
         moved = self.residuals(u + np.diag(moves), accuracy)
         return np.nan_to_num((residual - moved) / moves[:, None]).T
 
@@ -242,8 +242,8 @@ def answer_at(target: Target, mode: Mode) -> OtherAnswer:
     """The answer of the Gaussian about a mode, to stand beside the answer of another one."""
     shot, z = target.experiment, target.camera.z(mode.residual)
     draws = mode.draws(TUNING.draws, 0)
-    quantiles = intervals(*shot.answer(target.with_camera(draws, np.tile(z, (len(draws), 1)))))
-    best, frames = shot.best(target.with_camera(mode.u[None], z[None])[0]), target.noise.split(mode.residual)[0]
+    quantiles = intervals(*shot.to_theta(target.with_camera(draws, np.tile(z, (len(draws), 1)))))
+    best, frames = shot.all_values(target.with_camera(mode.u[None], z[None])[0]), target.noise.split(mode.residual)[0]
     rmse = float(np.sqrt(np.mean(frames**2)))
     return OtherAnswer(shot.family.name, shot.options.bubble, best, quantiles, Evidence(mode.log_evidence), rmse)
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Floats, unscaled
+from cavirheo.arrays import Floats, relative_weights
 from cavirheo.inference.noise import MarginalNoise
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, same, trust_in
 from cavirheo.inference.verify.sampler import Density, Mixture, Sample, effective_size, markov_sample, tempered
@@ -78,7 +78,7 @@ class Surrogate:
         high = below < TUNING.flattened_depth
         likely = np.flatnonzero(high)[: TUNING.likely_left_out]
         self.target: Target = target
-        self.noise: MarginalNoise = target.noise.only(residual[high], TUNING.noise_point_least)
+        self.noise: MarginalNoise = target.noise.select_points(residual[high], TUNING.noise_point_least)
         v, effective = target.linear(u), TUNING.whitened_effective * u.shape[1]
         weight = np.exp(tempered(-below / TUNING.flattened_depth, effective))
         self.centre: Floats = weight @ v / np.sum(weight)
@@ -150,7 +150,7 @@ class SurrogateTarget(Target):
     def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
         """Extended residuals (k, size) at u (k, d)."""
         shapes = self.surrogate.shapes(u)
-        return np.hstack([self.camera.of_shapes(shapes, self.noise.frames), shapes])
+        return np.hstack([self.camera.residuals_of_shapes(shapes, self.noise.frames), shapes])
 
 
 def climb_by_surrogates(
@@ -345,8 +345,8 @@ class AdaptiveProposal:
         parameter that the recording determines is hardly changed."""
         if self.drawn is None:
             return lambda w: np.zeros(len(w))
-        law = self.target.experiment.law
-        prior = self.target.prior.of(self.target.prior.names[:law])
+        law = self.target.experiment.law_size
+        prior = self.target.prior.marginal(self.target.prior.names[:law])
         x, quantile = prior.to_x(self.drawn.u[:, :law]), np.array([TUNING.raised_above])
         usual = weighted_quantile(x, quantile, self.drawn.log_weight)
         return lambda w: np.sum(np.log1p(10.0 ** (prior.to_x(w[:, :law]) - usual)), axis=1)
@@ -364,7 +364,7 @@ class AdaptiveProposal:
         if not np.any(np.isfinite(log_weight)):
             return None
         new = count - min(int(TUNING.continued_share * count), len(self.walkers))
-        chosen = rng.choice(len(w), new, p=unscaled(log_weight) / np.sum(unscaled(log_weight)))
+        chosen = rng.choice(len(w), new, p=relative_weights(log_weight) / np.sum(relative_weights(log_weight)))
         return np.concatenate([w[chosen], rng.permutation(self.walkers)[: count - new].reshape(-1, w.shape[1])])
 
     def _expected_camera(self, u: Floats) -> tuple[Floats, Floats]:

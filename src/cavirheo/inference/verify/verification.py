@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cavirheo.arrays import Floats, log_sum, unscaled
+from cavirheo.arrays import Floats, log_sum, relative_weights
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
-from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, averaged, model_of
+from cavirheo.inference.alternatives import LAPLACE_ERROR, LEAST_PROBABILITY, averaged, model_of
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options
 from cavirheo.inference.experiment import Experiment, Simulations
 from cavirheo.inference.posterior_network import PosteriorModel
@@ -178,7 +178,7 @@ class Estimation:
             x, log_weight = target.with_camera(u, np.tile(z, (len(u), 1))), np.full(len(u), sampling.log_laplace)
             return replace(answer_at(target, mode), evidence=sampling.evidence), x, log_weight
         x, _ = target.with_drawn_camera(sample.u, target.camera.z(sampling.residual))
-        quantiles = intervals(*self.shot.answer(x), sample.log_weight)
+        quantiles = intervals(*self.shot.to_theta(x), sample.log_weight)
         answer = answer_at(target, sampling.best or sampling.modes[0])
         return replace(answer, intervals=quantiles, evidence=sampling.evidence), x, sample.log_weight
 
@@ -196,7 +196,7 @@ class Estimation:
         if other.sampling.proposal.height - height < TUNING.other_model_height or already_climbed:
             return
         self._climbed_from = highest
-        start = self.start_at(other.shot.best(other.target.with_camera(highest[None])[0]))
+        start = self.start_at(other.shot.all_values(other.target.with_camera(highest[None])[0]))
         proposal(start[None])
         proposal.climb_from(start)
         if proposal.height - height > TUNING.other_model_height:
@@ -227,8 +227,8 @@ class Estimation:
         medians = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
         points = [medians, answer.best, *(window.best for window in answer.windows.values())]
         points += [x.best for x in answer.others if (x.material, x.bubble) == (answer.material, answer.bubble)]
-        of_bubble = [name for name in self.shot.logs if name != "stretch"]
-        usual: dict[str, Any] = {name: 10.0 ** np.mean(PARAMETERS[name].started or 0.0) for name in of_bubble}
+        of_bubble = [name for name in self.shot.log_names if name != "stretch"]
+        usual: dict[str, Any] = {name: 10.0 ** np.mean(PARAMETERS[name].start_range or 0.0) for name in of_bubble}
         for point in (usual | {**best} for best in points):
             values = [1.0 if name in free else point.get(name) or 0.0 for name in self.prior.names]
             if all(value > 0 for value in values):
@@ -311,11 +311,11 @@ class Estimation:
         if trusted:  # from u to the parameters of the answer
             log_weight = trusted.log_weight
             log_q = trusted.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
-            log_q += log_camera - shot.log_stretched(shot.answer(x)[1])
+            log_q += log_camera - shot.log_jacobian(shot.to_theta(x)[1])
         if limit:
             rival, rival_x, rival_weight = limit.preview()
             real = self.answer.bubble == REAL
-            if log_weight is not None and rival.evidence and rival.evidence.error != LAPLACE and real:
+            if log_weight is not None and rival.evidence and rival.evidence.error != LAPLACE_ERROR and real:
                 average = averaged(log_weight, evidence, rival_weight, rival.evidence)
                 rival = replace(rival, weight=average.probability)
                 if average.probability > LEAST_PROBABILITY:
@@ -333,14 +333,14 @@ class Estimation:
         else:
             summary |= {"log_evidence": evidence.log, "log_evidence_error": evidence.error}
             sample_quality = {"draws": len(sample.u), "effective_sample_size": sample.ess, "tail_index": sample.tail[0]}
-        names, theta = shot.answer(x)
+        names, theta = shot.to_theta(x)
         frames, slopes = noise.split(best.residual)[0], noise.split(best.jacobian.T)[0].T
         predictive = predictive_check(frames, slopes, noise.frames.deviation, settings.seed)
         excess = shot.misfit(frames)
         if predictive and predictive["p_value"] < TUNING.p_rejected:  # find how near the model can come
             at, least_excess = self._nearest(at)
             excess = min(excess, least_excess)
-        values = shot.best(at)
+        values = shot.all_values(at)
         diagnostics = {
             "stretch_source": shot.stretch_source(),
             "systematic_misfit_over_rmax": excess,
@@ -366,7 +366,7 @@ class Estimation:
             names, units(names), theta, checks, shot.family.name, self.method if sample else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
             evidence=evidence, diagnostics=Diagnostics(**diagnostics), bubble=self.answer.bubble, medium=shot.medium,
-            others=alternatives, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
+            others=alternatives, prior=shot.law_prior(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
     def _modulus_over_scale(self, best: Mode, sample: Sample | None, residuals: Floats) -> float | None:
@@ -378,7 +378,7 @@ class Estimation:
         if "shear_modulus" not in names:
             return None
         camera, noise = target.camera, target.noise.frames
-        bubble = shot.sampled(target.with_camera(best.u[None])[0], camera)
+        bubble = shot.solve_on_grid(target.with_camera(best.u[None])[0], camera)
         if bubble is None:
             return None
         u = sample.u if sample else best.draws(TUNING.draws, self.settings.seed)
@@ -387,7 +387,7 @@ class Estimation:
         sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
         nearer, farther = (side.extended(bubble, noise)[0] for side in sides)
         counted = np.isfinite(log_weight)
-        u, residuals, weight = u[counted], residuals[counted], unscaled(log_weight[counted])
+        u, residuals, weight = u[counted], residuals[counted], relative_weights(log_weight[counted])
         gain = target.log_posterior(u, residuals + nearer - farther) - target.log_posterior(u, residuals)
         modulus = 10.0 ** target.prior.to_x(u)[:, target.prior.names.index("shear_modulus")]
         moved = np.average(modulus, weights=weight * np.exp(gain)) / np.average(modulus, weights=weight)
@@ -413,7 +413,7 @@ class Estimation:
         limit_weight: float,
     ) -> Verdict:
         verdict: Verdict = "ok"
-        if unbounded := self.shot.unbounded(x, self.prior.low, self.prior.high, log_weight):
+        if unbounded := self.shot.bound_messages(x, self.prior.low, self.prior.high, log_weight):
             verdict = "undetermined"
             self.messages += unbounded
         if predictive and predictive["p_value"] < TUNING.p_rejected:
