@@ -9,15 +9,7 @@ import cavirheo
 from cavirheo import Rig
 from cavirheo.inference import design
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.design import (
-    NORMAL_90,
-    Setting,
-    compute_expectation,
-    gain,
-    linearised,
-    material_information,
-    shots_wanted,
-)
+from cavirheo.inference.design import NORMAL_90, Setting, gain, linearised, shots_wanted
 from cavirheo.inference.noise import GAMMA_A, Noise
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import result, result_of
@@ -29,7 +21,7 @@ GOOD = Setting(250e-6, 1e6, frames=120)
 
 
 def told(setting: Setting):
-    return compute_expectation(*setting.film(NHKV, LAW, 6.0, seed=0), NHKV)
+    return design.compute_expectation(*setting.film(NHKV, LAW, 6.0, seed=0), NHKV)
 
 
 def test_a_film_shows_the_bubble_that_is_asked_for_and_tells_more_with_less_noise_and_more_frames():
@@ -66,7 +58,7 @@ def test_information_adds_scatter_takes_away_and_an_interval_ends_where_its_prio
     assert shots_wanted(np.zeros((2, 2)), known, half) is None
     known, one = np.array([[0.2, 0.05], [0.05, 0.1]]), np.array([[200.0, -90.0], [-90.0, 600.0]])
     exact = np.linalg.inv(np.linalg.inv(one) + 0.1**2 * np.eye(2))
-    assert material_information(one, 0.1**2 * np.eye(2)) == pytest.approx(exact)
+    assert design.material_information(one, 0.1**2 * np.eye(2)) == pytest.approx(exact)
     after = np.linalg.inv(np.linalg.inv(known) + one)
     assert gain(one, known) == pytest.approx(0.5 * np.log(np.linalg.det(known) / np.linalg.det(after)))
     assert np.diff(design.interval(3.5, 0.01, 0.0, 7.0)) == pytest.approx(2 * NORMAL_90 * 0.01, rel=0.01)

@@ -69,10 +69,8 @@ def resistance(material, medium, radius):
     N, D = np.polynomial.Polynomial([alone * solid, fluid]), np.polynomial.Polynomial([1.0])
     for arm in material.memory:  # mu s/(1 + tau s), or (G + mu s)/(1 + tau s) of one that takes the spring along
         fading = np.polynomial.Polynomial([1.0, arm.relaxation_time / t_c])
-        N, D = (
-            N * fading + D * np.polynomial.Polynomial([arm.relaxes_elastic_part * solid, arm.viscosity / (p * t_c)]),
-            D * fading,
-        )
+        relaxing = np.polynomial.Polynomial([arm.relaxes_elastic_part * solid, arm.viscosity / (p * t_c)])
+        N, D = N * fading + D * relaxing, D * fading
     return N, D
 
 

@@ -342,8 +342,7 @@ def population(
     fields |= {"shots": tuple(shots[i] for i in likelihoods), "left_out": excluded}
     if len(likelihoods) < MIN_SHOTS:
         count = digits.counted_shots(len(likelihoods), len(answers))
-        warning = f"{count}, and a material with its scatter needs {MIN_SHOTS}"
-        return Population(**fields, warnings=(warning,))
+        return Population(**fields, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
     rough = [f"{shots[i]} ({shot.effective:.0f})" for i, shot in likelihoods.items() if shot.effective < FEW]
     notes = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
     counted = [answers[i] for i in likelihoods]

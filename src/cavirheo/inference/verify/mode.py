@@ -80,7 +80,7 @@ class Target(Coordinates):
             x[:, :law] = rescaled(self.experiment.family.parameters, x[:, :law], size)
         return x
 
-    def with_drawn_camera(self, u: Floats, z: Floats) -> tuple[Floats, Floats]:
+    def add_camera(self, u: Floats, z: Floats) -> tuple[Floats, Floats]:
         """x (k, all) of draws u (k, d) with a camera z (k, m), and the change (k,) of the log density from z to x."""
         free, shot = self.camera.free, self.experiment
         widths = np.array([shot.free[NAMES[i]][1] for i in free]) / self.camera.widths[free]
@@ -94,7 +94,7 @@ class Target(Coordinates):
         if not len(self.camera.free) or not np.all(np.isfinite(curvature)):
             return self.with_camera(u, middle), np.zeros(len(u))
         z, log_density = self.camera.draw(middle, curvature, np.random.Generator(np.random.Philox(seed).jumped(2)))
-        x, log_width = self.with_drawn_camera(u, z)
+        x, log_width = self.add_camera(u, z)
         return x, log_density + log_width
 
     def log_posterior(self, u: Floats, residual: Floats) -> Floats:

@@ -177,7 +177,7 @@ class Estimation:
             u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
             x, log_weight = target.with_camera(u, np.tile(z, (len(u), 1))), np.full(len(u), sampling.log_laplace)
             return replace(answer_at(target, mode), evidence=sampling.evidence), x, log_weight
-        x, _ = target.with_drawn_camera(sample.u, target.camera.z(sampling.residual))
+        x, _ = target.add_camera(sample.u, target.camera.z(sampling.residual))
         quantiles = intervals(*self.shot.to_theta(x), sample.log_weight)
         answer = answer_at(target, sampling.best or sampling.modes[0])
         return replace(answer, intervals=quantiles, evidence=sampling.evidence), x, sample.log_weight
@@ -300,10 +300,7 @@ class Estimation:
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
             z = target.camera.z(residuals)
-            sampled = sample is not None
-            x, log_camera = (
-                target.with_drawn_camera(u, z) if sampled else target.draw_camera(u, z, best.u, settings.seed)
-            )
+            x, log_camera = target.add_camera(u, z) if sample else target.draw_camera(u, z, best.u, settings.seed)
         trusted = sample if len(u) > 1 else None
         over_scale = self._modulus_over_scale(best, trusted, residuals)
         log_q = log_weight = None
