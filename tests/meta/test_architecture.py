@@ -69,4 +69,4 @@ def test_a_default_answer_enters_few_files_and_simulate_is_not_deeper_below_infe
     sys.setprofile(called)
     infer_many(curves, workers=1)
     sys.setprofile(None)
-    assert (len(files) <= 34, max(depths) <= 30) == (True, True), (len(files), max(depths))
+    assert (len(files) <= 34, max(depths) <= 26) == (True, True), (len(files), max(depths))
