@@ -65,7 +65,7 @@ def _show_document(path: Path, json: bool) -> None:
     if json:
         print(as_json(document), end="")
         return
-    name, date = type(document).__name__.lower(), f", {document.date}" if document.date else ""
+    name, date = document.kind, f", {document.date}" if document.date else ""
     terminal.console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
     print_table(document)
 
@@ -110,7 +110,7 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
 
     document = load(result)
     if not isinstance(document, Result):
-        kind = type(document).__name__.lower()
+        kind = document.kind
         message = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
         raise InputError(message, "cite.kind")
     paragraph, sources = methods_paragraph(document)
