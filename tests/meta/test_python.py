@@ -54,6 +54,7 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: simulate(accuracy=1e-5), "1e-05"),
     (lambda: Accuracy(relative_error="fine"), "'fine'"),
     (lambda: cavirheo.simulate_many(GEL, **BUBBLE), "[NeoHookeanKelvinVoigt"),
+    (lambda: cavirheo.measure("shot.tif", fps=1e6), "frame_rate"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     (lambda: RadiusCurve(TIME * 1e6, RADIUS), "us"),

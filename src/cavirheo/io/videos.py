@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple, Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number, sha256
+from cavirheo.errors import InputError, as_path, parse_number, require, sha256
 from cavirheo.io.files import file_label, guarded
 from cavirheo.video.frames import CAMERA_ENDINGS, STACK_ENDINGS
 from cavirheo.video.measurement import Measurement, MeasureOptions
@@ -41,7 +41,9 @@ def examine(
     path: str | Path, *, sheet: bool = False, **options: Unpack[MeasureOptions]
 ) -> tuple[Measurement, RadiusCurve]:
     """Return (the measurement, its curve), as `measure`; with `sheet` the curve's `meta` has the contact sheet."""
-    path = as_path(path)
+    path, known = as_path(path), MeasureOptions.__annotations__
+    unknown, names = ", ".join(options.keys() - known.keys()), ", ".join(known)
+    require(not unknown, f"measure has no option {unknown}; it has {names}", "video.option")
     with guarded(path, "expected a recording of a bubble", folder=True):
         measurement = measure_frames(path, **options)
         return measurement, history(measurement, path, sheet=sheet)
