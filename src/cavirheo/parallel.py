@@ -28,6 +28,8 @@ Output = TypeVar("Output")
 FEWEST_FOR_PROCESSES = 2  # jobs of some seconds for which processes are started: their start takes a second or two
 JOBS_PER_PROCESS = 2  # jobs sent to each process: one that runs and one that waits
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # environment of a Python that imports no modules from the current folder
+# and of the processes: loky compares their memory (bytes) with that after their first job, which here loads nothing
+_OF_PROCESSES = SAFE_PATH | {"LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
 _pools: dict[tuple[int, int], Any] = {}  # the latest pool, by (process id, size): it is used again
 _processes_lock = threading.Lock()  # held by the call of `map_unordered` that uses the processes
@@ -210,8 +212,8 @@ def _pool_of(count: int) -> Any:
     for _ in range(2):  # the processes of the latest pool may have been ended from outside
         with suppress(OSError, RuntimeError, NameError), _protected_start():  # NameError: of loky, too many open files
             if key not in _pools:
-                options = {"timeout": IDLE, "initializer": _tie_to_parent, "initargs": (os.getpid(),), "env": SAFE_PATH}
-                _pools[key] = loky.ProcessPoolExecutor(count, **options)
+                options = {"timeout": IDLE, "initializer": _tie_to_parent, "initargs": (os.getpid(),)}
+                _pools[key] = loky.ProcessPoolExecutor(count, **options, env=_OF_PROCESSES)
             _pools[key].submit(int)  # starts the processes, also again after they ended for lack of work
             return _pools[key]
         end_processes()
