@@ -1,4 +1,4 @@
-"""How long the report takes beside the inference of the same curves, and how much memory.
+"""How long the report takes beside the network's answers of the same curves, and how much memory.
 
 python benchmarks/reporting.py [curves ...]    (default: 10 100 400 1000), each count in a process of its own
 """
@@ -39,12 +39,12 @@ def measure(n: int) -> list[str]:
     """A row of the table."""
     load_solver()
     curves = shots(n)
-    infer_many(curves[:2])  # what is loaded once does not count
-    (inference, thought), answers = timed(lambda: infer_many(curves))
+    infer_many(curves[:2], verify="none")  # what is loaded once does not count
+    (inference, thought), answers = timed(lambda: infer_many(curves, verify="none"))
     pairs = list(zip(curves, answers, strict=True))
     with TemporaryDirectory() as folder:
         write_report(folder, pairs[:1], "warm")
-        (report, worked), _ = timed(lambda: write_report(folder, pairs, "benchmark"))
+        (report, worked), _ = timed(lambda: write_report(folder, pairs, "benchmark", replace=True))
         size = Path(folder, "report.html").stat().st_size / 1e6
     row = f"{n}", f"{inference:.2f}", f"{report:.2f}", f"{report / inference:.2f}", f"{thought:.2f}", f"{worked:.2f}"
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
