@@ -28,8 +28,8 @@ Output = TypeVar("Output")
 FEWEST_FOR_PROCESSES = 2  # jobs of some seconds for which processes are started: their start takes a second or two
 JOBS_PER_PROCESS = 2  # jobs sent to each process: one that runs and one that waits
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # environment of a Python that imports no modules from the current folder
-# and of the processes: loky compares their memory (bytes) with that after their first job, which here loads nothing
-_OF_PROCESSES = SAFE_PATH | {"LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
+# loky restarts a process that has so many bytes more than after its first job; here the first job loads nothing
+_PROCESS_ENVIRONMENT = SAFE_PATH | {"LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
 _pools: dict[tuple[int, int], Any] = {}  # the latest pool, by (process id, size): it is used again
 _processes_lock = threading.Lock()  # held by the call of `map_unordered` that uses the processes
@@ -213,7 +213,7 @@ def _pool_of(count: int) -> Any:
         with suppress(OSError, RuntimeError, NameError), _protected_start():  # NameError: of loky, too many open files
             if key not in _pools:
                 options = {"timeout": IDLE, "initializer": _tie_to_parent, "initargs": (os.getpid(),)}
-                _pools[key] = loky.ProcessPoolExecutor(count, **options, env=_OF_PROCESSES)
+                _pools[key] = loky.ProcessPoolExecutor(count, **options, env=_PROCESS_ENVIRONMENT)
             _pools[key].submit(int)  # starts the processes, also again after they ended for lack of work
             return _pools[key]
         end_processes()
@@ -284,8 +284,10 @@ def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
             _calling_thread_lock.release()
     if cores() > 1 and multiprocessing.parent_process() is None:
         with _start_lock:
-            pool = _pool_of(cores())
-        with suppress(BrokenExecutor, _loky().process_executor.PicklingError):  # ended from outside, or cannot be sent
+            pool = None if _processes_lock.locked() else _pool_of(cores())
+        errors = _loky().process_executor
+        # the processes were ended, from outside or for a `map_unordered`, or the job cannot be sent
+        with suppress(BrokenExecutor, errors.ShutdownExecutorError, errors.PicklingError):
             if pool:
                 return pool.submit(function, *arguments).result()
     return function(*arguments)

@@ -87,10 +87,8 @@ class Page:
                 with gr.Row():
                     self.examples = {name: _small_button(name) for name in steps.examples()}
                 with gr.Row():
-                    self.clear, self.to_prepare = (
-                        _small_button("Start over"),
-                        _small_button("Prepare first", interactive=False),
-                    )
+                    self.clear = _small_button("Start over")
+                    self.to_prepare = _small_button("Prepare first", interactive=False)
                 self.infer_now = _button("Infer all shots", interactive=False)
         with gr.Column(visible=False) as self.clear_dialog:
             self.clear_warning = _html()

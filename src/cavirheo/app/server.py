@@ -120,10 +120,8 @@ def running_server(
         closing(Visitors(limits or VisitorLimits())) as visitors,
     ):
         os.environ["GRADIO_TEMP_DIR"] = temporary
-        page, routes = (
-            Page(visitors).blocks.queue(default_concurrency_limit=MAX_EVENTS),
-            [_live_route(visitors, folder)],
-        )
+        page = Page(visitors).blocks.queue(default_concurrency_limit=MAX_EVENTS)
+        routes = [_live_route(visitors, folder)]
         try:
             _, address, _ = page.launch(
                 server_name=host,

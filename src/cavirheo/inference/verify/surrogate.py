@@ -241,16 +241,16 @@ class AdaptiveProposal:
         self.walkers = np.empty((0, 0))  # (k, d + m) u and camera, where the last draws of a surrogate ended
         if simulated:
             self.learn(simulated)
-        self._add_modes(modes)
+        self._append_new(modes)
         self.mixture = self.start
 
     def add_modes(self, modes: Sequence[Mode]) -> None:
         """Add modes; if one is new, the next draws begin about all of them."""
-        if self._add_modes(modes):
+        if self._append_new(modes):
             self.mixture = self._wide()
 
-    def _add_modes(self, modes: Sequence[Mode]) -> bool:
-        """Add modes that differ from those so far. Whether one does."""
+    def _append_new(self, modes: Sequence[Mode]) -> bool:
+        """Append the modes that differ from those so far. Whether there are any."""
         before = len(self.modes)
         for mode in modes:
             if not any(same(mode, earlier) for earlier in self.modes):
