@@ -42,7 +42,7 @@ def examine(
 ) -> tuple[Measurement, RadiusCurve]:
     """Return (the measurement, its curve), as `measure`; with `sheet` the curve's `meta` has the contact sheet."""
     path, known = as_path(path), MeasureOptions.__annotations__
-    unknown, names = ", ".join(options.keys() - known.keys()), ", ".join(known)
+    unknown, names = ", ".join(sorted(options.keys() - known.keys())), ", ".join(known)
     require(not unknown, f"measure has no option {unknown}; it has {names}", "video.option")
     with guarded(path, "expected a recording of a bubble", folder=True):
         measurement = measure_frames(path, **options)
