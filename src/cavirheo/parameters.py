@@ -192,11 +192,12 @@ POSITIVE = domain("finite and positive", lambda x: 0 < x < inf)
 POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
 
 
-def check_domain(allowed: Mapping[str, Any], name: str, value: float) -> None:
-    """Raises InputError for a value outside a domain; the code is `physics.` and the first word of `name`."""
+def check_domain(allowed: Mapping[str, Any], name: str, value: float | Floats) -> None:
+    """Raises InputError for a value, or a value in an array, outside a domain, which must be an interval; the code is
+    `physics.` and the first word of `name`."""
     words, holds = allowed["domain"]
     try:
-        fine = holds(value)
+        fine = all(map(holds, (np.min(value), np.max(value)))) if isinstance(value, np.ndarray) else holds(value)
     except (TypeError, ValueError):  # text, or several numbers
         fine, words = False, f"a number, {words}"
     if not fine:

@@ -217,6 +217,7 @@ class Posterior:
             deviation) if normal; parameters with an unknown prior are missing.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
         laws: for an average over laws, the answer of each law in it, by its name.
+        switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening", "field_bubble".
     """
 
     names: tuple[str, ...]
@@ -240,6 +241,7 @@ class Posterior:
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     stretch_prior: tuple[float, float] | None = None
     laws: Mapping[str, Posterior] = field(default_factory=dict)
+    switches: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""

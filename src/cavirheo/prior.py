@@ -72,11 +72,13 @@ class Prior:
     high: Floats
     mean: Floats = field(default_factory=lambda: np.array(0.0))
     std: Floats = field(default_factory=lambda: np.array(np.inf))
+    zero: Floats = field(default_factory=lambda: np.array(0.0))
+    infinite: Floats = field(default_factory=lambda: np.array(0.0))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
         size = len(self.names)
-        for name in ("low", "high", "mean", "std"):
+        for name in ("low", "high", "mean", "std", "zero", "infinite"):
             values = np.asarray(getattr(self, name), dtype=float)
             values = values if values.ndim else np.full(size, values)
             message = f"a prior needs one {name} for each of its names {self.names}"
@@ -104,7 +106,8 @@ class Prior:
     def marginal(self, names: Sequence[str]) -> Prior:
         """The prior of these parameters alone; the parameters are independent."""
         at = [self.names.index(name) for name in names]
-        return Prior(tuple(names), *(values[at] for values in (self.low, self.high, self.mean, self.std)))
+        columns = (self.low, self.high, self.mean, self.std, self.zero, self.infinite)
+        return Prior(tuple(names), *(values[at] for values in columns))
 
     def sample(self, draws: int | range, seed: int) -> Floats:
         """Draws (draws, parameters) of a uniform prior; draw i depends on (seed, i) alone, not on the others."""
@@ -130,13 +133,20 @@ class Prior:
     def to_x(self, u: Floats) -> Floats:
         """x (..., d) from u (..., d)."""
         flat, unit, centre, below, inside = self._normal
-        p = np.clip(ndtr(u), _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
+        whole = ndtr(u)
+        p = (whole - self.zero) / (1.0 - self.zero - self.infinite)
+        p = np.clip(p, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY)
         normal = centre + unit * ndtri(np.clip(below + p * inside, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY))
-        return np.asarray(np.clip(np.where(flat, self.low + p * (self.high - self.low), normal), self.low, self.high))
+        x = np.clip(np.where(flat, self.low + p * (self.high - self.low), normal), self.low, self.high)
+        x = np.where(whole < self.zero, -np.inf, x)
+        return np.asarray(np.where(1.0 - whole < self.infinite, np.inf, x))
 
     def to_u(self, x: Floats, inside: float = 0.0) -> Floats:
-        """u (..., d) from x (..., d); infinite at and beyond a bound, unless `inside` > 0 limits the probability."""
-        return np.asarray(ndtri(np.clip(self.cdf(x), inside, 1.0 - inside)))
+        """u (..., d) from x (..., d); infinite at and beyond a bound, unless `inside` > 0 limits the probability. An
+        atom gives the middle of its part of u."""
+        p = self.zero + (1.0 - self.zero - self.infinite) * np.clip(self.cdf(x), inside, 1.0 - inside)
+        p = np.where(np.isneginf(x), 0.5 * self.zero, p)
+        return np.asarray(ndtri(np.where(np.isposinf(x), 1.0 - 0.5 * self.infinite, p)))
 
     def log_density(self, x: Floats) -> Floats:
         """(...,) log p(x) of x (..., d), inside the bounds."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import InputError, expect_whole, require
+from cavirheo.inference.answer import answer
 from cavirheo.inference.assumptions import FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.checks import ANALYSIS_ERRORS, curve_warnings, failed_checks, wall_warnings, warned
 from cavirheo.inference.experiment import Experiment
@@ -133,7 +134,7 @@ class Analysis:
     @property
     def laws(self) -> Sequence[str]:
         """The laws that are analysed; with damage, those with an elastic part. Raises InputError: none has one."""
-        laws = AUTO_LAWS if self.material == "auto" else (str(self.material),)
+        laws = AUTO_LAWS if self.material == "auto" and self.method != "infer" else (str(self.material),)
         if self.bubbles[0].damage == "none":
             return laws
         elastic = [law for law in laws if Family(law).elastic]
@@ -231,6 +232,8 @@ class Analysis:
             settings["search"] = self.starting_analysis is None
         try:
             with one_blas_thread:
+                if self.method == "infer" and self.verify != "none":
+                    return self._sampled(curve, workers)
                 answers = [start] if start else self.starts(curve, workers)
                 if self.verify == "none":
                     return answers[0]
@@ -241,6 +244,19 @@ class Analysis:
             _log.exception("%s has no answer", curve.name)
             empty = self._empty_answer(curve, self.laws[0], self.bubbles[0])
             return replace(empty, checks=failed_checks(error, curve, medium_of(self.medium)))
+
+    def _sampled(self, curve: RadiusCurve, workers: int | None) -> Posterior:
+        """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
+        began, medium, bubble = perf_counter(), medium_of(self.medium), self.bubbles[0]
+        empty = self._empty_answer(curve, str(self.material), bubble)
+        try:
+            shot = Experiment(curve, Family(str(self.material)), medium, self._options(bubble))
+            found = answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
+            warnings = [*curve_warnings(curve, medium), *wall_warnings(shot)]
+            found = replace(found, checks=warned(found.checks, warnings, self.trust_input))
+        except ANALYSIS_ERRORS as error:  # only this curve fails
+            found = replace(empty, checks=failed_checks(error, curve, medium))
+        return replace(found, seconds=perf_counter() - began)
 
     def starts(self, curve: RadiusCurve, workers: int | None = None) -> list[Posterior]:
         """The answers that start the verification, one for each law and bubble; a failed one gives the reason."""

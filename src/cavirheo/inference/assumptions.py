@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from numbers import Integral, Real
 from typing import Any
@@ -95,6 +95,9 @@ def _unfittable(law: str) -> list[str]:
 
 
 FITTABLE = [law for law in LAWS if not _unfittable(law)]
+AUTO = "auto"  # the default family: a spring that may stiffen or be absent, beside a dashpot
+_AUTO_LAW = "fung + newtonian"
+LIQUID, PLAIN = 1.0 / 3.0, 0.5  # prior probabilities that G is 0, and that the stiffening is 0
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,8 @@ class Family:
 
     If two laws of a sum have a parameter of one name, that of the later law is followed by its number: viscosity,
     viscosity_2. A parameter without a range (parameters.py) keeps the default of its law. The reference viscosity K
-    (1e5 1/s)^(n-1) replaces the consistency K.
+    (1e5 1/s)^(n-1) replaces the consistency K. "auto" is the default family: Fung's spring beside a dashpot, in which G
+    and the stiffening may each be exactly 0 (`atoms`: the prior probabilities).
 
     Raises:
         InputError: an unknown law, a parameter with neither range nor default, or laws that exclude each other.
@@ -117,7 +121,8 @@ class Family:
     def __post_init__(self) -> None:
         expect(self.name, str, "the name of a law, such as 'nhkv' or 'gent + newtonian'")
         terms, names = [], list[str]()
-        for number, law in enumerate((part.strip() for part in self.name.split("+")), 1):
+        sum_of_laws = _AUTO_LAW if self.name == AUTO else self.name
+        for number, law in enumerate((part.strip() for part in sum_of_laws.split("+")), 1):
             hint = " without parameters (all of them are fitted)" if "(" in law else ""
             hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
             message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(FITTABLE)}"
@@ -130,10 +135,17 @@ class Family:
         usual = self.material(np.mean(self.bounds(started=True), axis=1))  # an error if the laws exclude each other
         object.__setattr__(self, "elastic", usual.elastic is not None)
 
+    @property
+    def atoms(self) -> Mapping[str, float]:
+        """Prior probability by name that a parameter is exactly 0."""
+        return {"shear_modulus": LIQUID, "stiffening": PLAIN} if self.name == AUTO else {}
+
     def material(self, log10: Floats) -> Material:
-        """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
-        values = iter(10.0**log10)
-        terms = [(law, {name: float(next(values)) for name in names}) for law, names in self._terms]
+        """The material of (parameters,) log10 values; of (k, parameters) a material whose parameters are (k, 1) arrays,
+        for stresses at many parameters at once. Raises InputError where they exclude each other."""
+        values = iter(10.0**log10 if log10.ndim == 1 else 10.0 ** log10.T[..., None])
+        number = float if log10.ndim == 1 else np.asarray
+        terms = [(law, {name: number(next(values)) for name in names}) for law, names in self._terms]
         return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
 
     def bounds(self, *, started: bool = False) -> Floats:

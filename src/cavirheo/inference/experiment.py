@@ -36,11 +36,12 @@ from cavirheo.inference.camera import (
     rescaled,
 )
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
+from cavirheo.inference.emulator import Bubbles, Emulator
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
-from cavirheo.physics.bubble import ACCOMMODATION, ZERO_BY_DEFAULT, Bubble, Damage
+from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, ZERO_BY_DEFAULT, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import Simulation, simulate
 from cavirheo.posterior import Checks, Verdict, intervals, weighted_quantile
@@ -50,6 +51,7 @@ MIN_CLOCK, MIN_FACTOR = 0.02, 0.015  # smallest half-widths of the priors of the
 DIFFERENCE_STEP = 1e-3  # step of forward differences of x, times `Experiment.steps`
 NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 INSTANT_DEVIATION = 1.0 / np.sqrt(12.0)  # standard deviation of an instant within a frame, frames
+FIELD_PROBABILITY = 0.2  # prior probability that a bubble is the field's
 SOLVER_ERROR = 1e-3  # smallest noise over R_max that is used: the error of the solver
 # scales of the half-normal priors of walls (inertia, damping) and of vapour (over p_inf), which are cut at BOUND_SCALES
 BETA, ZETA, EXCESS = 0.3, 0.3, 0.03
@@ -60,6 +62,13 @@ CLEAN_MISFIT = 1e-3  # largest RMS misfit over R_max of a simulation of such a c
 STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
 TIMING_FACTORS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # values of j that are tried (`Experiment`)
 _LN10 = float(np.log(10.0))
+_EMULATED = {
+    "stretch": 7.0,
+    "accommodation": 1.0,
+    "confinement_damping": 0.0,
+    "damage_modulus": 1.0,
+    "damage_radius": 1.0,
+}
 
 
 def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Floats]:
@@ -251,7 +260,9 @@ class Experiment:
         return values
 
     def bubble_with(self, natural: Mapping[str, Any]) -> Bubble:
-        """The bubble with these natural values, as `simulate` takes it."""
+        """The bubble with these natural values, as `simulate` takes it; with an infinite accommodation the field's."""
+        if natural.get("accommodation") == np.inf:
+            return FIELD
         values = {name: natural[name] for name in ("accommodation", *ZERO_BY_DEFAULT) if name in natural}
         damage = self.options.bubble.damage
         if isinstance(damage, str) and damage != "none":
@@ -314,6 +325,10 @@ class Experiment:
         standard deviation. Walls and vapour above saturation: half-normal. Raises InputError: a range of an unknown
         parameter, or one that is not positive and rising."""
         bounds, unused = self.bounds.copy(), dict(ranges or {})
+        zero = np.array([self.family.atoms.get(name, 0.0) for name in self.names])
+        infinite = np.zeros(len(self.names))
+        if self.options.bubble == REAL:
+            infinite[self.names.index("accommodation")] = FIELD_PROBABILITY
         mean, std = np.zeros(len(self.names)), np.full(len(self.names), np.inf)
         for i, name in enumerate(self.names):
             if name in unused and name not in self.free:
@@ -330,7 +345,7 @@ class Experiment:
                 mean[i], std[i] = -1.0, 2.0 / BOUND_SCALES
         message = f"no prior range can be set for {', '.join(unused)}; known: {', '.join(self.names)}"
         require(not unused, message, "prior.name")
-        return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std)
+        return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std, zero, infinite)
 
     def law_prior(self, prior: Prior) -> dict[str, tuple[float, ...]]:
         """The prior of the law's parameters, by their names in theta, as a Posterior stores it."""
@@ -353,6 +368,30 @@ class Experiment:
         at_instants[:, order] = np.array([run.radius, np.abs(run.velocity), run.velocity]) / (scale * self.max_radius)
         at_instants[2] *= side
         return Prediction(*(np.asarray(values.reshape(-1, len(offsets)) @ shares) for values in at_instants))
+
+    def emulated(self, x: Floats, emulator: Emulator, scale: float = 1.0) -> Floats:
+        """(k, n) simulated R over the measured R_max of the frames that count, at x (k, d), by the emulator; NaN where
+        the law does not hold. scale: factor of the times of the frames."""
+        natural, k = self.natural(x.T), len(x)
+        size = {
+            name: np.broadcast_to(natural[name], (k,)) for name in ("time_origin", "radius_scale", "max_radius_factor")
+        }
+        factor = size["max_radius_factor"]
+        radius = self.max_radius * size["radius_scale"] * factor
+        values = {name: np.broadcast_to(natural.get(name, default), (k,)) for name, default in _EMULATED.items()}
+        accommodation = np.full(k, np.inf)
+        if self.options.bubble.contents == "kinetic":
+            accommodation = values["accommodation"]
+        real = np.isfinite(accommodation) | (self.options.bubble.contents != "kinetic")
+        bubbles = Bubbles(
+            self.family.material(x[:, : self.law_size]), self.medium, radius, values["stretch"], accommodation,
+            np.where(real, values["confinement_damping"], 0.0), values["damage_modulus"], values["damage_radius"],
+        )  # fmt: skip
+        offsets, shares = exposure_nodes(self.exposure, INSTANTS)
+        since = scale * self.time_since_max[self.counted]
+        instants = np.abs((since[:, None] + offsets).ravel() - size["time_origin"][:, None])
+        at_instants = emulator.radius(bubbles, instants).reshape(k, len(since), len(offsets))
+        return np.asarray(factor[:, None] * (at_instants @ shares))
 
     def _run(
         self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy

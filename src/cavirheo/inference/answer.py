@@ -1,0 +1,234 @@
+"""From the weighed draws of one experiment to its Posterior: intervals, switches, checks and verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats, relative_weights
+from cavirheo.inference.emulator import emulator
+from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.noise import Noise
+from cavirheo.inference.sample import EMULATED, climb, effective_size
+from cavirheo.inference.weigh import ENOUGH, Weighed, posterior
+from cavirheo.messages import Message
+from cavirheo.parallel import run_jobs
+from cavirheo.parameters import CAMERA, units
+from cavirheo.posterior import Diagnostics, Evidence, Posterior
+from cavirheo.prior import Prior
+
+REPLICATES = 2000  # of the predictive check
+REJECTED = 0.01  # probability under a right law at which the predictive check rejects it
+LARGE_MISFIT = 0.03  # misfit over R_max beyond noise that rejects the law
+SEEN_MISFIT = 5e-4  # a misfit over R_max that is smaller is not stated
+PRIOR_END = 2.3  # a nuisance so far from the middle of its prior has 1 % of it beyond
+SCALED = 0.002  # relative change of R_max, for the slope of G
+
+
+class Target:
+    """Residuals of one experiment at u (k, d), where the prior is standard normal: by the emulator, or simulated."""
+
+    def __init__(self, shot: Experiment, prior: Prior, workers: int | None = 1) -> None:
+        self.shot, self.prior, self.workers = shot, prior, workers
+        self.measured = shot.measured[shot.counted]
+
+    def emulated(self, u: Floats, scale: float = 1.0) -> Floats:
+        """Residuals (k, n) by the emulator; with frames `scale` times as late."""
+        network = emulator()
+        parts = np.array_split(u, max(1, len(u) // 1000))
+        return np.concatenate(
+            [self.measured - self.shot.emulated(self.prior.to_x(part), network, scale) for part in parts]
+        )
+
+    def simulated(self, u: Floats) -> Floats:
+        """Residuals (k, n) by the default solver; NaN where it fails."""
+        return np.array(run_jobs(self.shot.difference, self.prior.to_x(u), self.workers))
+
+
+def answer(empty: Posterior, shot: Experiment, *, discrepancy: bool, seed: int, workers: int | None = 1) -> Posterior:
+    """The posterior of an experiment; `empty` gives what does not depend on the draws. Raises SolverError: too few
+    bubbles can be simulated."""
+    prior, noise = shot.prior(), shot.noise(discrepancy)
+    target = Target(shot, prior, workers)
+    weighed = posterior(target.emulated, target.simulated, noise, len(prior.names), seed)
+    x = prior.to_x(weighed.u)
+    best = int(np.argmax(weighed.log_posterior))
+    residual = weighed.residuals[best]
+    predictive, excess, at = judge(target, noise, weighed, best, seed)
+    messages, verdict = list[Message](), "ok"
+    effective = effective_size(weighed.log_weight)
+    names, theta = shot.to_theta(x)
+    theta = _switched_off(names, theta)
+    switches = _switches(prior, x, relative_weights(weighed.log_weight))
+    bounds = shot.bound_messages(x, prior.low, prior.high, weighed.log_weight)
+    if bounds:
+        verdict, messages = "undetermined", bounds
+    if predictive and predictive["p_value"] < REJECTED:
+        if not discrepancy or excess > LARGE_MISFIT:
+            verdict = "model_does_not_fit"
+        limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
+        chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
+        messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
+    pulled = _pulled(shot, prior, at)
+    messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
+    messages += shot.messages
+    if effective < ENOUGH:
+        values = {"effective": effective, "needed": ENOUGH, "tail": float("nan"), "missing": None}
+        messages.append(Message("interval.distrusted", {"draws": len(x), **values}))
+        theta, verdict = theta[best : best + 1], "no_interval" if verdict == "ok" else verdict
+    values = shot.all_values(x[best])
+    diagnostics = Diagnostics(
+        stretch_source=shot.stretch_source(),
+        at_bound=tuple(name for name in pulled if name in CAMERA),
+        frames_left_out=int(np.count_nonzero(~shot.counted)),
+        draws=len(x),
+        effective_sample_size=effective,
+        predictive=predictive,
+        systematic_misfit_over_rmax=excess,
+        simulations=shot.simulations.runs,
+        failed_simulations=shot.simulations.failures,
+        modulus_over_scale=modulus_over_scale(target, noise, weighed),
+    )
+    provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
+    provenance |= noise.describe(residual) | {"evaluations": weighed.evaluations, "share": weighed.share}
+    return replace(
+        empty, names=names, units=units(names), theta=theta, method="verified", provenance=provenance,
+        checks=shot.checks(x[best], verdict, messages), log_weight=weighed.log_weight if len(theta) > 1 else None,
+        best=values, stretch=values["stretch"], evidence=Evidence(weighed.log_evidence, weighed.error),
+        diagnostics=diagnostics, medium=shot.medium, prior=shot.law_prior(prior), stretch_prior=shot.stretch_prior,
+        switches=switches,
+    )  # fmt: skip
+
+
+def _switched_off(names: Sequence[str], theta: Floats) -> Floats:
+    """theta (k, d), in which a field's bubble has the accommodation 1 and no damping, as a limit of the real one, and a
+    liquid no stiffening."""
+    theta = theta.copy()
+    if "accommodation" in names:
+        field = np.isposinf(theta[:, names.index("accommodation")])
+        theta[field, names.index("accommodation")] = 1.0
+        if "confinement_damping" in names:
+            theta[field, names.index("confinement_damping")] = 0.0
+    if "log10_stiffening" in names:
+        theta[np.isneginf(theta[:, names.index("log10_shear_modulus")]), names.index("log10_stiffening")] = -np.inf
+    return theta
+
+
+def _switches(prior: Prior, x: Floats, weight: Floats) -> dict[str, float]:
+    """Posterior probabilities of the switches that the prior has."""
+    weight = weight / np.sum(weight)
+    columns = dict(zip(prior.names, x.T, strict=True))
+    probabilities: dict[str, float] = {}
+    liquid = np.zeros(len(x), dtype=bool)
+    for name, zero, infinite in zip(prior.names, prior.zero, prior.infinite, strict=True):
+        if name == "shear_modulus" and zero:
+            liquid = np.isneginf(columns[name])
+            probabilities["liquid"] = float(weight @ liquid)
+        if name == "stiffening" and zero:
+            probabilities["stiffening"] = float(weight @ (np.isfinite(columns[name]) & ~liquid))
+        if name == "accommodation" and infinite:
+            probabilities["field_bubble"] = float(weight @ np.isposinf(columns[name]))
+    return probabilities
+
+
+def _pulled(shot: Experiment, prior: Prior, x: Floats) -> dict[str, str]:
+    """The free parameters of bubble and camera that are at the end of their prior at x (d,), with this end."""
+    u = prior.to_u(x, 1e-3)
+    at_field = np.isposinf(x[prior.names.index("accommodation")]) if "accommodation" in prior.names else False
+    ends: dict[str, str] = {}
+    for name, value in zip(prior.names, u, strict=True):
+        if name in shot.free and abs(value) > PRIOR_END and (name in CAMERA or not at_field):
+            ends[name] = "lower" if value < 0 else "upper"
+    return ends
+
+
+def judge(
+    target: Target, noise: Noise, weighed: Weighed, best: int, seed: int
+) -> tuple[dict[str, Any] | None, float, Floats]:
+    """The predictive check at the best draw, the misfit beyond noise, and the place x (d,) that it is judged at: if the
+    check rejects, the nearest that the law can come by least squares."""
+    shot, prior = target.shot, target.prior
+    u, residual = weighed.u[best], weighed.residuals[best]
+    jacobian = _jacobian(target, u)
+    predictive = predictive_check(residual, jacobian, noise.deviation, seed)
+    excess, at = shot.misfit(residual), prior.to_x(u)
+    if predictive and predictive["p_value"] < REJECTED:
+        white = Noise(np.full(len(residual), np.median(noise.deviation)), shot.time_since_max[shot.counted], 1.0, False)
+        shift = residual - target.emulated(u[None])[0]
+        nearest = climb(lambda v: target.emulated(v) + shift, white, u[None], EMULATED)[0][0]
+        nearer = shot.misfit(target.simulated(nearest[None])[0])
+        if nearer < excess:
+            excess, at = nearer, prior.to_x(nearest)
+    return predictive, excess, at
+
+
+def _jacobian(target: Target, u: Floats) -> Floats:
+    """(n, d) derivatives of the emulated frames at u (d,)."""
+    step = 1e-3
+    places = np.concatenate([u + step * np.eye(len(u)), u - step * np.eye(len(u))])
+    above, below = np.split(-target.emulated(places), 2)
+    return np.asarray(np.nan_to_num((above - below) / (2.0 * step)).T)
+
+
+def modulus_over_scale(target: Target, noise: Noise, weighed: Weighed) -> float | None:
+    """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in units of t_c, so the
+    draws are weighted by frames that are moved in this way. None for a law without G or a liquid."""
+    names = target.prior.names
+    if "shear_modulus" not in names:
+        return None
+    good = np.isfinite(weighed.log_weight)
+    u, residuals, weight = weighed.u[good], weighed.residuals[good], relative_weights(weighed.log_weight[good])
+    nearer, farther = (target.emulated(u, 1.0 + side * SCALED) for side in (-0.5, 0.5))
+    gain = noise.log_density(residuals + nearer - farther) - noise.log_density(residuals)
+    modulus = 10.0 ** target.prior.to_x(u)[:, names.index("shear_modulus")]
+    before = np.average(modulus, weights=weight)
+    if before <= 0.0:
+        return None
+    moved = np.average(modulus, weights=weight * np.exp(np.clip(gain, -50.0, 50.0)))
+    return float(moved / before - 1.0) / SCALED
+
+
+def statistics(residuals: Floats) -> dict[str, Floats]:
+    """Three statistics (k,) of residuals (k, n), n >= 9, each over its assumed deviation, which do not depend on the
+    size of this deviation: level (standard deviation over the noise of third differences, which cancel a smooth
+    misfit), correlation (of neighbours) and run (the longest with one sign)."""
+    k, n = residuals.shape
+    rough = 1.4826 * np.median(np.abs(np.diff(residuals, 3, axis=1)), axis=1) / np.sqrt(20.0)
+    r = residuals - np.mean(residuals, axis=1, keepdims=True)
+    power = np.sum(r**2, axis=1)
+    longest, run = np.ones(k), np.ones(k)
+    for i in range(1, n):
+        run = np.where((residuals[:, i] > 0) == (residuals[:, i - 1] > 0), run + 1.0, 1.0)
+        longest = np.maximum(longest, run)
+    return {
+        "level": np.sqrt(np.mean(residuals**2, axis=1)) / rough,
+        "correlation": np.sum(r[:, 1:] * r[:, :-1], axis=1) / power,
+        "run": longest,
+    }
+
+
+def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed: int) -> dict[str, Any] | None:
+    """Posterior predictive check of residuals (n,) at a maximum, with the derivatives of the frames (n, d) there and
+    their assumed deviations (n,), against white noise; None for fewer than 9 frames.
+
+    Replicates are independent noise z, refitted as the measurement was: the residual is (1 - J (J'J + ridge)^-1 J') z,
+    which costs no simulation. p is the part of the replicates that is as extreme. Gelman, Meng and Stern 1996,
+    Statistica Sinica 6, 733; with refitting the check is not conservative (Robins, van der Vaart and Ventura 2000,
+    doi:10.1080/01621459.2000.10474310).
+    """
+    n, d = jacobian.shape
+    if n < max(9, d + 3):
+        return None
+    scaled, J = residual / deviation, jacobian / deviation[:, None]
+    variance = float(scaled @ scaled) / max(n - d, 1)
+    fitted = np.linalg.solve(J.T @ J + variance * np.eye(d), J.T)
+    noise = np.random.Generator(np.random.Philox(seed)).standard_normal((REPLICATES, n))
+    replicated = statistics(noise - (noise @ fitted.T) @ J.T)
+    observed = {name: float(value[0]) for name, value in statistics(scaled[None]).items()}
+    extreme = {name: np.count_nonzero(values >= observed[name]) for name, values in replicated.items()}
+    p = {name: float((1 + count) / (1 + REPLICATES)) for name, count in extreme.items()}
+    worst = min(1.0, len(p) * min(p.values()))  # Bonferroni's correction for three statistics
+    return {"p": p, "observed": observed, "p_value": worst, "least": len(p) / (1 + REPLICATES)}

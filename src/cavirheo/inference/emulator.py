@@ -1,0 +1,245 @@
+"""The emulator: R(t) of many bubbles at once from a network that was trained on simulations (training/emulator.py).
+
+It knows the physics of one bubble and nothing of cameras, noise or windows. A law without memory enters as what the
+bubble feels of it: the stress integral S_el at RADII and the mean viscosity up to RATES, so one network serves all
+laws; one relaxing arm and damage by strain are further inputs, and the medium enters by its dimensionless numbers.
+
+A trajectory is given at equal steps of a stretched time s, ds = dtau/R^1.5 with tau = t/T and
+T = 0.9147 t_c/sqrt(1 + |S_el(R_max)|/p): there t(s) and R(s) are both smooth, also at collapses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError
+from cavirheo.physics.cache import compiled
+from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Material, Newtonian, Viscous
+from cavirheo.physics.materials import Maxwell
+from cavirheo.physics.media import Medium
+
+STRETCHING = 1.5  # exponent of R in ds = dtau/R^1.5
+S_END, NODES = 30.0, 241  # of a trajectory: the last s, and the number of equally spaced nodes
+RAYLEIGH = 0.9147  # collapse time of an empty bubble in an inviscid liquid, t_c
+RADII = np.array([1.0, 0.85, 0.7, 0.55, 0.42, 0.32, 0.24, 0.17, 0.11, 0.07, 0.04])  # R/R_max of the stresses S_el
+RATES = 10.0 ** np.linspace(-1.0, 3.5, 8)  # t_c |U/R| of the viscosities
+LARGEST_STRESS = 1e3  # S_el/p beyond which a bubble feels no difference
+_X, _W = np.polynomial.legendre.leggauss(6)
+_X, _W = (_X + 1.0) / 2.0, _W / 2.0  # quadrature on (0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Bubbles:
+    """k bubbles in one medium, at rest at their largest radius.
+
+    Attributes:
+        material: one law, whose parameters are (k, 1) arrays.
+        medium: constants of the liquid and of the contents.
+        max_radius: (k,) m.
+        stretch: (k,) R_max/R_0.
+        accommodation: (k,) of vapour at the wall; infinite: equilibrium contents (the field's bubble).
+        damping: (k,) confinement damping.
+        damage_modulus, damage_radius: (k,) factors of a tenfold contraction; 1: no damage.
+    """
+
+    material: Material
+    medium: Medium
+    max_radius: Floats
+    stretch: Floats
+    accommodation: Floats
+    damping: Floats
+    damage_modulus: Floats
+    damage_radius: Floats
+
+
+class Features(NamedTuple):
+    """inputs: (k, inputs) of the network, NaN where the law does not hold; unit: (k,) T, s."""
+
+    inputs: Floats
+    unit: Floats
+
+
+def features(bubbles: Bubbles) -> Features:
+    """What the network is told of bubbles, and the time scale T of each."""
+    medium, radius, k = bubbles.medium, bubbles.max_radius, len(bubbles.max_radius)
+    speed, pressure = medium.velocity_scale, medium.pressure
+    t_c = radius / speed
+    parts = bubbles.material.parts()
+    stress = np.zeros((k, len(RADII)))
+    if parts.elastic:
+        stress = elastic_stress(parts.elastic, bubbles.stretch) / pressure
+    viscosity = np.zeros((k, len(RATES)))
+    if parts.viscous:
+        viscosity = mean_viscosity(parts.viscous, RATES / t_c[:, None]) / (pressure * t_c[:, None])
+        viscosity[np.any(viscosity < 0.0, axis=1)] = np.nan
+    arm = np.zeros((k, 6))
+    for part in parts.memory:
+        modulus = np.broadcast_to(part.modulus, (k, 1))[:, 0] / pressure
+        relaxation = np.broadcast_to(part.relaxation_time, (k, 1))[:, 0] / t_c
+        columns = [np.ones(k), isinstance(part, Maxwell) * np.ones(k), np.arcsinh(modulus / 0.02)]
+        columns += [np.arcsinh(modulus / 0.5), np.log10(relaxation), np.log1p(modulus * relaxation / 0.05)]
+        arm = np.column_stack(columns)
+    conductivity = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
+    vapour_speed = np.sqrt(medium.vapour_constant * medium.temperature / (2.0 * np.pi))
+    rate = bubbles.accommodation * vapour_speed / speed / 14.7  # 14.7: of vapour over U_c in water at 1 atm
+    numbers = [
+        np.log10(np.full(k, medium.sound_speed / speed)),
+        np.log10(pressure * radius / (2.0 * max(medium.surface_tension, 1e-6))),
+        np.log10(medium.diffusivity / (speed * radius)),
+        np.log10(medium.temperature * conductivity / (pressure * radius * speed)),
+        np.log10(np.full(k, max(medium.vapour_pressure / pressure, 1e-6))),
+        np.full(k, medium.temperature / 298.15),
+    ]
+    shot = [np.log10(bubbles.stretch), 1.0 / bubbles.stretch, bubbles.damping, np.sqrt(bubbles.damping)]
+    shot += [np.isinf(rate) * 1.0, *(np.log1p(scale / rate) for scale in (0.3, 0.03, 0.003))]
+    damage = [-np.log10(bubbles.damage_modulus), np.log10(bubbles.damage_radius)]
+    damage += [damage[0] * np.minimum(np.arcsinh(np.abs(stress[:, 0]) / 0.1), 1.0)]
+    law = [np.arcsinh(stress / 0.02), np.arcsinh(stress / 0.5)]
+    floored = np.maximum(viscosity, 1e-6)
+    law += [np.log10(floored), np.log1p(floored / 0.003), np.log1p(floored / 0.05)]
+    inputs = np.column_stack([*law, *numbers, *shot, arm, *damage])
+    return Features(inputs, RAYLEIGH * t_c / np.sqrt(1.0 + np.abs(stress[:, 0])))
+
+
+def elastic_stress(law: Elastic, stretch: Floats) -> Floats:
+    """(k, radii) S_el, Pa, of a law with parameters (k, 1) at RADII of bubbles with stretches (k,). Beyond the end of
+    the law it is LARGEST_STRESS times 1 MPa, with the sign that it has there; NaN if R_max is beyond it."""
+    if hasattr(law, "closed_form"):
+        return law.stress(stretch[:, None] * RADII)
+    ratios = stretch[:, None] * RADII
+    ends = np.log(np.sort(np.column_stack([ratios, np.sqrt(np.maximum(stretch, 1.0)), np.ones(len(stretch))]), axis=1))
+    steps = np.diff(ends, axis=1)
+    inside = np.exp(ends[:, :-1, None] + steps[..., None] * _X)
+    with np.errstate(all="ignore"):
+        slopes = law.slope(inside.reshape(len(stretch), -1)).reshape(inside.shape) * inside
+        pieces = (slopes @ _W) * steps
+    above = np.cumsum(np.where(ends[:, :-1] >= 0.0, pieces, 0.0), axis=1)  # from R_0 outwards, without cancellation
+    below = np.cumsum(np.where(ends[:, 1:] <= 0.0, pieces, 0.0)[:, ::-1], axis=1)[:, ::-1]
+    nothing = np.zeros((len(stretch), 1))
+    at_ends = np.hstack([nothing, above]) - np.hstack([below, nothing])
+    places = np.argmin(np.abs(ends[:, None, :] - np.log(ratios)[..., None]), axis=2)
+    stress = np.take_along_axis(at_ends, places, axis=1)
+    beyond = np.where(RADII * stretch[:, None] < 1.0, 1.0, np.nan) * LARGEST_STRESS * 1e6
+    return np.where(np.isfinite(stress), stress, beyond)
+
+
+def mean_viscosity(law: Viscous, rate: Floats) -> Floats:
+    """(k, rates) -S_v/(4 g), Pa s, of a law with parameters (k, 1) at g = |U/R| of `rate` (k, rates), 1/s: its
+    viscosity, averaged over the rates up to g."""
+    if isinstance(law, Newtonian):
+        return np.array(np.broadcast_to(law.viscosity, rate.shape))
+    low = rate[:, :1, None] * _X**4  # finer towards rest
+    below = np.sum(law.apparent(SHEAR_RATIO * low.reshape(len(rate), -1)) * low[:, 0] * (4.0 * _W / _X), axis=1)
+    steps = np.diff(np.log(rate), axis=1)[..., None]
+    inner = np.exp(np.log(rate[:, :-1, None]) + steps * _X)
+    apparent = law.apparent(SHEAR_RATIO * inner.reshape(len(rate), -1)).reshape(inner.shape)
+    pieces = np.sum(apparent * inner * steps * _W, axis=2)
+    return np.asarray(np.cumsum(np.column_stack([below, pieces]), axis=1) / rate)
+
+
+class Emulator:
+    """The trained network. folder of weights: one .npz file of arrays, read without pickle.
+
+    Raises:
+        InputError: the file is missing, damaged, or of another version.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        path = Path(path)
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+            self._mean, self._std = arrays["mean"].astype(float), arrays["std"].astype(float)
+            self._first = arrays["first.weight"].T.astype(np.float32).copy(), arrays["first.bias"].astype(np.float32)
+            blocks = range(int(arrays["blocks"]))
+            names = ("norm.weight", "norm.bias", "in.weight", "in.bias", "out.weight", "out.bias")
+            self._blocks = [tuple(arrays[f"{i}.{name}"].T.astype(np.float32).copy() for name in names) for i in blocks]
+            decoder, offset = arrays["decoder"].astype(np.float32), arrays["offset"].astype(np.float32)
+            last, bias = arrays["last.weight"].T.astype(np.float32), arrays["last.bias"].astype(np.float32)
+            self._last = np.ascontiguousarray(last @ decoder), bias @ decoder + offset
+        except (OSError, ValueError, KeyError) as error:
+            message = f"{path} is no emulator of this version of cavirheo ({error}): make it by `cavirheo train`"
+            raise InputError(message, "emulator.file") from error
+
+    def trajectories(self, inputs: Floats) -> Floats:
+        """(k, 2 NODES) R/R_max and t/T at the nodes of s, of inputs (k, inputs)."""
+        scaled = np.clip((inputs - self._mean) / self._std, -8.0, 8.0).astype(np.float32)
+        x = scaled @ self._first[0] + self._first[1]
+        for gain, shift, w_in, b_in, w_out, b_out in self._blocks:
+            centred = x - x.mean(axis=1, keepdims=True)
+            deviation = np.sqrt(np.einsum("ij,ij->i", centred, centred)[:, None] / x.shape[1] + np.float32(1e-5))
+            h = (centred / deviation * gain + shift) @ w_in + b_in
+            h /= 1.0 + np.exp(-h)
+            x += h @ w_out + b_out
+        return np.asarray(x @ self._last[0] + self._last[1])
+
+    def radius(self, bubbles: Bubbles, instants: Floats) -> Floats:
+        """(k, n) R/R_max of k bubbles at their instants (k, n), s after R_max and not negative; NaN for a bubble whose
+        law does not hold. After the end of the emulated trajectory the bubble rests."""
+        made = features(bubbles)
+        holds = np.all(np.isfinite(made.inputs), axis=1)
+        curves = self.trajectories(np.where(holds[:, None], made.inputs, 0.0))
+        out = np.empty(instants.shape)
+        _at_instants(curves, instants / made.unit[:, None], out)
+        out[~holds] = np.nan
+        return out
+
+
+@compiled
+def _at_instants(curves: Any, instants: Floats, out: Floats) -> None:
+    """Write R (k, n) at instants (k, n) into `out`, from R and t (k, 2 NODES) at equal steps of s: cubics in s, on
+    which the instant is found by Newton's method."""
+    half = curves.shape[1] // 2
+    for a in range(instants.shape[0]):
+        time = np.empty(half)
+        time[0] = 0.0
+        for i in range(1, half):
+            time[i] = max(time[i - 1], float(curves[a, half + i]))
+        i = 0
+        for b in range(instants.shape[1]):
+            at = instants[a, b]
+            if at >= time[half - 1]:
+                out[a, b] = curves[a, half - 1]
+                continue
+            if time[i] > at or (i + 8 < half and time[i + 8] <= at):
+                low, high = 0, half - 1
+                while high - low > 1:
+                    middle = (low + high) // 2
+                    if time[middle] <= at:
+                        low = middle
+                    else:
+                        high = middle
+                i = low
+            while time[i + 1] <= at:
+                i += 1
+            t0, t1, r0, r1 = time[i], time[i + 1], float(curves[a, i]), float(curves[a, i + 1])
+            st0 = 0.5 * (t1 - time[i - 1]) if i > 0 else t1 - t0
+            sr0 = 0.5 * (r1 - float(curves[a, i - 1])) if i > 0 else 0.0
+            st1 = 0.5 * (time[i + 2] - t0) if i + 2 < half else t1 - t0
+            sr1 = 0.5 * (float(curves[a, i + 2]) - r0) if i + 2 < half else r1 - r0
+            x = (at - t0) / max(t1 - t0, 1e-12)
+            for _ in range(4):
+                value = t0 + x * (st0 + x * (3 * (t1 - t0) - 2 * st0 - st1 + x * (2 * (t0 - t1) + st0 + st1)))
+                slope = st0 + x * (2 * (3 * (t1 - t0) - 2 * st0 - st1) + x * 3 * (2 * (t0 - t1) + st0 + st1))
+                if slope < 1e-9:
+                    break
+                step = (value - at) / slope
+                x = min(max(x - step, 0.0), 1.0)
+                if abs(step) < 1e-6:
+                    break
+            out[a, b] = r0 + x * (sr0 + x * (3 * (r1 - r0) - 2 * sr0 - sr1 + x * (2 * (r0 - r1) + sr0 + sr1)))
+
+
+SHIPPED = Path(__file__).parent.parent / "models" / "emulator.npz"
+
+
+@lru_cache(maxsize=1)
+def emulator() -> Emulator:
+    """The emulator that ships with the package."""
+    return Emulator(SHIPPED)

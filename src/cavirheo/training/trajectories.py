@@ -1,0 +1,189 @@
+"""Simulated bubbles for the emulator: drawn over its whole domain, solved, and stored in the stretched time s."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError
+from cavirheo.inference.assumptions import Family
+from cavirheo.inference.emulator import NODES, S_END, STRETCHING, Bubbles, features
+from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
+from cavirheo.physics.bubble import Bubble, Damage
+from cavirheo.physics.laws import Material
+from cavirheo.physics.media import Medium
+from cavirheo.physics.simulate import Simulation, simulate
+
+BLOCK = 16  # bubbles of one law in one medium that are drawn together
+ELASTIC = {"": 0.14, "neo-hookean": 0.30, "fung": 0.28, "quadratic": 0.08, "gent": 0.04, "mooney-rivlin": 0.04,
+           "yeoh": 0.04, "linear": 0.04, "arruda-boyce": 0.04}  # fmt: skip
+VISCOUS = {"newtonian": 0.66, "power-law": 0.12, "carreau-yasuda": 0.08, "cross": 0.06, "herschel-bulkley": 0.04,
+           "powell-eyring": 0.04}  # fmt: skip
+ARMS = {"": 0.9, "ucm": 0.06, "maxwell": 0.04}
+HARDEST = 25.0  # largest |S_el(R_max)|/p
+MOST_VISCOUS = 8.0  # largest viscosity over p t_c
+STRETCHES, USUAL_STRETCHES = (1.05, 40.0), (1.5, 14.0)
+RADII, USUAL_RADII = (20e-6, 1500e-6), (60e-6, 500e-6)  # m
+ACCOMMODATIONS = (0.01, 1.0)
+FIELD_SHARE = 0.22  # of the bubbles have equilibrium contents
+DAMAGED_SHARE = 0.08  # of the blocks have damage by strain
+COARSE_INSTANTS, FINE_INSTANTS = 2400, 1200  # of a simulation: for the stretched time, and in it
+
+
+class Trajectories(NamedTuple):
+    """k solved bubbles. inputs: (k, inputs) of the network; time: (k, NODES) t/T; radius: (k, NODES) R/R_max."""
+
+    inputs: Floats
+    time: Floats
+    radius: Floats
+
+
+class Drawn(NamedTuple):
+    """A block of bubbles: as the emulator takes them, and the material and the bubble of each for the solver."""
+
+    bubbles: Bubbles
+    materials: list[Material]
+    models: list[Bubble]
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float, size: int) -> Floats:
+    return np.asarray(10.0 ** rng.uniform(np.log10(low), np.log10(high), size))
+
+
+def _mixed(rng: np.random.Generator, usual: tuple[float, float], whole: tuple[float, float], size: int) -> Floats:
+    """(size,) log-uniform numbers, two thirds of them in the usual range."""
+    usually = rng.random(size) < 2.0 / 3.0
+    return np.where(usually, _log_uniform(rng, *usual, size), _log_uniform(rng, *whole, size))
+
+
+def draw_medium(rng: np.random.Generator) -> Medium:
+    """A liquid or gel near water at atmospheric pressure, or, in a third of the draws, far from it."""
+    if rng.random() < 0.3:
+        return Medium()
+    if rng.random() < 0.55:
+        near = rng.uniform([940.0, 1400.0, 0.04, 80e3, 288.0], [1120.0, 1750.0, 0.078, 107e3, 313.0]).tolist()
+        return Medium(*near)
+    pressure = float(_log_uniform(rng, 50e3, 50e6, 1)[0])
+    density, speed, tension, temperature = rng.uniform(
+        [850.0, 1200.0, 0.015, 278.0], [1250.0, 2000.0, 0.08, 325.0]
+    ).tolist()
+    return Medium(density, speed, tension, pressure, temperature)
+
+
+def draw(rng: np.random.Generator) -> Drawn:
+    """BLOCK bubbles or fewer of one law in one medium; draws outside a law or the domain are left out."""
+    elastic, viscous, arm = (rng.choice(list(laws), p=list(laws.values())) for laws in (ELASTIC, VISCOUS, ARMS))
+    family = Family(" + ".join(filter(None, [elastic, viscous, arm])))
+    medium, damaged = draw_medium(rng), bool(elastic) and rng.random() < DAMAGED_SHARE
+    size = 12 * BLOCK
+    bounds = family.bounds()
+    x = rng.uniform(bounds[:, 0], bounds[:, 1], (size, len(bounds)))
+    radius, stretch = _mixed(rng, USUAL_RADII, RADII, size), _mixed(rng, USUAL_STRETCHES, STRETCHES, size)
+    field = rng.random(size) < FIELD_SHARE
+    accommodation = np.where(field, np.inf, _log_uniform(rng, *ACCOMMODATIONS, size))
+    damping = rng.random(size) ** 1.5 * (rng.random(size) < np.where(field, 0.2, 0.85))
+    modulus = 10.0 ** -(2.0 * rng.random(size)) if damaged else np.ones(size)
+    widening = 10.0 ** rng.random(size) if damaged else np.ones(size)
+    chosen: list[int] = []
+    materials: list[Material] = []
+    models: list[Bubble] = []
+    for i in range(size):
+        if len(chosen) == BLOCK:
+            break
+        try:
+            material = family.material(x[i])
+            one = Bubbles(
+                family.material(x[i : i + 1]),
+                medium,
+                *(a[i : i + 1] for a in (radius, stretch, accommodation, damping, modulus, widening)),
+            )
+            viscosity, stress, usable = _sizes(one)
+        except InputError:
+            continue
+        if not usable or stress > HARDEST or viscosity > MOST_VISCOUS:
+            continue
+        chosen.append(i)
+        materials.append(material)
+        damage = Damage(float(modulus[i]), float(widening[i]), "strain") if damaged else "none"
+        kinetic = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
+        models.append(Bubble(**kinetic, damage=damage, confinement_damping=float(damping[i])))
+    arrays = (a[chosen] for a in (radius, stretch, accommodation, damping, modulus, widening))
+    return Drawn(Bubbles(family.material(x[chosen]), medium, *arrays), materials, models)
+
+
+def _sizes(bubbles: Bubbles) -> tuple[float, float, bool]:
+    """Largest viscosity and |S_el(R_max)| of one bubble, over p t_c and p, and whether its law holds."""
+    made = features(bubbles)
+    t_c = bubbles.max_radius / bubbles.medium.velocity_scale
+    stress = (0.9147 * t_c / made.unit) ** 2 - 1.0
+    viscosity = 10.0 ** made.inputs[0, 22:30].max()
+    return float(viscosity), float(stress[0]), bool(np.all(np.isfinite(made.inputs)))
+
+
+def solve(
+    material: Material, model: Bubble, medium: Medium, max_radius: float, stretch: float, unit: float,
+    accuracy: Accuracy = DEFAULT,
+) -> tuple[Floats, Floats] | None:  # fmt: skip
+    """(NODES,) t/T and R/R_max at equal steps of s, of one bubble with T = `unit`, s; None if it was not solved.
+
+    A rough simulation at equal times tells s; the accurate one is then made at times that lie evenly in s, so that a
+    collapse is resolved."""
+
+    def run(tau: Floats, accuracy: Accuracy) -> Simulation:
+        shot = {"max_radius": max_radius, "stretch": stretch, "medium": medium, "bubble": model}
+        return simulate(material, time=tau * unit, accuracy=accuracy, throw=False, unusual=True, **shot)  # type: ignore[arg-type]
+
+    tau = np.linspace(0.0, S_END, COARSE_INSTANTS)
+    rough = run(tau, ROUGH)
+    if not rough.ok:
+        return None
+    s = _stretched(tau, rough.radius / max_radius, rough.velocity * unit / max_radius)
+    fine = np.interp(np.linspace(0.0, 1.04 * S_END, FINE_INSTANTS), s, tau)
+    fine = np.unique(np.append(fine[fine < tau[-1]], min(fine[-1] * 1.02, tau[-1])))
+    exact = run(fine, accuracy)
+    if not exact.ok:
+        return None
+    R, U = exact.radius / max_radius, exact.velocity * unit / max_radius
+    s = _stretched(fine, R, U)
+    if s[-1] < S_END * (1.0 - 1e-9):
+        return None
+    nodes = np.linspace(0.0, S_END, NODES)
+    i = np.clip(np.searchsorted(s, nodes) - 1, 0, len(s) - 2)
+    step = s[i + 1] - s[i]
+    x = (nodes - s[i]) / step
+    rate = R**STRETCHING  # dtau/ds
+
+    def between(value: Floats, slope: Floats) -> Floats:
+        start, end = (1.0 + 2.0 * x) * (1.0 - x) ** 2, x * x * (3.0 - 2.0 * x)
+        bend = step * (x * (1.0 - x) ** 2 * slope[i] - x * x * (1.0 - x) * slope[i + 1])
+        return np.asarray(start * value[i] + end * value[i + 1] + bend)
+
+    return between(fine, rate), between(R, U * rate)
+
+
+def _stretched(tau: Floats, R: Floats, U: Floats) -> Floats:
+    """(n,) s at times tau (n,) from radius and velocity there, by Simpson's rule."""
+    step = np.diff(tau)
+    middle = np.maximum(0.5 * (R[1:] + R[:-1]) + step / 8.0 * (U[:-1] - U[1:]), 1e-3)
+    pieces = step / 6.0 * (R[:-1] ** -STRETCHING + 4.0 * middle**-STRETCHING + R[1:] ** -STRETCHING)
+    return np.concatenate([[0.0], np.cumsum(pieces)])
+
+
+def block(seed: int, number: int) -> Trajectories:
+    """The solved bubbles of block `number` of the set with this seed; it depends on both numbers alone."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
+    drawn = draw(rng)
+    bubbles, rows = drawn.bubbles, []
+    made = features(bubbles)
+    for i, (material, model) in enumerate(zip(drawn.materials, drawn.models, strict=True)):
+        radius, stretch = float(bubbles.max_radius[i]), float(bubbles.stretch[i])
+        try:
+            solved = solve(material, model, bubbles.medium, radius, stretch, float(made.unit[i]))
+        except InputError:
+            continue
+        if solved is not None:
+            rows.append((made.inputs[i], *solved))
+    size = (made.inputs.shape[1], NODES, NODES)
+    return Trajectories(*(np.array([row[j] for row in rows], np.float32).reshape(-1, n) for j, n in enumerate(size)))
