@@ -174,7 +174,11 @@ def to_natural(name: str, values: ArrayLike) -> Floats:
 
 def to_prior_scale(name: str, value: float | None) -> float:
     """The value in the prior's scale (log10 for a log10_ name) of a natural value in SI; NaN for None."""
-    return np.nan if value is None else float(np.log10(value)) if name.startswith(LOG10) else value
+    if value is None:
+        return np.nan
+    if not name.startswith(LOG10):
+        return value
+    return float(np.log10(value)) if value > 0 else -np.inf
 
 
 Domain = dict[str, Any]

@@ -17,7 +17,6 @@ from cavirheo.parameters import (
     LOG10,
     Bound,
     bound_of,
-    is_law_parameter,
     natural_name,
     searched_bound,
     to_natural,
@@ -276,11 +275,13 @@ class Posterior:
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Central credible interval with the probability `level`, in natural units; None for a point or failed answer,
-        which has no width. The priors of its two ends may differ (`interval_ends`). Raises InputError: as `draws`, or
-        the level is not between 0 and 1."""
+        which has no width. Raises InputError: as `draws`, or the level is not between 0 and 1."""
         check_level(level)
         values = self.draws(name)
-        return interval_ends(self._key(name), values, (1.0 - level) / 2.0, self.log_weight) if len(values) > 1 else None
+        if len(values) < 2:
+            return None
+        low, high = weighted_quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], self.log_weight).tolist()
+        return low, high
 
     def _key(self, name: str) -> str:
         """The name in the prior's scale."""
@@ -352,29 +353,13 @@ def check_level(level: object) -> None:
 def intervals(
     names: Sequence[str], theta: Floats, log_weight: Floats | None = None
 ) -> dict[str, tuple[float, float, float]]:
-    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters), the outer two as `interval_ends`; empty for
-    a single draw."""
-    by_name: dict[str, tuple[float, float, float]] = {}
-    for name, column in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
-        values = to_natural(name, column)
-        low, high = interval_ends(name, values, 0.05, log_weight)
-        by_name[natural_name(name)] = low, float(weighted_quantile(values, 0.5, log_weight)), high
-    return by_name
-
-
-def interval_ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> tuple[float, float]:
-    """(low, high) of an interval with the probability `tail` beyond each end, from draws (draws,) in natural values;
-    `name` is that of the parameter in the prior's scale.
-
-    The prior of a law's parameter is uniform in the logarithm. If a recording hardly distinguishes small values from 0,
-    the upper end would depend on the lower end of this prior. The upper end is therefore computed with a prior that is
-    uniform in the value. If the recording determines the value, both priors give about the same ends.
-    """
-    low, high = weighted_quantile(values, [tail, 1.0 - tail], log_weight)
-    if name.startswith(LOG10) and is_law_parameter(name):
-        with_uniform = np.log(values) + (0.0 if log_weight is None else log_weight)
-        high = weighted_quantile(values, 1.0 - tail, with_uniform)
-    return float(low), float(high)
+    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters); empty for a single draw."""
+    if len(theta) < 2:
+        return {}
+    ends = weighted_quantile(theta, [0.05, 0.5, 0.95], log_weight)
+    return {
+        natural_name(name): tuple(to_natural(name, column).tolist()) for name, column in zip(names, ends.T, strict=True)
+    }
 
 
 def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None = None) -> dict[str, float]:

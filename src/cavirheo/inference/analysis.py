@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from importlib.metadata import version
-from itertools import product, repeat
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
@@ -16,15 +15,14 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import InputError, expect_whole, require
-from cavirheo.inference.answer import answer
-from cavirheo.inference.assumptions import FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
+from cavirheo.inference.answer import sampled_answer
+from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.checks import ANALYSIS_ERRORS, curve_warnings, failed_checks, wall_warnings, warned
+from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.model import DEFAULT, Network, card, path_of
-from cavirheo.inference.network_answer import check_outputs, read_draws, read_values
-from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
-from cavirheo.inference.verify import verify
-from cavirheo.parallel import Executor, Threads, cores, default_executor, one_blas_thread, run_jobs
+from cavirheo.inference.model import Network, card, path_of
+from cavirheo.inference.network_answer import check_outputs, read_values
+from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread, run_jobs
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
@@ -33,10 +31,8 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.writing.packing import content_hash
 
 _log = logging.getLogger(__name__)
-AUTO_LAWS = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
-LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
-_METHODS = {"infer": "inferring", "bdt": "inferring", "fit": "fitting", "search": "searching"}
-Job = tuple[RadiusCurve, Posterior | None]  # a curve, and the answer with which its analysis starts
+DEFAULT = "posterior"  # the model of `infer` that is no network: draws of the emulator, weighed by simulations
+_METHODS = {"infer": "inferring", "bdt": "reading", "fit": "fitting"}
 _LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints", "source", "source_sha256"}
 _LABELS |= {"flags", "contact_sheet"}  # keys of `RadiusCurve.meta` on which no answer depends
 
@@ -46,21 +42,18 @@ class Analysis:
     """The settings for the analysis of a curve. Equal settings are stored in one form, however they are written.
 
     Attributes:
-        method: "infer" (a posterior network, then weighted draws) or "bdt" (the paper's networks), which `model`
-            decides; "fit" (the conventional fit); or "search" (the posterior from a search over windows that grow).
-        model: the network of infer and bdt, as in `infer`.
-        material, medium, stretch, window, trust_input, discrepancy, seed: as in `infer`; the window of fit and search
-            as in `fit_many`.
-        bubble: as in `infer`; stored as a tuple of `Bubble`.
-        verify: as in `infer`; for fit and search "map" (the maximum) or "auto" (weighted draws that start there).
-        end, free, t0_bound, scale_bound, weights, others: as in `fit_many`; a search uses them, too.
-        ranges: prior ranges of a search, as in `Verification`.
+        method: "infer" (the posterior), "fit" (the same with white noise, as the field fits), or "bdt" (one of the
+            paper's networks, which `model` names).
+        model: "posterior", or the network of bdt, as in `infer`.
+        material, medium, stretch, window, trust_input, discrepancy, seed: as in `infer`.
+        bubble: as in `infer`; stored as a `Bubble`.
+        end, free, t0_bound, scale_bound: as in `fit_many`.
 
     Raises:
         InputError: an unknown model, law or bubble, a setting outside its domain, or settings that exclude each other.
     """
 
-    method: Literal["infer", "bdt", "fit", "search"] = "infer"
+    method: Literal["infer", "bdt", "fit"] = "infer"
     model: str | Path = DEFAULT
     material: str | None = None
     bubble: Requested | None = None
@@ -68,98 +61,68 @@ class Analysis:
     stretch: float | str | None = None
     window: int | str | None = None
     trust_input: bool = False
-    verify: str = "auto"
     discrepancy: bool = True
     seed: int = 0
     end: float | None = None
     free: Sequence[str] | str | None = None
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
-    weights: str = "learnt"
-    others: bool = True
-    ranges: Mapping[str, Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
         require(self.method in _METHODS, f"method must be {', '.join(_METHODS)}, got {self.method!r}", "option.method")
-        levels = LEVELS if self._networked else ("auto", "map")
-        message = f"verify must be {', '.join(levels[:-1])} or {levels[-1]}, got {self.verify!r}"
-        require(self.verify in levels, message, "option.verify")
         expect_whole(self.seed, "seed", 0, "option.seed")
         name = str(self.model)
-        model = str(Path(name).absolute()) if name.endswith(".onnx") else name  # other processes have other folders
+        point = self.method != "fit" and name != DEFAULT
+        # other processes have other folders
+        model = str(Path(name).absolute()) if name.endswith(".onnx") else name
         settings: dict[str, Any] = {"model": model, "medium": medium_of(self.medium)}
-        kind = card(path_of(str(self.model))) if self._networked else {}
-        point = kind.get("kind") == "point"
-        settings["bubble"] = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
+        usual = AUTO if self.method == "infer" else "nhkv"
+        if point:
+            usual = str(card(path_of(name))["material"])
+            settings["method"] = "bdt"
+            message = f"the model {name} answers {usual}: leave out material {self.material!r}, or the model"
+            require(self.material in (None, usual), message, "option.material")
+        settings["material"] = self.material or usual
+        (settings["bubble"],) = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
         if self.free is None:
             settings["free"] = FREE_BY_DEFAULT if self.method == "fit" else tuple(FREE)
-        if self._networked:
-            settings["method"] = "bdt" if point else "infer"
-        if point:
-            settings["verify"] = "none" if self.verify == "auto" else self.verify
-            message = f"the model {self.model} answers {kind['material']}: leave out material {self.material!r}, or "
-            require(self.material in (None, kind["material"]), f"{message}the model", "option.material")
-        usual = "auto" if self._networked and self.verify != "none" else "nhkv"
-        settings["material"] = self.material or (kind["material"] if point else usual)
-        for name, value in settings.items():
-            object.__setattr__(self, name, value)
+        if self.method == "fit":
+            settings["discrepancy"] = False
+        for key, value in settings.items():
+            object.__setattr__(self, key, value)
         self.check(())
-        for bubble in self.bubbles:
-            object.__setattr__(self, "free", self._options(bubble).free)
+        options = self.options
+        object.__setattr__(self, "free", options.free)
+        family = Family(str(self.material))
+        message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage, or add a spring"
+        damaged = self._bubble.damage != "none"
+        require(family.elastic or not damaged, message, "physics.damage_without_elasticity")
         if point:
-            answerable = self.bubbles == (FIELD,) or self.verify != "none"
-            message = f"the model {self.model} knows the field's bubble alone: leave out bubble or the model, or give "
-            require(answerable, f"{message}verify map", "option.bubble")
+            message = f"the model {name} knows the field's bubble alone: leave out bubble or the model"
+            require(self._bubble == FIELD, message, "option.bubble")
             check_stretch(None if self.stretch == "free" else self.stretch)
             if self.window is not None:
                 expect_whole(self.window, "collapses in the window", 1, "option.window")
-            return
-        for law in self.laws:
-            Family(law)
-        if self.verify == "none":
-            message = "auto compares models by their evidence, which a verification finds: leave out --verify none"
-            require(self.material != "auto" and len(self.bubbles) == 1, message, "option.auto")
-            message = f"the network by itself knows {KNOWN_BUBBLES}: leave out verify none"
-            require(all(map(kind_of, self.bubbles)), message, "option.bubble")
 
     @property
-    def _networked(self) -> bool:
-        return self.method in ("infer", "bdt")
-
-    @property
-    def bubbles(self) -> tuple[Bubble, ...]:
-        """The bubbles that are analysed."""
-        return bubbles_of(self.bubble)  # type: ignore[arg-type]
-
-    @property
-    def laws(self) -> Sequence[str]:
-        """The laws that are analysed; with damage, those with an elastic part. Raises InputError: none has one."""
-        laws = AUTO_LAWS if self.material == "auto" and self.method != "infer" else (str(self.material),)
-        if self.bubbles[0].damage == "none":
-            return laws
-        elastic = [law for law in laws if Family(law).elastic]
-        message = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a "
-        require(bool(elastic), f"{message}spring", "physics.damage_without_elasticity")
-        return elastic
+    def _bubble(self) -> Bubble:
+        return self.bubble  # type: ignore[return-value]
 
     @property
     def activity(self) -> str:
         """A word for the work in progress."""
-        return "weighing" if self.starting_analysis else _METHODS[self.method]
+        return _METHODS[self.method]
 
     @property
-    def starting_analysis(self) -> Analysis | None:
-        """The analysis whose answers are the start of this one; None if this one starts with the curves alone."""
-        return replace(self, verify="map") if self.method == "search" and self.verify != "map" else None
-
-    def _options(self, bubble: Bubble) -> Options:
-        cut = (self.window, self.end, self.stretch)
-        return Options(*cut, self.free, self.t0_bound, self.scale_bound, self.weights, bubble)  # type: ignore[arg-type]
+    def options(self) -> Options:
+        """Options of the experiment. Raises InputError: a setting outside its domain."""
+        camera = self.free, self.t0_bound, self.scale_bound
+        return Options(self.window, self.end, self.stretch, *camera, self._bubble)  # type: ignore[arg-type]
 
     @property
-    def network(self) -> Network | PosteriorModel:
-        """The network of infer and bdt. Raises InputError."""
-        return network_of(str(self.model))
+    def network(self) -> Network:
+        """The network of bdt. Raises InputError."""
+        return Network(path_of(str(self.model)))
 
     def key(self, curve: RadiusCurve) -> str:
         """A hash that identifies the answer: of the samples of the curve and its metadata, of all settings, of the
@@ -167,147 +130,96 @@ class Analysis:
         content = {field.name: getattr(curve, field.name) for field in fields(curve)}
         if len(curve.time):  # a curve without samples keeps its labels, which distinguish it
             content["meta"] = {name: value for name, value in curve.meta.items() if name not in _LABELS}
-        network_sha256 = self.network.sha256 if self._networked else ""
-        return content_hash([version("cavirheo"), network_sha256, self, content])
+        weights = self.network.sha256 if self.method == "bdt" else emulator().sha256
+        return content_hash([version("cavirheo"), weights, self, content])
 
     def check(self, curves: Sequence[RadiusCurve]) -> None:
         """Raises InputError: none of these curves can be answered with these settings, because the wall is within R_max
         of every curve. If it is within R_max of some curves, only these fail."""
         largest = [float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves]
-        for bubble in self.bubbles:
-            if bubble.wall_distance is not None:
-                bubble.inertia(min(largest, default=0.0))
+        if self._bubble.wall_distance is not None:
+            self._bubble.inertia(min(largest, default=0.0))
 
     def run(
         self,
         curves: Sequence[RadiusCurve],
         workers: int | None = None,
         done: Callable[[int, Posterior], None] | None = None,
-        starts: Sequence[Posterior] | None = None,
     ) -> list[Posterior]:
         """An answer for each curve, in their order, computed on `workers` cores (default: all), on whose number it does
-        not depend. done: called with the index and the answer of each curve when it is ready. starts: the `start` of
-        `answer` for each curve. Raises InputError: none of the curves can be answered with these settings."""
+        not depend. done: called with the index and the answer of each curve when it is ready. Raises InputError: none
+        of the curves can be answered with these settings."""
         curves = as_curves(curves)
         self.check(curves)
-        function, jobs, executor = self._workload(curves, starts, None, workers)
-        return run_jobs(function, jobs, executor, done)
+        function, executor = self._workload(curves, None, workers)
+        return run_jobs(function, curves, executor, done)
 
     def flow(
-        self,
-        curves: Sequence[RadiusCurve],
-        starts: Sequence[Posterior | None] | None = None,
-        executor: Executor | None = None,
+        self, curves: Sequence[RadiusCurve], executor: Executor | None = None
     ) -> Generator[tuple[int, Posterior], None, None]:
         """(index of the curve, its answer) in the order in which they are ready, computed by an executor or on all
-        cores of this machine. starts: as in `run`. Closing the generator cancels the curves that have not started."""
-        function, jobs, chosen = self._workload(curves, starts, executor, None)
-        return chosen.map_unordered(function, jobs)
+        cores of this machine. Closing the generator cancels the curves that have not started."""
+        function, chosen = self._workload(curves, executor, None)
+        return chosen.map_unordered(function, list(curves))
 
     def _workload(
-        self,
-        curves: Sequence[RadiusCurve],
-        starts: Sequence[Posterior | None] | None,
-        executor: Executor | None,
-        workers: int | None,
-    ) -> tuple[Callable[[Job], Posterior], list[Job], Executor]:
-        """The function that answers one job, the job of each curve, and the executor."""
+        self, curves: Sequence[RadiusCurve], executor: Executor | None, workers: int | None
+    ) -> tuple[Callable[[RadiusCurve], Posterior], Executor]:
+        """The function that answers one curve, and the executor."""
         threads = 1 if executor else max(cores(workers) // max(len(curves), 1), 1)
-        chosen = executor or (Threads(workers) if self.verify == "none" else default_executor(len(curves), workers))
-        jobs = list(zip(curves, starts or repeat(None, len(curves)), strict=True))
-        return partial(_answer, self, threads), jobs, chosen
+        return partial(_answer, self, threads), executor or default_executor(len(curves), workers)
 
-    def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
-        """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason. start: the
-        answer of `starting_analysis`, if it is known."""
-        shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
-        settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
-        if self.method == "infer":
-            settings["network"] = self.network
-        elif self.method == "bdt":
-            settings["bubble"] = self.bubbles
-        elif self.method == "fit":
-            settings |= {"weights": self.weights, "rival": self.others}
-        else:
-            settings["search"] = self.starting_analysis is None
+    def answer(self, curve: RadiusCurve, *, workers: int | None = None) -> Posterior:
+        """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason."""
+        began, medium = perf_counter(), medium_of(self.medium)
+        network = self.network if self.method == "bdt" else None
+        if network:
+            check_outputs(network)
+        empty = self._empty_answer(curve, network)
         try:
             with one_blas_thread:
-                if self.method == "infer" and self.verify != "none":
-                    return self._sampled(curve, workers)
-                answers = [start] if start else self.starts(curve, workers)
-                if self.verify == "none":
-                    return answers[0]
-                return verify(curve, answers, workers=workers, **settings)
-        except InputError:  # no curve can be answered with these settings
-            raise
-        except Exception as error:  # a defect of this package or of a library: only this curve fails
-            _log.exception("%s has no answer", curve.name)
-            empty = self._empty_answer(curve, self.laws[0], self.bubbles[0])
-            return replace(empty, checks=failed_checks(error, curve, medium_of(self.medium)))
-
-    def _sampled(self, curve: RadiusCurve, workers: int | None) -> Posterior:
-        """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
-        began, medium, bubble = perf_counter(), medium_of(self.medium), self.bubbles[0]
-        empty = self._empty_answer(curve, str(self.material), bubble)
-        try:
-            shot = Experiment(curve, Family(str(self.material)), medium, self._options(bubble))
-            found = answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
-            warnings = [*curve_warnings(curve, medium), *wall_warnings(shot)]
-            found = replace(found, checks=warned(found.checks, warnings, self.trust_input))
+                found = self._read(curve, empty, network) if network else self._sample(curve, empty, workers)
         except ANALYSIS_ERRORS as error:  # only this curve fails
+            _log.debug("%s has no answer", curve.name, exc_info=error)
+            found = replace(empty, checks=failed_checks(error, curve, medium))
+        except Exception as error:  # a defect of this package or of a library
+            _log.exception("%s has no answer", curve.name)
             found = replace(empty, checks=failed_checks(error, curve, medium))
         return replace(found, seconds=perf_counter() - began)
 
-    def starts(self, curve: RadiusCurve, workers: int | None = None) -> list[Posterior]:
-        """The answers that start the verification, one for each law and bubble; a failed one gives the reason."""
-        if self.starting_analysis:
-            return [self.starting_analysis.answer(curve, workers=workers)]
-        if self.method == "bdt":
-            return [self._start(curve, str(self.material), FIELD)]
-        return [self._start(curve, law, bubble) for law, bubble in product(self.laws, self.bubbles)]
+    def _sample(self, curve: RadiusCurve, empty: Posterior, workers: int | None) -> Posterior:
+        """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
+        medium = medium_of(self.medium)
+        shot = Experiment(curve, Family(str(self.material)), medium, self.options)
+        found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
+        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot)]
+        return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 
-    def _start(self, curve: RadiusCurve, law: str, bubble: Bubble) -> Posterior:
-        """The start for one law and bubble: window, input warnings, and the answer of the network, if there is one."""
-        began, network, medium = perf_counter(), self.network if self._networked else None, medium_of(self.medium)
-        if isinstance(network, Network):
-            check_outputs(network)
-        empty = self._empty_answer(curve, law, bubble, network)
-        try:
-            if isinstance(network, Network):
-                stretch: Any = None if self.stretch == "free" else self.stretch
-                values, warnings = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
-            else:
-                shot = Experiment(curve, Family(law), medium, self._options(bubble))
-                checks = Checks("unverified" if network else "ok", t_star_end=shot.view.end / shot.time_scale)
-                values, warnings = {"checks": checks}, []
-                if network:
-                    values, warnings = read_draws(shot, network, checks, self.discrepancy, self.seed, self.verify)
-                warnings += wall_warnings(shot)
-            values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
-        except ANALYSIS_ERRORS as error:  # only this curve fails
-            values = {"checks": failed_checks(error, curve, medium)}
+    def _read(self, curve: RadiusCurve, empty: Posterior, network: Network) -> Posterior:
+        """The value that a network reads off a curve."""
+        medium = medium_of(self.medium)
+        stretch: Any = None if self.stretch == "free" else self.stretch
+        values, warnings = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
+        values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
         provenance = {**empty.provenance, **values.pop("provenance", {})}
-        return replace(empty, **values, provenance=provenance, seconds=perf_counter() - began)
+        return replace(empty, **values, provenance=provenance)
 
-    def _empty_answer(
-        self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None = None
-    ) -> Posterior:
+    def _empty_answer(self, curve: RadiusCurve, network: Network | None) -> Posterior:
         """An answer without any value."""
-        details: dict[str, Any] = {"model": network.name, "model_sha256": network.sha256} if network else {}
-        if isinstance(network, Network):
-            method, names, details["problem_id"] = "bdt", network.outputs, network.problem.id
+        law, medium = str(self.material), medium_of(self.medium)
+        names = tuple(LOG10 + name for name in Family(law).parameters)
+        method, details = "least_squares" if self.method == "fit" else "verified", dict[str, Any]()
+        if network:
+            method, names = "bdt", network.outputs
+            details = {"model": network.name, "model_sha256": network.sha256, "problem_id": network.problem.id}
         else:
-            names = tuple(LOG10 + name for name in Family(law).parameters)
-            if network:
-                method, names = "amortised", (*names, "stretch")
-            else:
-                method, details["options"] = "least_squares", asdict(self._options(bubble))
+            details["options"] = asdict(self.options)
         provenance = {"cavirheo": version("cavirheo"), **details, "source_sha256": curve.source_sha256}
-        conditions: dict[str, Any] = {"bubble": bubble, "medium": medium_of(self.medium)}
         draws = np.empty((0, len(names)))
+        conditions: dict[str, Any] = {"bubble": self._bubble, "medium": medium}
         return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **conditions)
 
 
-def _answer(analysis: Analysis, workers: int, job: Job) -> Posterior:
-    """Answer one job of an executor."""
-    return analysis.answer(*job, workers=workers)
+def _answer(analysis: Analysis, workers: int, curve: RadiusCurve) -> Posterior:
+    """Answer one curve of an executor."""
+    return analysis.answer(curve, workers=workers)

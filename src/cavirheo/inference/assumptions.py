@@ -19,7 +19,7 @@ FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor
 FREE_BY_DEFAULT = ("t0", "rmax")  # free by default
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 
-_STRETCHES, _WEIGHTS = ("plateau", "free"), ("learnt", "equal")
+_STRETCHES = ("plateau", "free")
 _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "window": (
         lambda n: n in (None, "all") or (isinstance(n, Integral) and int(n) > 0),
@@ -30,7 +30,6 @@ _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
     "t0_bound": (lambda time: time is None or 0 < time < np.inf, "a positive time in s"),
     "scale_bound": (lambda bound: 0 < bound < 0.2, "between 0 and 0.2"),
-    "weights": (lambda name: name in _WEIGHTS, "'learnt' or 'equal'"),
 }
 
 
@@ -44,7 +43,6 @@ class Options:
     free: Sequence[str] | str = FREE_BY_DEFAULT  # or a text with commas; stored as a tuple
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
-    weights: str = "learnt"
     bubble: Bubble = FIELD
 
     def __post_init__(self) -> None:

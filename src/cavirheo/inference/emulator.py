@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, sha256
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Material, Newtonian, Viscous
 from cavirheo.physics.materials import Maxwell
@@ -153,6 +153,7 @@ class Emulator:
     def __init__(self, path: str | Path) -> None:
         path = Path(path)
         try:
+            self.sha256: str = sha256(path)
             with np.load(path, allow_pickle=False) as file:
                 arrays = {name: file[name] for name in file.files}
             self._mean, self._std = arrays["mean"].astype(float), arrays["std"].astype(float)

@@ -15,8 +15,9 @@ from scipy.special import expit
 
 from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
-from cavirheo.inference.alternatives import keep_one_law, model_of
+from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
+from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.verify.sampler import Sample
 from cavirheo.parameters import Bound, bound_of, is_law_parameter, natural_name, parameter_of
 from cavirheo.physics.bubble import Bubble
@@ -307,8 +308,7 @@ def population(
         answers: of shots of one material, as `infer_many` or `fit_many` give them. Their weighted draws are divided by
             the prior that they were made with (`Posterior.prior`; flat in the logarithm if it is not known). Answers
             are left out and counted if they have no interval, another model than most, a verdict that is not trusted,
-            or the draws of another answer. Averages over laws count by the law that has the largest evidence of all
-            shots together.
+            or the draws of another answer. Answers by the default family share its switches (switches.py).
         names: of the shots; default "shot 1", ...
         along: (n,) a column on which the centre may depend, such as log10 of R_max or a concentration: the population
             then has a slope, in decades of each parameter per unit of the column.
@@ -326,7 +326,7 @@ def population(
     answers = list(answers)
     for answer in answers:
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
-    answers = keep_one_law(answers)
+    answers = share_switches(answers, only_trusted=only_trusted)
     expect_whole(seed, "seed", 0, "option.seed")
     require(bool(answers), "a population needs answers of shots, got none", "population.none")
     shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)
