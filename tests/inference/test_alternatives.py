@@ -17,7 +17,6 @@ from cavirheo.messages import Message
 from cavirheo.parameters import natural_name
 from cavirheo.physics.accuracy import DEFAULT
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
-from cavirheo.reporting.answer import curve_record
 
 FIELD, KINETIC = Bubble(), Bubble("kinetic")
 DRAWS = np.random.default_rng(0).standard_normal((2000, 2))
@@ -170,16 +169,6 @@ def test_draws_are_where_the_law_has_a_material():
     names = [name for name in found.names if natural_name(name) in Family("carreau-yasuda").parameters]
     assert 100 < len(found.theta) < 1800  # some of the Gaussian's were not
     assert np.all(Family("carreau-yasuda").holds(found.theta[:, [found.names.index(name) for name in names]]))
-    assert curve_record(curve, found).has_answer
-
-
-def test_a_law_that_fails_late_leaves_the_others(monkeypatch):
-    failing(monkeypatch, lambda material: material.elastic is None)
-    found = cavirheo.infer(simulated(Newtonian(0.05), frames=34, noise=0.01))
-    assert found.checks.verdict != "failed"
-    assert {"nhkv"} <= {*found.laws, found.material}
-    failed = [message for message in found.checks.messages if message.code == "model.failed"]
-    assert {message.parameters["material"] for message in failed} >= {"newtonian"}
 
 
 def test_a_failed_answer_has_no_draws(monkeypatch):
