@@ -244,6 +244,8 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "--confinement-damping free)",
     "check_input.spikes": ("check the recording: frames that stand out by 20 % of R_max move the answer", _moved),
     # frames and stretch that are used
+    "frames.averaged": "neighbouring frames are averaged, for they are far denser than the motion needs|: {means} "
+    "means of {frames} frames are compared",
     "frames.spikes": (
         "spikes are left out",
         lambda frames: f": {digits.counted(frames, 'frame')} above both neighbours by 20 % of R_max",
@@ -291,6 +293,7 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "model.chosen": ("chosen by evidence", _chosen),
     "model.averaged": ("the evidence weighs the laws", _averaged),
     "model.of_group": "chosen by the evidence of the group|: {material}",
+    "model.failed": "a law has no answer, and does not count|: {material}, because {reason}",
     "mode.other": (
         "two solutions of the same model follow the recording",
         lambda this, rival, **odds: (

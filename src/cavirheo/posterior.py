@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -311,6 +311,14 @@ class Posterior:
         """Posterior median in natural units; None if the answer failed. Raises InputError: as `draws`."""
         draws = self.draws(name)
         return float(weighted_quantile(draws, 0.5, self.log_weight)) if len(draws) else None
+
+    def without_draws(self, *messages: Message) -> Posterior:
+        """The failed answer to the same question, without draws and values, for the reasons in its messages and in
+        these."""
+        checks = Checks("failed", (*messages, *self.checks.messages))
+        nothing: dict[str, Any] = dict.fromkeys(("log_q", "log_weight", "evidence", "stretch", "stretch_prior"))
+        nothing |= {"best": {}, "windows": {}, "laws": {}, "others": ()}
+        return replace(self, theta=self.theta[:0], checks=checks, **nothing)
 
     def to_dataframe(self) -> Any:
         """The draws as a pandas.DataFrame: a column per parameter, named as in result.csv ("shear_modulus_Pa", ...),

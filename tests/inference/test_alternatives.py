@@ -8,10 +8,14 @@ from answers import NAMES, seen, simulated
 from conftest import messages
 
 import cavirheo
-from cavirheo import Newtonian, population
+from cavirheo import InputError, Newtonian, population, simulate
 from cavirheo.inference.alternatives import averaged_over_laws, contenders, judged, rival_messages
+from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.assumptions import Family
 from cavirheo.inference.verify import verify
 from cavirheo.messages import Message
+from cavirheo.parameters import natural_name
+from cavirheo.physics.accuracy import DEFAULT
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
 
 FIELD, KINETIC = Bubble(), Bubble("kinetic")
@@ -146,3 +150,30 @@ def test_averages_count_in_a_material_by_the_law_of_all_shots_together():
     found = population(shot for shot in shots)
     assert (found.material, len(found.shots), dict(found.left_out)) == ("nhkv", 3, {})
     assert found.interval("shear_modulus")[1] == pytest.approx(10**3.8, rel=0.1)
+
+
+def failing(monkeypatch, which):
+    """Default simulations of the materials for which `which` is true fail, after those that lead to a maximum."""
+
+    def run(material, *, accuracy=DEFAULT, **shot):
+        if accuracy is DEFAULT and which(material):
+            raise InputError("no such material", "test")
+        return simulate(material, accuracy=accuracy, **shot)
+
+    monkeypatch.setattr("cavirheo.inference.experiment.simulate", run)
+
+
+def test_draws_are_where_the_law_has_a_material():
+    curve = simulated(frames=34, noise=0.01)
+    (found,) = Analysis("search", material="carreau-yasuda", verify="map", seed=1).run([curve])
+    names = [name for name in found.names if natural_name(name) in Family("carreau-yasuda").parameters]
+    assert 100 < len(found.theta) < 1800  # some of the Gaussian's were not
+    assert np.all(Family("carreau-yasuda").holds(found.theta[:, [found.names.index(name) for name in names]]))
+
+
+def test_a_failed_answer_has_no_draws(monkeypatch):
+    failing(monkeypatch, lambda _: True)
+    found = cavirheo.infer(simulated(frames=34, noise=0.01), material="nhkv")
+    assert found.checks.verdict == "failed"
+    assert (len(found.theta), found.evidence, found.best, found.log_weight) == (0, None, {}, None)
+    assert found.checks.messages

@@ -3,6 +3,7 @@ for sums of them, and a clear word for every mistake of whoever simulates."""
 
 from dataclasses import replace
 from inspect import signature
+from itertools import cycle
 from math import inf, nan
 
 import numpy as np
@@ -10,11 +11,12 @@ import pytest
 from conftest import refused
 from scipy.integrate import quad
 
-from cavirheo import Bubble, Medium, Newtonian, simulate, simulate_many
+from cavirheo import Bubble, InputError, Medium, Newtonian, simulate, simulate_many
+from cavirheo.inference.assumptions import FITTABLE, Family
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import laws, materials
-from cavirheo.physics.accuracy import Accuracy
-from cavirheo.physics.bubble import Damage
+from cavirheo.physics.accuracy import COARSE, Accuracy
+from cavirheo.physics.bubble import FIELD, Damage
 from cavirheo.physics.laws import Elastic, Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, StrainEnergy, Viscous, Yeoh
 from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
 from cavirheo.physics.media import WATER, Pulse, Trace, medium
@@ -303,3 +305,32 @@ def test_what_cannot_be(code, make):
             simulate(NeoHookean(1e3), bubble=Bubble(**make), **WAY)
         else:
             parse(make) if isinstance(make, str) else make()
+
+
+@pytest.mark.parametrize("name", [*FITTABLE, "gent + carreau-yasuda", "fung + herschel-bulkley", "yeoh + oldroyd-b"])
+def test_every_place_of_a_search_is_simulated_or_refused_by_name(name):
+    """Corners of the ranges and places within them: a simulation, a status, or an InputError, and no warning."""
+    family, rng = Family(name), np.random.default_rng(3)
+    low, high = family.bounds().T
+    places = [low + (high - low) * rng.random(len(low)) for _ in range(24)]
+    places += [np.where(rng.random(len(low)) < 0.5, low, high) for _ in range(12)]
+    held = family.holds(np.array(places))
+    for place, bubble, there in zip(places, cycle([FIELD, Bubble("kinetic", 0.07)]), held, strict=False):
+        stretch, top = 10.0 ** rng.uniform((0.1, -5.0), (1.2, -3.0))
+        shot = {"max_radius": top, "stretch": stretch, "time": np.linspace(0.0, 4.0 * WATER.time_scale(top), 40)}
+        code = ""
+        try:
+            run = simulate(family.material(place), **shot, bubble=bubble, accuracy=COARSE, throw=False)
+            assert np.all(np.isfinite(run.radius)) == run.ok
+            assert there
+        except InputError as error:
+            code = error.code
+        assert code in ("", "physics.retardation_time", "physics.negative_viscosity")
+
+
+def test_a_viscosity_that_would_become_negative_is_refused():
+    for fine in ((0.1, 0.1, 1e-4, 2.0), (0.01, 0.1, 1e-4, 1.0), (0.2, 0.1, 1e-4, 2.0)):
+        assert np.all(laws.CarreauYasuda(*fine).apparent(np.geomspace(1.0, 1e12, 50)) > 0)
+    with pytest.raises(InputError) as error:
+        laws.CarreauYasuda(0.01, 0.1, 1e-4, 1.1)
+    assert error.value.code == "physics.negative_viscosity"

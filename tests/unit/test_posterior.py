@@ -10,6 +10,7 @@ import pytest
 from answers import GEL, bubble, fit, simulated
 from conftest import ROOT, done, messages, refused
 from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_t, norm
 
 import cavirheo
@@ -18,6 +19,7 @@ from cavirheo.inference import camera, verify
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options
 from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.frames import MOST_FRAMES, compared_frames
 from cavirheo.inference.noise import GAMMA_A, Noise
 from cavirheo.inference.posterior_network import CAMERA, COORDINATES, damping, damping_to_latent, network_of
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, verification
@@ -355,6 +357,9 @@ def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():
     assert pair.error == pytest.approx(2**0.5 * np.std([50.0, 38.0], ddof=1))
     by_chance = [weighed("nhkv", -90.5, 3.0), weighed("nhkv", -83.0), weighed("nhkv", -9.0)]
     assert evidence.ranked(curves, {"newtonian": liquid, "nhkv": by_chance})[1][0].contenders == ["newtonian", "nhkv"]
+    none = [weighed("zener") for _ in curves]  # a law that failed everywhere
+    _, (group,) = evidence.ranked(curves, {"newtonian": liquid, "zener": none, "nhkv": by_chance})
+    assert (group.shots, group.chosen, group.evidence["zener"]) == (3, "newtonian", None)
 
 
 @pytest.mark.slow
@@ -581,3 +586,43 @@ def test_the_slot_of_the_damping_has_its_prior():
     assert 0 <= values.min() < values.max() <= 1.0
     assert np.sqrt(np.mean(values**2)) == pytest.approx(0.3, rel=0.02)
     assert damping_to_latent(0.0) == -3.0
+
+
+DENSE = {  # frames far denser than the motion needs: a gel, a liquid, a stiff gel, clean radii
+    "gel": (GEL, 7.0, 0.006), "liquid": (Newtonian(0.003), 11.0, 0.003),
+    "stiff": (NeoHookeanKelvinVoigt(2e5, 0.05), 2.5, 0.01), "clean": (GEL, 7.0, 0.0002),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("shot", DENSE)
+def test_means_of_dense_frames_are_on_the_motion(shot):
+    """Each mean has the noise of its frames and nothing else, and a recording of the usual rate stays as it is."""
+    material, stretch, noise = DENSE[shot]
+    about: dict = {"stretch": stretch, "frames": 2500, "frame": 4e-8}
+    measured, true = simulated(material, noise=noise, **about), simulated(material, **about)
+    window = measured.window(min(3, len(measured.collapse_times())))
+    frames = compared_frames(window)
+    assert len(frames.time) <= MOST_FRAMES < len(window.time) == np.sum(frames.averaged)
+    root, scale = np.sqrt(frames.averaged), noise * true.max_radius
+    missed = root * (frames.radius - CubicSpline(true.time, true.radius)(frames.time)) / scale
+    assert np.sqrt(np.mean(missed**2)) < 1.3
+    assert abs(np.mean(missed)) < 4.0 / np.sqrt(len(missed))
+    collapse = np.argmin(np.abs(frames.time - true.collapse_times()[0]))
+    assert frames.averaged[collapse] < 0.2 * np.max(frames.averaged)
+    usual = simulated(material, noise=noise, frames=100, stretch=stretch)
+    assert np.array_equal(compared_frames(usual).radius, usual.radius)
+
+
+def test_an_experiment_compares_means_and_says_so():
+    curve = simulated(noise=0.005, frames=2000, frame=5e-8, radius_std=np.full(2000, 1e-6))
+    spiked = curve.radius.copy()
+    spiked[700] *= 1.5
+    curve = replace(curve, radius=spiked)
+    there = Experiment(curve, Family("nhkv"))
+    assert len(there.measured) <= MOST_FRAMES + 2
+    assert np.sum(there.averaged) == len(there.usable) == len(there.view.normalised)
+    assert there.averaged[~there.counted].tolist() == [1.0]
+    assert there.sigma[there.counted] == pytest.approx(1e-6 / there.max_radius / np.sqrt(there.averaged[there.counted]))
+    assert "frames.averaged" in [message.code for message in there.messages]
+    first = there.cut_to(1)
+    assert np.array_equal(first.measured, there.measured[: len(first.measured)])

@@ -37,6 +37,7 @@ from cavirheo.inference.camera import (
 )
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.emulator import Bubbles, Emulator
+from cavirheo.inference.frames import compared_frames
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
@@ -122,10 +123,12 @@ class Experiment:
     dt the frame interval, within which the instant of the frame may be unknown. j is 0 except in the result of
     `reweighted`.
 
-    names: (d,) of x. bounds: (d, 2). time_since_max, measured, sigma: (m,) of the measured frames in the window: s
-    after R_max, R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift. Raises
-    InputError: the curve has no maximum or not enough collapses for the window; an exposure longer than the frame
-    interval; damage of a law without elasticity; a wall nearer than R_max."""
+    names: (d,) of x. bounds: (d, 2). time_since_max, measured, sigma: (m,) of the frames in the window that are
+    compared, measured ones or means (frames.py): s after R_max, R/R_max, assumed deviation over R_max. averaged: (m,)
+    number of measured frames in each. counted: (m,) frames that neither stand out nor drift. view: the window with all
+    its frames. usable: (n,) which of these count. Raises InputError: the curve has no maximum or not enough collapses
+    for the window; an exposure longer than the frame interval; damage of a law without elasticity; a wall nearer than
+    R_max."""
 
     def __init__(
         self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None, *,
@@ -179,33 +182,43 @@ class Experiment:
             requested = min(3, recorded)
         collapses = None if requested in (None, "all") else int(requested)
         self.extent: tuple[int | None, float | None] = (collapses, options.end)  # the window
+        self._frames_end = -np.inf  # of the window of which `_frames` are the compared frames, s after R_max
         self._cut(*self.extent)
 
     def cut_to(self, collapses: int | None, end: float | None = None) -> Experiment:
-        """The experiment cut to this number of collapses (None: all) and at most `end` s, with equal weights."""
+        """The experiment cut to this number of collapses (None: all) and at most `end` s, with equal weights. In a
+        shorter window, the compared frames are the first ones of this experiment."""
         experiment = copy(self)
         experiment._cut(collapses, end)
         return experiment
 
     def _cut(self, collapses: int | None, end: float | None) -> None:
         self.view: Window = window(self.curve, collapses=collapses, end=end)
-        self.time_since_max: Floats = self.view.time_since_max
-        self.measured: Floats = self.view.normalised
-        cut = self.view.curve
-        finite = np.isfinite(cut.radius)
-        stated, noise = cut.radius_std[finite] / self.max_radius, self.curve.noise / self.max_radius
+        cut, last = self.view.curve, self.view.end * (1.0 + 1e-9)
+        time, wrong = cut.time[np.isfinite(cut.radius)], self.curve.time[self.curve.spikes()]
+        self.usable: Bools = ~np.isin(time, wrong) & ~self._drifting(time)
+        if last > self._frames_end:
+            self._frames, self._frames_end = compared_frames(cut, self.usable), last
+        since = self._frames.time - self.curve.time_of_max
+        some = since <= last
+        frames = self._frames
+        self.time_since_max: Floats = since[some]
+        self.measured: Floats = frames.radius[some] / self.max_radius
+        self.averaged: Floats = frames.averaged[some]
+        stated, noise = frames.radius_std[some] / self.max_radius, self.curve.noise / self.max_radius
         valid = np.isfinite(stated) & (stated > 0)
-        self._radius_sigma = np.where(valid, stated, max(noise, NOISE_FLOOR))
-        self._measured_sigma = np.maximum(np.where(valid, stated, noise), SOLVER_ERROR)
-        self.counted: Bools = ~np.isin(cut.time[finite], self.curve.time[self.curve.spikes()])
-        self.counted &= ~self._drifting(cut.time[finite])
+        root = np.sqrt(self.averaged)
+        self._radius_sigma = np.where(valid, stated, max(noise, NOISE_FLOOR) / root)
+        self._measured_sigma = np.maximum(np.where(valid, stated, noise / root), SOLVER_ERROR / root)
+        self.counted: Bools = frames.usable[some]
         self.noise_factor: float = 1.0
         self.sigma: Floats = np.where(self.counted, self._radius_sigma, np.inf)
 
     def reweighted(self, prediction: Prediction) -> Experiment:
         """The experiment with the sigma of the frames, and the share j of the wall's motion in it, for which the
         residuals of a simulation are most likely. Neighbours with similar residuals count as one (noise_factor)."""
-        noise, motion = self._radius_sigma, prediction.speed * self.frame_interval * INSTANT_DEVIATION
+        noise, root = self._radius_sigma, np.sqrt(self.averaged)
+        motion = prediction.speed * self.frame_interval * INSTANT_DEVIATION / root
         missed = self.measured - prediction.radius
         shares = np.array(TIMING_FACTORS if self.options.weights == "learnt" else (0.0,))
         squares = noise**2 + (shares[:, None] * motion) ** 2
@@ -215,7 +228,7 @@ class Experiment:
         noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * shares[best] * motion
         experiment = copy(self)
         experiment.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
-        experiment.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SOLVER_ERROR), motion), np.inf)
+        experiment.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SOLVER_ERROR / root), motion), np.inf)
         return experiment
 
     def stretch_source(self) -> str:
@@ -474,9 +487,15 @@ class Experiment:
         measured = self.measured[self.counted]
         return np.full(len(measured), np.nan) if prediction is None else measured - prediction.radius
 
+    @property
+    def noise_over_rmax(self) -> float:
+        """RMS frame-to-frame noise, over R_max, of the frames that count; that of a mean is smaller."""
+        share = float(np.mean(1.0 / self.averaged[self.counted]))
+        return self.curve.noise / self.max_radius * float(np.sqrt(share))
+
     def misfit(self, difference: Floats) -> float:
         """RMS of the part of measured minus simulated (n,), over R_max, that exceeds the frame-to-frame noise."""
-        excess = float(np.mean(difference**2)) - (self.curve.noise / self.max_radius) ** 2
+        excess = float(np.mean(difference**2)) - self.noise_over_rmax**2
         return float(np.sqrt(max(excess, 0.0)))
 
     def noise(self, discrepancy: bool) -> Noise:
@@ -487,11 +506,14 @@ class Experiment:
         count = int(np.sum(self.counted))
         message = f"{count} frames are too few for a posterior"
         require(count >= 3, message, "experiment.too_few_frames", self.curve.name)
-        velocity, turn = np.gradient(self.measured, self.time_since_max), np.zeros(len(self.measured))
-        turn[1:-1] = np.diff(self.measured, 2) / 8.0
+        time, measured, turn = self.time_since_max, self.measured, np.zeros(len(self.measured))
+        velocity, twice = np.gradient(measured, time), time[2:] - time[:-2]
+        frame = 0.5 * twice / self.averaged[1:-1]
+        turn[1:-1] = np.diff(np.diff(measured) / np.diff(time)) / twice * frame**2 / 4.0
         deviation = np.hypot(self._radius_sigma, turn) if discrepancy else self._measured_sigma
-        deviation, since, velocity = (values[self.counted] for values in (deviation, self.time_since_max, velocity))
-        return Noise(deviation, since, self.time_scale, discrepancy, velocity)
+        typical = float(np.median((deviation * np.sqrt(self.averaged))[self.counted]))  # of one frame
+        deviation, since, velocity = (values[self.counted] for values in (deviation, time, velocity))
+        return Noise(deviation, since, self.time_scale, discrepancy, velocity, typical)
 
     def white_noise(self) -> Noise:
         """Independent noise with the weights of a fit (`reweighted`) in the frames that count."""
@@ -509,7 +531,7 @@ class Experiment:
         simulated = reconstruct(view, material, self.medium, natural["stretch"], bubble)
         simulated["reconstruction_radius"] = simulated["reconstruction_radius"] / scale
         for name in ("compared_time", "residual_over_rmax"):
-            simulated[name] = simulated[name][self.counted]
+            simulated[name] = simulated[name][self.usable]
         limit = CLEAN_MISFIT if self.clean else MISFIT
         return check_simulation(self.view, simulated, self.time_scale, verdict, messages, limit)
 
@@ -545,6 +567,9 @@ class Experiment:
             messages.append(Message(f"stretch_prior.{source}", {"value": value, "deviation": deviation}))
         elif stated is not None and self.options.stretch is None and not low < stated < high:
             messages.append(Message("stretch.left_out", {"stretch": stated, "low": low, "high": high}))
+        if len(self.measured) < len(self.usable):
+            counts = {"frames": len(self.usable), "means": len(self.measured)}
+            messages.append(Message("frames.averaged", counts))
         if spikes:
             messages.append(Message("frames.spikes", {"frames": spikes}))
         drifting = self.curve.time[self._drifting(self.curve.time)]

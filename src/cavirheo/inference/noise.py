@@ -38,16 +38,18 @@ ABSENCE_PROBABILITY = 1.0 / 6.0  # prior probability that there is no discrepanc
 
 class Noise:
     """The distribution of (n,) residuals at (n,) times, s, with assumed deviations (n,) and, for a discrepancy, the
-    wall's velocities (n,), 1/s. scale: unit of tau and of the clock, s. typical: the median deviation. constants:
-    (grid,) the part of a log density that does not depend on e' C^-1 e."""
+    wall's velocities (n,), 1/s. scale: unit of tau and of the clock, s. typical: deviation of one frame, in units of
+    which the discrepancy counts; by default the median deviation. constants: (grid,) the part of a log density that
+    does not depend on e' C^-1 e."""
 
     def __init__(
-        self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0
-    ) -> None:
+        self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0,
+        typical: float | None = None,
+    ) -> None:  # fmt: skip
         self.deviation, self.size = deviation, len(deviation)
         some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCK_RATIOS for tau in TIMES] if discrepancy else []
         self.grid: list[tuple[float, float, float]] = [(0.0, 0.0, 1.0), *some]
-        self.typical: float = float(np.median(deviation))
+        self.typical: float = float(np.median(deviation)) if typical is None else typical
         shapes = self.typical * np.stack([np.ones(self.size), np.broadcast_to(velocity * scale, self.size)], axis=1)
         self.covariances, log_det = Covariances.of(deviation, time, [(shapes * (r, s), tau) for r, s, tau in self.grid])
         share = [ABSENCE_PROBABILITY] + [(1.0 - ABSENCE_PROBABILITY) / len(some)] * len(some) if some else [1.0]

@@ -256,14 +256,13 @@ def without_spaces(material: str) -> str:
 
 
 def network_input(shot: Experiment, discrepancy: bool) -> Any:
-    """Input (1, SIZE) of the network: the frames of an experiment that count."""
-    counted = shot.counted & (shot.time_since_max >= 0)
-    time = shot.time_since_max[counted] / shot.time_scale
+    """Input (1, SIZE) of the network: all usable frames in the window of an experiment."""
+    time, radius = shot.view.time_since_max[shot.usable] / shot.time_scale, shot.view.normalised[shot.usable]
     numbers = {"max_radius": shot.max_radius, "noise": shot.curve.noise / shot.max_radius}
     numbers |= {"frame": shot.frame_interval / shot.time_scale, "exposure": shot.exposure / shot.time_scale}
     numbers |= {"discrepancy": float(discrepancy), "late": float(shot.curve.begins_late)}
     arrays = {name: np.array([value]) for name, value in numbers.items()}
-    return binned(np.zeros(len(time), np.int64), time, shot.measured[counted], **arrays)
+    return binned(np.zeros(len(time), np.int64), time, radius, **arrays)
 
 
 class PosteriorModel:
@@ -321,7 +320,7 @@ class PosteriorModel:
             return f"it knows {KNOWN_BUBBLES}"
         if not self.knows(shot.family.name, shot.options.bubble):
             return f"it was not trained on {shot.family.name} with the {bubble} bubble"
-        frames = int((shot.counted & (shot.time_since_max >= 0)).sum())
+        frames = int(np.count_nonzero(shot.usable))
         limited: dict[str, tuple[float, str]] = {
             "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),
             "frame_interval_us": (shot.frame_interval * 1e6, "{:.4g} us between frames"),

@@ -227,7 +227,7 @@ class Search:
     def is_finished(self, missed: Floats) -> bool:
         """Whether the search stops at these differences, over R_max, of frames and simulation: only noise is left, or
         two rounds were made (all rounds on a curve without noise)."""
-        rmse, noise = _rms(missed), self.shot.curve.noise / self.shot.max_radius
+        rmse, noise = _rms(missed), self.shot.noise_over_rmax
         if self.shot.clean:
             return bool(rmse < max(MISFIT_RATIO * noise, ROUGH_ERROR)) or self.rounds == len(ROUNDS)
         return bool(rmse < MISFIT_RATIO * min(noise, MAX_NOISE) or self.rounds > 1)
@@ -235,7 +235,7 @@ class Search:
     def only_noise(self, missed: Floats) -> bool:
         """Whether these differences, over R_max, of frames and simulation are only noise; never if `min_distance`
         is 0."""
-        return self.min_distance > 0 and _rms(missed) < NOISE_RATIO * self.shot.curve.noise / self.shot.max_radius
+        return self.min_distance > 0 and _rms(missed) < NOISE_RATIO * self.shot.noise_over_rmax
 
     def _coarse_starts(self, scan: Scan, shot: Experiment, earlier: Sequence[Floats]) -> list[Floats]:
         """The best coarse simulations on the window of a shot that are far from the minima of the previous window."""

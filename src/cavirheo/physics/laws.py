@@ -481,6 +481,13 @@ class CarreauYasuda(_Thinning):
     exponent: float = field(metadata=FINITE)
     transition: float = field(default=2.0, metadata=POSITIVE)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        rates = f"with an exponent above 1, got {self.exponent!r}, zero_rate must not be below infinite_rate"
+        why = f"{rates}, got {self.zero_rate!r} and {self.infinite_rate!r} Pa s: the viscosity would become negative"
+        thins = np.less_equal(self.exponent, 1) | np.greater_equal(self.zero_rate, self.infinite_rate)
+        require(bool(np.any(thins)), why, "physics.negative_viscosity")  # of many materials at once, if all are such
+
     def apparent(self, shear_rate: Floats) -> Floats:
         x = 1 + (self.time * shear_rate) ** self.transition
         return self.plateau_mixture(x ** ((self.exponent - 1) / self.transition))

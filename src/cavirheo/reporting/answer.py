@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import fields
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,7 +19,7 @@ from cavirheo.parameters import BUBBLE, LOG10, REFERENCE_RATE, VISCOSITY_AT_RATE
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import TRUSTED, Checks, Diagnostics, Evidence, Posterior, Verdict, WindowAnswer, intervals
+from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Posterior, Verdict, WindowAnswer, intervals
 from cavirheo.reporting.material import KEYS, ParameterValues
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
@@ -279,15 +279,12 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
 
 def _failed_if_invalid(posterior: Posterior) -> Posterior:
     """The answer; a failed one, or one without draws that are finite, becomes "failed" with reasons and no values."""
-    failed, messages = posterior.checks.verdict == "failed", posterior.checks.messages
-    draws = () if failed else zip(posterior.names, posterior.theta.T, strict=True)
+    if posterior.checks.verdict == "failed" or not posterior.theta.size:
+        reasons = () if posterior.checks.messages else (Message("answer.none"),)
+        return posterior.without_draws(*reasons)
+    draws = zip(posterior.names, posterior.theta.T, strict=True)
     broken = ", ".join(name for name, values in draws if not np.all(np.isfinite(values)))
-    if posterior.theta.size and not (failed or broken):
-        return posterior
-    if broken:
-        messages = (Message("answer.not_finite", {"parameters": broken}), *messages)
-    checks = Checks("failed", messages or (Message("answer.none"),))
-    return replace(posterior, checks=checks, theta=posterior.theta[:0], best={}, stretch=None, stretch_prior=None)
+    return posterior.without_draws(Message("answer.not_finite", {"parameters": broken})) if broken else posterior
 
 
 def _viscosity_at_rate(posterior: Posterior) -> dict[str, Quantity]:

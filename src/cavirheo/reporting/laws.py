@@ -122,12 +122,18 @@ def print_table(document: Laws) -> None:
     console = terminal.console()
     console.print(table)
     terminal.print_warnings(console, input_warnings(answers))
-    lines = preference_lines(document)
+    lines = [*_failure_lines(document), *preference_lines(document)]
     for group in document.groups:
         slopes_of_laws = {law: entry.slopes for law, entry in group.laws.items() if entry.slopes}
         lines += [f"{group.name}, {law}: {slopes_in_words(slopes)}" for law, slopes in slopes_of_laws.items()]
         lines += _material_lines(group)
     terminal.print_remarks(console, {}, [*lines, *document.notes])
+
+
+def _failure_lines(document: Laws) -> list[str]:
+    """A line for each law of a curve that has no answer, with the reason."""
+    pairs = [(laws.name, law, entry.answer) for laws in document.curves for law, entry in laws.laws.items()]
+    return [f"{curve}, {law}: {answer.message}" for curve, law, answer in pairs if answer and not answer.has_answer]
 
 
 def preference_lines(document: Laws) -> list[str]:

@@ -148,7 +148,7 @@ class WhichLaw(options.MeasuredFiles):
         unfinished.remove()
         run.show(laws)
         verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
-        failed = "check_input" in verdicts or any(ranking.chosen is None for ranking in singles)
+        failed = not verdicts.isdisjoint(("failed", "check_input")) or any(not ranking.chosen for ranking in singles)
         places = f"; {out / 'laws.json'}; report: {out / 'report.html'}"
         run.end(digits.counted(len(curves), "curve"), failed, places)
 

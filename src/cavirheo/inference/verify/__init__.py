@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from cavirheo.inference.verify.verification import Estimation, Verification
 from cavirheo.messages import Message, message_of_error
 from cavirheo.parallel import one_blas_thread
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
-from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
+from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior
 
 _log = logging.getLogger(__name__)
 __all__ = ["Verification", "verify"]
@@ -108,14 +109,15 @@ def _answers(
 
 
 def _failed(settings: Verification, answer: Posterior, error: Exception) -> Posterior:
-    """The answer with a message on why it could not be verified."""
+    """The failed answer with a message on why it could not be verified; for level "map", an answer with draws keeps
+    them."""
     _log.debug("no answer by %s", answer.material, exc_info=error)
     why = message_of_error(error)
     if not settings.weights:
         why = Message("answer.unverified", {"reason": why.text})
-    verdict: Verdict = "failed" if settings.level != "map" else answer.checks.verdict
-    checks = replace(answer.checks, verdict=verdict, messages=(*answer.checks.messages, why))
-    return replace(answer, checks=checks)
+    if settings.level != "map" or not len(answer.theta):
+        return answer.without_draws(why)
+    return replace(answer, checks=replace(answer.checks, messages=(*answer.checks.messages, why)))
 
 
 def _simplest(answers: Sequence[Posterior]) -> Posterior:
@@ -173,14 +175,13 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
     give a rough evidence of each model. Models whose share is not negligible are then sampled, each with as many draws
     as its share needs (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
 
-    Raises SolverError: none of them could be simulated.
+    Answers have a message on each law that failed. Raises one of ANALYSIS_ERRORS: all laws failed.
     """
-    errors = list(map(_begin_sampling, estimations))
-    laws = [law for law, error in zip(estimations, errors, strict=True) if error is None]
-    problems = [error for error in errors if error is not None]
-    if not laws:
-        raise problems[0]
+    laws = [law for law in estimations if _attempt(law, partial(getattr, law, "sampling"))]
     _refine(laws)
+    laws = [law for law in laws if law.failure is None]
+    if not laws:
+        raise estimations[0].failure or SolverError("no law has an answer")
     if len(laws) > 1 and max(laws, key=lambda law: law.log_probability).sampling.misfit > MISFIT:
         for law in laws:  # a better mode may exist
             law.sampling.search_windows()
@@ -191,7 +192,7 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
         above = [laws[k].log_probability - limit.log_probability for k, limit in limits.items()]
         unlike = max(above, default=-np.inf) > TUNING.limit_unlike
         limit = law.rival() if share > TUNING.share_small and not unlike else None
-        if limit and _begin_sampling(limit) is None:
+        if limit and _attempt(limit, partial(getattr, limit, "sampling")):
             limit.log_prior = np.log(LIMIT_PRIOR) if real else -np.inf
             limits[i] = limit
             _refine([law, limit])
@@ -199,41 +200,44 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
             law.log_prior = np.log(1.0 - LIMIT_PRIOR)
     counted = [law for law in (*laws, *limits.values()) if np.isfinite(law.log_prior)]
     _sample(counted)
+    limits = {i: limit for i, limit in limits.items() if limit.failure is None}
     answers = []
     whole = dict(zip(map(id, counted), _shares(counted), strict=True))
     for i, law in enumerate(laws):
         share = whole[id(law)]
         of_law = share + (whole.get(id(limits[i]), 0.0) if i in limits else 0.0)
-        if law.sampling.sample is None and of_law < LEAST_PROBABILITY:
+        if law.failure or (law.sampling.sample is None and of_law < LEAST_PROBABILITY):
             continue
-        if law.sampling.sample is None:
-            law.sampling.weigh(max(float(share), TUNING.share_least))
-        if law.sampling.sample is None:
-            why = f"too few bubbles of {law.shot.family.name} about its maximum can be simulated"
-            problems.append(SolverError(why))
-            continue
-        needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
-        answers.append(law.weighted_answer(needed, limits.get(i)))
+        try:
+            if law.sampling.sample is None:
+                law.sampling.weigh(max(float(share), TUNING.share_least))
+            needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
+            answers.append(law.weighted_answer(needed, limits.get(i)))
+        except ANALYSIS_ERRORS as error:  # of this law alone
+            law.failure = error
+    failures = {law.shot.family.name: law.failure for law in estimations if law.failure}
     if not answers:
-        raise problems[0]
-    return answers
+        raise next(iter(failures.values()))
+    why = [Message("model.failed", {"material": law, "reason": str(error)}) for law, error in failures.items()]
+    checks = [replace(answer.checks, messages=(*answer.checks.messages, *why)) for answer in answers]
+    return [replace(answer, checks=each) for answer, each in zip(answers, checks, strict=True)]
 
 
-def _begin_sampling(model: Estimation) -> SolverError | None:
-    """Find the modes of a model; why it could not be simulated, or None."""
+def _attempt(model: Estimation, work: Callable[[], object]) -> bool:
+    """Do a part of the work on a model, which fails alone if it fails. Whether it did not fail."""
     try:
-        model.sampling  # noqa: B018
-    except SolverError as error:
-        return error
-    return None
+        work()
+    except ANALYSIS_ERRORS as error:
+        model.failure = error
+    return model.failure is None
 
 
 def _refine(models: Sequence[Estimation]) -> None:
     """Correct the rough simulations of all models that are not far below the likeliest."""
-    top = max(model.log_probability for model in models)
+    top = max((model.log_probability for model in models), default=-np.inf)
     for model in models:
         if model.log_probability > top - TUNING.evidence_hopeless:
-            model.sampling.refine()
+            _attempt(model, model.sampling.refine)
 
 
 def _shares(models: Sequence[Estimation]) -> Floats:
@@ -256,8 +260,8 @@ def _sample(models: Sequence[Estimation]) -> None:
             in_reach = model.log_probability + min(error, TUNING.evidence_reach) > top + np.log(TUNING.share_least)
             large_or_unsure = share > TUNING.share_small or error > TUNING.evidence_known
             if in_reach and large_or_unsure and model.sampling.needs_draws(float(share)):
-                waiting.append((float(share), model.sampling))
+                waiting.append((float(share), model))
         if not waiting:
             return
-        for share, sampling in waiting:
-            sampling.weigh(share)
+        for share, model in waiting:
+            _attempt(model, partial(model.sampling.weigh, share))

@@ -149,7 +149,10 @@ class AdaptiveSampling:
         target = self.two_fidelity
         target.correct(_likely_simulations(target, maxima[0], simulated, self.seed))
         simulated = target.integrated(target.corrected(simulated.u, simulated.residual))
-        self.proposal = AdaptiveProposal(target, target.corrected_modes(maxima), simulated)
+        maxima = [mode for mode in target.corrected_modes(maxima) if np.isfinite(mode.log_posterior)]
+        if not maxima:
+            raise SolverError(f"no mode of {target.experiment.family.name} could be simulated")
+        self.proposal = AdaptiveProposal(target, maxima, simulated)
         if self.network and len(simulated.u):
             u, log_q = self.network
             alike = np.all(u[:, None] == simulated.u, axis=2)

@@ -230,9 +230,11 @@ def ranked(
 
 
 def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Posterior]:
-    """The answer of each curve by the law that `ranked` chose for its group, or for the curve itself, with the answers
-    of the other laws beside it. A curve without an evidence has the answer of its first law."""
-    by_group = {i: group.chosen for group in groups for i in group.members if group.chosen}
+    """The answer of each curve by the law that `ranked` chose for its group if it has one, else for the curve itself,
+    with the answers of the other laws beside it. A curve without an evidence has the answer of its first law."""
+    by_group = {
+        i: group.chosen for group in groups for i in group.members if group.chosen and singles[i].evidence[group.chosen]
+    }
     chosen_answers = []
     for i, ranking in enumerate(singles):
         chosen = by_group.get(i) or ranking.chosen or next(iter(ranking.answers))
@@ -259,16 +261,17 @@ def _evidence(answer: Posterior) -> Evidence | None:
 
 
 def _rank_group(name: str, members: list[tuple[Ranking, float]], column: str) -> Ranking:
-    """The ranking by the sum over the shots for which every law has an evidence, and one material by each law for these
-    shots, with its slope along the column if this has several values."""
-    whole = [(ranking, value) for ranking, value in members if all(ranking.evidence.values())]
+    """The ranking by the sum over the shots for which every law has an evidence, except laws that have none for any
+    shot; and one material by each law for these shots, with its slope along the column if this has several values."""
+    laws = [law for law in members[0][0].evidence if any(ranking.evidence[law] for ranking, _ in members)]
+    whole = [(ranking, value) for ranking, value in members if all(ranking.evidence[law] for law in laws)]
     complete = [ranking.evidence for ranking, _ in whole]
     evidence: dict[str, Evidence | None] = dict.fromkeys(members[0][0].evidence)
-    for law in evidence if complete else ():
+    for law in laws if complete else ():
         terms = [term for by_law in complete if (term := by_law[law])]
         error = np.sqrt(sum((term.error or 0.0) ** 2 for term in terms))
         evidence[law] = Evidence(float(sum(term.log for term in terms)), float(error))
-    logs = {law: np.array([by_law[law].log for by_law in complete]) for law in evidence}  # type: ignore[union-attr]
+    logs = {law: np.array([by_law[law].log for by_law in complete]) for law in laws}  # type: ignore[union-attr]
     order = sorted(logs, key=lambda law: -float(np.sum(logs[law])))
     pairs = []
     for first, second in combinations(order, 2) if len(complete) > 1 else ():
@@ -281,6 +284,6 @@ def _rank_group(name: str, members: list[tuple[Ranking, float]], column: str) ->
         law: with_slope_if_any(
             [ranking.answers[law] for ranking, _ in whole], names, values if column else None, only_trusted=False
         )
-        for law in (evidence if complete else ())
+        for law in (laws if complete else ())
     }
     return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials, column, sizes=members[0][0].sizes)

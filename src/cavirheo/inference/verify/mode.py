@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Bools, Floats
 from cavirheo.inference.camera import NAMES, CameraNuisances, rescaled
 from cavirheo.inference.experiment import DIFFERENCE_STEP, Experiment
 from cavirheo.inference.noise import MarginalNoise, Noise
@@ -54,6 +54,11 @@ class Target(Coordinates):
             camera = replace(camera, by_size=shape[-camera.numbers :])
         self.camera, self.noise = camera, MarginalNoise(frames, len(camera.free), camera.size)
         return camera.collapses != before.collapses
+
+    def holds(self, u: Floats) -> Bools:
+        """Which u (k, d) have a material, as simulations have: the prior is 0 where the law's parameters exclude each
+        other."""
+        return self.experiment.family.holds(self.prior.to_x(u)[:, : self.experiment.law_size])
 
     def start(self, x: Floats) -> Floats:
         """u (..., d) of x (..., all), inside the ranges, so that a climb can begin there."""

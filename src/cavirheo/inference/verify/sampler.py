@@ -181,7 +181,7 @@ class Sample:
     def distrust(self, needed: float) -> Message | None:
         """Why the draws give no interval, which needs so many effective draws; None if they do. The tail does not
         matter for a small part of an answer."""
-        if self.ess >= needed and (self.reliable or needed < TUNING.share_small * TUNING.effective_fewest):
+        if self.ess >= max(needed, 1.0) and (self.reliable or needed < TUNING.share_small * TUNING.effective_fewest):
             return None
         (index, unseen), values = self.tail, {"effective": self.ess, "needed": needed}
         tail = {"tail": index, "missing": None if self.reliable else unseen}

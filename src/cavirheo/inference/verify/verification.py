@@ -118,6 +118,7 @@ class Estimation:
         self.noise = self.target.noise  # the noise by which the answer is judged
         self.messages: list[Message] = []
         self.log_prior = 0.0  # log of the prior probability of this model
+        self.failure: Exception | None = None  # why this model has no answer
         self._climbed_from: Floats | None = None  # u of another model, from which the last climb began
 
     def laplace(self) -> Posterior:
@@ -128,6 +129,7 @@ class Estimation:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
         best = self._best(maxima)
         u = best.draws(TUNING.draws, self.settings.seed)
+        u = u[self.target.holds(u)]
         evidence = Evidence(float(log_sum([mode.log_evidence for mode in maxima])))
         return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, maxima, {})
 
@@ -159,7 +161,9 @@ class Estimation:
     def weighted_answer(self, needed: float, limit: Estimation | None) -> Posterior:
         """The answer of the weighted draws. needed: effective draws that an interval needs. limit: the rival."""
         sampling, sample = self.sampling, self.sampling.sample
-        assert sample is not None
+        if sample is None:
+            raise SolverError(f"too few bubbles of {self.shot.family.name} about its maximum can be simulated")
+        sample = replace(sample, log_target=np.where(self.target.holds(sample.u), sample.log_target, -np.inf))
         best = sampling.best or self._best(sampling.modes)
         summary = {"evidences_apart_in_standard_errors": sampling.evidence_gap, "log_weight_error": sampling.error}
         draws = sample.u, sampling.residual
@@ -175,6 +179,7 @@ class Estimation:
         if sample is None:
             mode = max(sampling.modes, key=lambda mode: mode.log_posterior)
             u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
+            u = u[target.holds(u)]
             x, log_weight = target.with_camera(u, np.tile(z, (len(u), 1))), np.full(len(u), sampling.log_laplace)
             return replace(answer_at(target, mode), evidence=sampling.evidence), x, log_weight
         x, _ = target.add_camera(sample.u, target.camera.z(sampling.residual))
@@ -184,8 +189,9 @@ class Estimation:
 
     @property
     def log_probability(self) -> float:
-        """Of the evidence, as far as it is known, times the probability of the model before the curve is seen."""
-        return self.sampling.evidence.log + self.log_prior
+        """Of the evidence, as far as it is known, times the probability of the model before the curve is seen; -inf if
+        the model failed."""
+        return -np.inf if self.failure else self.sampling.evidence.log + self.log_prior
 
     def climb_where_best(self, other: Estimation) -> None:
         """Climb from the best place of another model if this is far above all simulations of this model: laws contain
