@@ -1,5 +1,5 @@
-"""From a RadiusCurve to a Posterior: `infer`, and `fit`, the field's conventional least-squares fit of simulated to
-measured radius histories (docs/method/fit.md)."""
+"""From a RadiusCurve to a Posterior: `infer`, and `fit`, the same under the noise of the field's conventional
+least-squares fit (docs/method/fit.md)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, Protocol
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.inference.analysis import AUTO_LAWS, DEFAULT, Analysis
+from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import FREE_BY_DEFAULT, SCALE_BOUND
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior
 
-__all__ = ["AUTO_LAWS", "DEFAULT", "Analysis", "fit", "fit_many", "infer", "infer_many"]
+__all__ = ["DEFAULT", "Analysis", "fit", "fit_many", "infer", "infer_many"]
 
 
 def infer(
@@ -27,7 +27,6 @@ def infer(
     window: int | None = None,
     trust_input: bool = False,
     bubble: Requested | None = None,
-    verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
 ) -> Posterior:
@@ -35,24 +34,19 @@ def infer(
 
     Args:
         curve: R(t), in s and m.
-        model: a shipped model (`cavirheo models`) or the path of an .onnx file with its card. "posterior" gives draws;
-            "bdt-viscoelastic" and "bdt-viscous" are the paper's networks, which give one value.
-        material: a law of `cavirheo laws`. Default "auto": the average over nhkv, newtonian, power-law and fung +
-            newtonian, weighted by their evidence ("nhkv" with verify "none").
+        model: "posterior" (the default: draws of an emulator, each weighed by a simulation), or "bdt-viscoelastic" or
+            "bdt-viscous", the paper's networks, which give one value without an interval.
+        material: a law of `cavirheo laws`. Default "auto": a neo-Hookean spring beside a dashpot, in which G may be
+            exactly 0 (a liquid) and the spring may stiffen; `Posterior.switches` has the probabilities.
         medium: constants of the liquid or gel, or the name of a set. G of soft gels depends strongly on its density.
         stretch: R_max/R_0 if it is known. Otherwise it is inferred, with the value that the file states as prior;
             "free": without this prior.
-        window: number of collapses that are compared. Default: 3, or as many as there are; for a network that gives one
-            value, all that it reads.
+        window: number of collapses that are compared. Default: 3, or as many as there are; for a network, all that it
+            reads.
         trust_input: input warnings are in the messages, but do not change the verdict.
-        bubble: "real" (the default: vapour condenses at a finite rate, and the surroundings damp the motion), "field"
-            (the default of the paper's networks: equilibrium contents, unbounded liquid), "auto" (both, and the
-            evidence chooses), or a `Bubble`. For a bubble that the network does not know, the search starts all over
-            the ranges and takes some seconds. The real bubble's answer is compared with the field's, and vice versa.
-        verify: "auto" (the default): starting from the network's draws, a few hundred simulations weight draws by the
-            likelihood, or as many as with "full" if these weights cannot be trusted; "none": the network's own draws;
-            "map": the posterior's maximum and the Gaussian about it; "full": more weighted draws, from starts all over
-            the ranges. For a network that gives one value, "auto" means "none".
+        bubble: "real" (the default: vapour condenses at a finite rate, and the surroundings damp the motion; with the
+            probability `switches["field_bubble"]` it is the field's), "field" (the default of the paper's networks:
+            equilibrium contents, unbounded liquid), or a `Bubble`.
         discrepancy: whether the likelihood allows for differences that no simulation follows (inference/noise.py).
         seed: random seed of the draws.
 
@@ -64,9 +58,7 @@ def infer(
 
     Source: docs/method/posterior.md.
     """
-    analysis = Analysis(
-        "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, seed=seed
-    )
+    analysis = Analysis("infer", model, material, bubble, medium, stretch, window, trust_input, discrepancy, seed)
     return analysis.run([curve])[0]
 
 
@@ -80,7 +72,6 @@ def infer_many(
     window: int | None = None,
     trust_input: bool = False,
     bubble: Requested | None = None,
-    verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
     workers: int | None = None,
@@ -102,9 +93,7 @@ def infer_many(
 
     Source: docs/method/posterior.md.
     """
-    analysis = Analysis(
-        "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, seed=seed
-    )
+    analysis = Analysis("infer", model, material, bubble, medium, stretch, window, trust_input, discrepancy, seed)
     return analysis.run(curves, workers, done)
 
 
@@ -119,20 +108,17 @@ def fit_many(
     free: Sequence[str] | str = FREE_BY_DEFAULT,
     t0_bound: float | None = None,
     scale_bound: float = SCALE_BOUND,
-    weights: str = "learnt",
     bubble: Requested = "real",
-    others: bool = True,
     trust_input: bool = False,
     seed: int = 0,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
-    """Nonlinear least squares of the simulated radius from many starts, with weighted draws about the best minimum.
+    """The posterior under white noise of unknown size, as a least-squares fit takes it, with its best value.
 
     Args:
         curves: R(t), in s and m.
-        material: a law of `cavirheo laws` ("nhkv", "qkv", "zener", ...), all of whose parameters are fitted; "auto":
-            the simplest law of AUTO_LAWS that the evidence does not reject, with the other laws in `Posterior.others`.
+        material: a law of `cavirheo laws` ("nhkv", "qkv", "zener", ...), all of whose parameters are fitted, or "auto".
         medium: constants of the liquid or gel, or the name of a set.
         window: number of collapses that are fitted, up to the middle of the rebound after the last one; "all": the
             whole recording. Default: 3, or as many as there are, unless `end` is given.
@@ -143,10 +129,7 @@ def fit_many(
             true radius over measured one) and "rmax" (R_max of the motion over that of the curve, at the right scale).
         t0_bound: largest |t0|, s; default: all times of R_max that the frames near it allow.
         scale_bound: largest deviation of scale and rmax from 1; that of rmax is larger if the noise requires it.
-        weights: "learnt" (frames count less where the wall moves fast, by as much as the residuals show) or "equal".
-        bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
-            contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.
-        others: fit the other of these two bubbles, too; its answer and those of other modes are in `Posterior.others`.
+        bubble: as of `infer`.
         trust_input: input warnings are in the messages, but do not change the verdict.
         seed: random seed of the draws.
         workers: number of cores; default: all that this process may use. From two curves on, each core runs a process.
@@ -163,8 +146,8 @@ def fit_many(
     Source: docs/method/fit.md.
     """
     camera: dict[str, Any] = {"free": free, "t0_bound": t0_bound, "scale_bound": scale_bound}
-    cut: dict[str, Any] = {"window": window, "end": end, "stretch": stretch, "weights": weights}
-    general: dict[str, Any] = {"medium": medium, "others": others, "trust_input": trust_input, "seed": seed}
+    cut: dict[str, Any] = {"window": window, "end": end, "stretch": stretch}
+    general: dict[str, Any] = {"medium": medium, "trust_input": trust_input, "seed": seed}
     return Analysis("fit", material=material, bubble=bubble, **camera, **cut, **general).run(curves, workers, done)
 
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cavirheo.curve import RadiusCurve, as_curves
-from cavirheo.errors import InputError, expect_whole, require
+from cavirheo.errors import expect_whole, require
 from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.checks import ANALYSIS_ERRORS, curve_warnings, failed_checks, wall_warnings, warned

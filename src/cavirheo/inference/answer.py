@@ -17,7 +17,7 @@ from cavirheo.inference.weigh import ENOUGH, Weighed, posterior
 from cavirheo.messages import Message
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import CAMERA, units
-from cavirheo.posterior import Diagnostics, Evidence, Posterior
+from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict
 from cavirheo.prior import Prior
 
 REPLICATES = 2000  # of the predictive check
@@ -43,12 +43,21 @@ class Target:
             [self.measured - self.shot.emulated(self.prior.to_x(part), network, scale) for part in parts]
         )
 
+    def jacobian(self, u: Floats) -> Floats:
+        """(n, d) derivatives of the emulated frames at u (d,)."""
+        step = 1e-3
+        places = np.concatenate([u + step * np.eye(len(u)), u - step * np.eye(len(u))])
+        above, below = np.split(-self.emulated(places), 2)
+        return np.asarray(np.nan_to_num((above - below) / (2.0 * step)).T)
+
     def simulated(self, u: Floats) -> Floats:
         """Residuals (k, n) by the default solver; NaN where it fails."""
         return np.array(run_jobs(self.shot.difference, self.prior.to_x(u), self.workers))
 
 
-def answer(empty: Posterior, shot: Experiment, *, discrepancy: bool, seed: int, workers: int | None = 1) -> Posterior:
+def sampled_answer(
+    empty: Posterior, shot: Experiment, *, discrepancy: bool, seed: int, workers: int | None = 1
+) -> Posterior:
     """The posterior of an experiment; `empty` gives what does not depend on the draws. Raises SolverError: too few
     bubbles can be simulated."""
     prior, noise = shot.prior(), shot.noise(discrepancy)
@@ -58,7 +67,8 @@ def answer(empty: Posterior, shot: Experiment, *, discrepancy: bool, seed: int, 
     best = int(np.argmax(weighed.log_posterior))
     residual = weighed.residuals[best]
     predictive, excess, at = judge(target, noise, weighed, best, seed)
-    messages, verdict = list[Message](), "ok"
+    messages = list[Message]()
+    verdict: Verdict = "ok"
     effective = effective_size(weighed.log_weight)
     names, theta = shot.to_theta(x)
     theta = _switched_off(names, theta)
@@ -76,8 +86,8 @@ def answer(empty: Posterior, shot: Experiment, *, discrepancy: bool, seed: int, 
     messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
     messages += shot.messages
     if effective < ENOUGH:
-        values = {"effective": effective, "needed": ENOUGH, "tail": float("nan"), "missing": None}
-        messages.append(Message("interval.distrusted", {"draws": len(x), **values}))
+        unfit = {"draws": len(x), "effective": effective, "needed": ENOUGH, "tail": float("nan"), "missing": None}
+        messages.append(Message("interval.distrusted", unfit))
         theta, verdict = theta[best : best + 1], "no_interval" if verdict == "ok" else verdict
     values = shot.all_values(x[best])
     diagnostics = Diagnostics(
@@ -152,7 +162,7 @@ def judge(
     check rejects, the nearest that the law can come by least squares."""
     shot, prior = target.shot, target.prior
     u, residual = weighed.u[best], weighed.residuals[best]
-    jacobian = _jacobian(target, u)
+    jacobian = target.jacobian(u)
     predictive = predictive_check(residual, jacobian, noise.deviation, seed)
     excess, at = shot.misfit(residual), prior.to_x(u)
     if predictive and predictive["p_value"] < REJECTED:
@@ -163,14 +173,6 @@ def judge(
         if nearer < excess:
             excess, at = nearer, prior.to_x(nearest)
     return predictive, excess, at
-
-
-def _jacobian(target: Target, u: Floats) -> Floats:
-    """(n, d) derivatives of the emulated frames at u (d,)."""
-    step = 1e-3
-    places = np.concatenate([u + step * np.eye(len(u)), u - step * np.eye(len(u))])
-    above, below = np.split(-target.emulated(places), 2)
-    return np.asarray(np.nan_to_num((above - below) / (2.0 * step)).T)
 
 
 def modulus_over_scale(target: Target, noise: Noise, weighed: Weighed) -> float | None:

@@ -143,7 +143,7 @@ class Family:
         """The material of (parameters,) log10 values; of (k, parameters) a material whose parameters are (k, 1) arrays,
         for stresses at many parameters at once. Raises InputError where they exclude each other."""
         values = iter(10.0**log10 if log10.ndim == 1 else 10.0 ** log10.T[..., None])
-        number = float if log10.ndim == 1 else np.asarray
+        number: Any = float if log10.ndim == 1 else np.asarray
         terms = [(law, {name: number(next(values)) for name in names}) for law, names in self._terms]
         return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
 

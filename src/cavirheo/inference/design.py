@@ -23,13 +23,13 @@ from scipy.special import logsumexp
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
+from cavirheo.inference.answer import Target
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
 from cavirheo.inference.experiment import BOUND_SCALES, BOUND_SIGMAS, ZETA, Experiment
-from cavirheo.inference.noise import GAMMA_A, MarginalNoise
-from cavirheo.inference.verify.mode import Target, climb
+from cavirheo.inference.noise import GAMMA_A, Noise
+from cavirheo.inference.sample import EMULATED, climb
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
-from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FREE as INFERRED
 from cavirheo.physics.bubble import REAL, ZERO_BY_DEFAULT, Bubble
 from cavirheo.physics.media import WATER, Medium
@@ -38,6 +38,7 @@ from cavirheo.prior import log_normal
 
 ROUNDS = 4  # iterations of the weight of the frames and of the maximum
 DENSITY_POINTS = 8001  # points of a marginal density
+INSIDE = 1e-3  # of the probability, that the start of a climb keeps away from the bounds
 LN10 = float(np.log(10.0))
 RECORDED_GROWTH = 0.8  # t_c before R_max at which a recording begins
 NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
@@ -120,12 +121,14 @@ def compute_expectation(
     """`Expectation` of a recording with this truth. Raises InputError: it cannot be read, or SolverError."""
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options)
-    target = Target(shot, shot.prior(), shot.noise(discrepancy=True))
-    mode = climb(target, target.start(shot.from_best(truth)), ROUGH)
-    if mode is None:
-        raise SolverError(f"{curve.name}: the simulation failed")
-    size, (u, covariance) = shot.law_size, linearised(target.noise, mode.u, mode.residual, mode.jacobian)
+    target, noise = Target(shot, shot.prior()), shot.noise(discrepancy=True)
     prior = target.prior
+    start = prior.to_u(shot.from_best(truth), INSIDE)
+    (mode,), (height,), _ = climb(target.emulated, noise, start[None], EMULATED)
+    if not np.isfinite(height):
+        raise SolverError(f"{curve.name}: there is no such bubble")
+    residual, jacobian = target.emulated(mode[None])[0], target.jacobian(mode)
+    size, (u, covariance) = shot.law_size, linearised(noise, mode, residual, jacobian)
     covariance, slope, middle = covariance[:size, :size], prior.slope(u)[:size], prior.to_x(u)[:size]
     information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)
     moved = np.diag(10.0 ** (np.log10([truth[name] for name in family.parameters]) - middle))
@@ -147,7 +150,7 @@ def interval(middle: float, deviation: float, low: float, high: float) -> tuple[
     return float(first), float(last)
 
 
-def linearised(noise: MarginalNoise, u: Floats, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
+def linearised(noise: Noise, u: Floats, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
     """Mean (d,) and covariance (d, d) of the posterior in u, if the frames are linear in u: residual (n,) and jacobian
     (n, d) at u (d,). Each size of the discrepancy (noise.py) has one Gaussian, about its own maximum and weighted by
     its evidence: if the frames do not show how large the discrepancy is, wide Gaussians count, too."""

@@ -12,10 +12,9 @@ the free ones of t_0, scale, factor, walls and vapour as fractions of their half
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,22 +22,10 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.assumptions import FREE, Family, Options, fixed_bubble
-from cavirheo.inference.camera import (
-    GRID_STEP,
-    INSTANTS,
-    MAX_GRID_STEPS,
-    NAMES,
-    SIZE_STEP,
-    STEPS_PER_FRAME,
-    CameraNuisances,
-    SimulatedCurve,
-    exposure_nodes,
-    rescaled,
-)
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.emulator import Bubbles, Emulator
 from cavirheo.inference.frames import compared_frames
-from cavirheo.inference.noise import Noise, correlation_time
+from cavirheo.inference.noise import Noise
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
@@ -48,10 +35,9 @@ from cavirheo.physics.simulate import Simulation, simulate
 from cavirheo.posterior import Checks, Verdict, intervals, weighted_quantile
 from cavirheo.prior import Prior
 
+INSTANTS = 5  # of an exposure
 MIN_CLOCK, MIN_FACTOR = 0.02, 0.015  # smallest half-widths of the priors of the clock (t_c) and of the R_max factor
-DIFFERENCE_STEP = 1e-3  # step of forward differences of x, times `Experiment.steps`
 NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
-INSTANT_DEVIATION = 1.0 / np.sqrt(12.0)  # standard deviation of an instant within a frame, frames
 FIELD_PROBABILITY = 0.2  # prior probability that a bubble is the field's
 SOLVER_ERROR = 1e-3  # smallest noise over R_max that is used: the error of the solver
 # scales of the half-normal priors of walls (inertia, damping) and of vapour (over p_inf), which are cut at BOUND_SCALES
@@ -61,7 +47,6 @@ BOUND_SIGMAS = 3.0  # standard deviations from the middle to the bound of radius
 CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
 CLEAN_MISFIT = 1e-3  # largest RMS misfit over R_max of a simulation of such a curve
 STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
-TIMING_FACTORS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # values of j that are tried (`Experiment`)
 _LN10 = float(np.log(10.0))
 _EMULATED = {
     "stretch": 7.0,
@@ -91,14 +76,6 @@ def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[f
     return stated, max(curve.stretch_std or 0.0, STATED_DEVIATION * stated, missed)
 
 
-class Prediction(NamedTuple):
-    """A simulation as the camera would have measured it; all arrays are (m,), over the measured R_max."""
-
-    radius: Floats
-    speed: Floats  # |dR/dt|, 1/s
-    velocity: Floats  # dR/dt, 1/s; before R_max the bubble is mirrored
-
-
 @dataclass
 class Simulations:
     """Number of simulations and of failed ones. Several threads may count at the same time."""
@@ -115,25 +92,18 @@ class Simulations:
 
 
 class Experiment:
-    """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x. It is immutable:
-    another window or other weights are a new experiment (`cut_to`, `reweighted`), with the same counter of simulations.
+    """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x. It does not change.
 
-    A frame has the variance sigma^2 = sigma_R^2 + (j U dt/sqrt(12))^2: sigma_R is the radius noise (that of the frame
-    if the file states it, else the frame-to-frame noise of the curve, at least 0.7 % of R_max), U the wall's speed, and
-    dt the frame interval, within which the instant of the frame may be unknown. j is 0 except in the result of
-    `reweighted`.
-
-    names: (d,) of x. bounds: (d, 2). time_since_max, measured, sigma: (m,) of the frames in the window that are
-    compared, measured ones or means (frames.py): s after R_max, R/R_max, assumed deviation over R_max. averaged: (m,)
-    number of measured frames in each. counted: (m,) frames that neither stand out nor drift. view: the window with all
+    names: (d,) of x. bounds: (d, 2). time_since_max, measured: (m,) of the frames in the window that are compared,
+    measured ones or means (frames.py): s after R_max, R/R_max. averaged: (m,) number of measured frames in each.
+    counted: (m,) frames that neither stand out nor drift. view: the window with all
     its frames. usable: (n,) which of these count. Raises InputError: the curve has no maximum or not enough collapses
     for the window; an exposure longer than the frame interval; damage of a law without elasticity; a wall nearer than
     R_max."""
 
     def __init__(
-        self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None, *,
-        simulations: Simulations | None = None,
-    ) -> None:  # fmt: skip
+        self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None
+    ) -> None:
         options = options or Options()
         self.curve, self.family, self.medium, self.options = curve, family, medium, options
         self.max_radius: float = curve.max_radius
@@ -144,23 +114,19 @@ class Experiment:
         require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure", curve.name)
         longest = f"longer than the time between two frames ({self.frame_interval * 1e6:.4g} us)"
         require(exposure <= self.frame_interval * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
-        self.simulations: Simulations = simulations or Simulations()
+        self.simulations = Simulations()
         stretch = None if isinstance(options.stretch, str) else options.stretch
         self.stretch: float | None = float(stretch) if stretch else None
         # (mean, standard deviation) of the stretch if the file or the late plateau gives it
         self.stretch_prior: tuple[float, float] | None = _known_stretch(curve, options.stretch)
         read = max(options.scale_bound, self.usual_half_widths[1])
-        # (middle, half-width, unit of the steps of finite differences) of clock and scales, and which are free
-        widths = {
-            "t0": (*self._clock, self.time_scale),
-            "scale": (1.0, options.scale_bound, 1.0),
-            "rmax": (1.0, read, 1.0),
-        }
-        self.free: dict[str, tuple[float, float, float]] = {FREE[name]: widths[name] for name in options.free}
+        # (middle, half-width) of clock and scales, and which are free
+        widths = {"t0": self._clock, "scale": (1.0, options.scale_bound), "rmax": (1.0, read)}
+        self.free: dict[str, tuple[float, float]] = {FREE[name]: widths[name] for name in options.free}
         bubble, p = options.bubble, medium.pressure
-        for name, width, unit in zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * p), (1.0, 1.0, p), strict=True):
+        for name, width in zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * p), strict=True):
             if getattr(bubble, name) == "free":
-                self.free[name] = (0.5 * BOUND_SCALES * width, 0.5 * BOUND_SCALES * width, unit)
+                self.free[name] = (0.5 * BOUND_SCALES * width, 0.5 * BOUND_SCALES * width)
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
         message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
         require(bubble.damage == "none" or family.elastic, message, "physics.damage_without_elasticity")
@@ -173,63 +139,26 @@ class Experiment:
         self.shot_names: tuple[str, ...] = (*self.log_names, *self.free)
         self.law_size: int = len(family.parameters)  # number of parameters of the law, the first in x
         self.names: tuple[str, ...] = (*family.parameters, *self.shot_names)
-        units = [unit / width for _, width, unit in self.free.values()]
-        self.steps: Floats = np.array([1.0] * (len(self.names) - len(units)) + units)  # steps of x over DIFFERENCE_STEP
         ranges = [PARAMETERS[name].search_range if name in self.log_names else (-1.0, 1.0) for name in self.shot_names]
         self.bounds: Floats = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
         requested, recorded = options.window, len(curve.collapse_times())
         if requested is None and options.end is None and recorded:
             requested = min(3, recorded)
         collapses = None if requested in (None, "all") else int(requested)
-        self.extent: tuple[int | None, float | None] = (collapses, options.end)  # the window
-        self._frames_end = -np.inf  # of the window of which `_frames` are the compared frames, s after R_max
-        self._cut(*self.extent)
-
-    def cut_to(self, collapses: int | None, end: float | None = None) -> Experiment:
-        """The experiment cut to this number of collapses (None: all) and at most `end` s, with equal weights. In a
-        shorter window, the compared frames are the first ones of this experiment."""
-        experiment = copy(self)
-        experiment._cut(collapses, end)
-        return experiment
-
-    def _cut(self, collapses: int | None, end: float | None) -> None:
-        self.view: Window = window(self.curve, collapses=collapses, end=end)
-        cut, last = self.view.curve, self.view.end * (1.0 + 1e-9)
-        time, wrong = cut.time[np.isfinite(cut.radius)], self.curve.time[self.curve.spikes()]
+        self.view: Window = window(curve, collapses=collapses, end=options.end)
+        cut = self.view.curve
+        time, wrong = cut.time[np.isfinite(cut.radius)], curve.time[curve.spikes()]
         self.usable: Bools = ~np.isin(time, wrong) & ~self._drifting(time)
-        if last > self._frames_end:
-            self._frames, self._frames_end = compared_frames(cut, self.usable), last
-        since = self._frames.time - self.curve.time_of_max
-        some = since <= last
-        frames = self._frames
-        self.time_since_max: Floats = since[some]
-        self.measured: Floats = frames.radius[some] / self.max_radius
-        self.averaged: Floats = frames.averaged[some]
-        stated, noise = frames.radius_std[some] / self.max_radius, self.curve.noise / self.max_radius
+        frames = compared_frames(cut, self.usable)
+        self.time_since_max: Floats = frames.time - curve.time_of_max
+        self.measured: Floats = frames.radius / self.max_radius
+        self.averaged: Floats = frames.averaged
+        stated, noise = frames.radius_std / self.max_radius, curve.noise / self.max_radius
         valid = np.isfinite(stated) & (stated > 0)
         root = np.sqrt(self.averaged)
         self._radius_sigma = np.where(valid, stated, max(noise, NOISE_FLOOR) / root)
         self._measured_sigma = np.maximum(np.where(valid, stated, noise / root), SOLVER_ERROR / root)
-        self.counted: Bools = frames.usable[some]
-        self.noise_factor: float = 1.0
-        self.sigma: Floats = np.where(self.counted, self._radius_sigma, np.inf)
-
-    def reweighted(self, prediction: Prediction) -> Experiment:
-        """The experiment with the sigma of the frames, and the share j of the wall's motion in it, for which the
-        residuals of a simulation are most likely. Neighbours with similar residuals count as one (noise_factor)."""
-        noise, root = self._radius_sigma, np.sqrt(self.averaged)
-        motion = prediction.speed * self.frame_interval * INSTANT_DEVIATION / root
-        missed = self.measured - prediction.radius
-        shares = np.array(TIMING_FACTORS if self.options.weights == "learnt" else (0.0,))
-        squares = noise**2 + (shares[:, None] * motion) ** 2
-        sizes = np.mean((missed**2 / squares)[:, self.counted], axis=1)
-        lost = np.log(np.maximum(sizes, 1e-12)) + np.mean(np.log(squares[:, self.counted]), axis=1)
-        best = int(np.argmin(lost))
-        noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * shares[best] * motion
-        experiment = copy(self)
-        experiment.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
-        experiment.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SOLVER_ERROR / root), motion), np.inf)
-        return experiment
+        self.counted: Bools = frames.usable
 
     def stretch_source(self) -> str:
         """Where the stretch comes from, in words."""
@@ -268,7 +197,7 @@ class Experiment:
             values["stretch"] = self.stretch
         for name, value in zip(self.log_names, x[self.law_size :], strict=False):
             values[name] = 10.0**value
-        for (name, (middle, width, _)), value in zip(self.free.items(), x[len(x) - len(self.free) :], strict=True):
+        for (name, (middle, width)), value in zip(self.free.items(), x[len(x) - len(self.free) :], strict=True):
             values[name] = value * width + middle
         return values
 
@@ -282,35 +211,22 @@ class Experiment:
             values["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"], damage)
         return replace(self.options.bubble, wall_distance=None, **values)
 
-    def starts(self, x: Floats) -> Floats:
-        """x (..., d) with clock, scales, walls and vapour, if free, where a search starts: at hardly any effect."""
-        x = np.array(x)
-        for i, name in enumerate(self.names):
-            if name in self.free:
-                x[..., i] = -0.8 if name in ZERO_BY_DEFAULT else 0.0
-        return x
-
     def from_best(self, best: Mapping[str, float]) -> Floats:
-        """x (d,) from natural values by name, clipped to the ranges; parameters without a value have a default."""
-        x = self.starts(np.zeros(len(self.names)))
+        """x (d,) from natural values by name, clipped to the ranges; parameters without a value have a default. A
+        parameter of the law that may be 0 is so where its value is."""
+        x = np.zeros(len(self.names))
         for i, name in enumerate(self.names):
-            if name in self.free and name in best:
-                middle, width, _ = self.free[name]
-                x[i] = (best[name] - middle) / width
-            elif name not in self.free:
-                x[i] = np.log10(best.get(name, ACCOMMODATION if name == "accommodation" else 1.0))
-        return np.clip(x, *self.bounds.T)
-
-    def as_limit(self, x: Floats, names: Sequence[str]) -> Floats:
-        """x (draws, all) of draws x (draws, names) of the field's bubble with the same curve, law and camera, which is
-        the limit of the real one: the accommodation at the upper end of its range, and no damping."""
-        at_limit = np.tile(self.bounds[:, 0], (len(x), 1))
-        for i, name in enumerate(self.names):
-            if name in names:
-                at_limit[:, i] = x[:, names.index(name)]
-            elif name == "accommodation":
-                at_limit[:, i] = self.bounds[i, 1]
-        return at_limit
+            low, high = self.bounds[i]
+            if name in self.free:
+                middle, width = self.free[name]
+                usual = -0.8 if name in ZERO_BY_DEFAULT else 0.0
+                x[i] = np.clip((best[name] - middle) / width if name in best else usual, low, high)
+            elif best.get(name) == 0.0 and name in self.family.atoms:
+                x[i] = -np.inf
+            else:
+                usual = ACCOMMODATION if name == "accommodation" else 1.0
+                x[i] = np.clip(np.log10(max(best.get(name, usual), 1e-300)), low, high)
+        return x
 
     def all_values(self, x: Floats) -> dict[str, float]:
         """Every parameter by its natural name in SI, including those that were held fixed."""
@@ -324,31 +240,18 @@ class Experiment:
         names = (*(LOG10 + name for name in self.family.parameters), *self.shot_names)
         return names, np.column_stack([x[:, : self.law_size], *(natural[name] for name in self.shot_names)])
 
-    def log_jacobian(self, theta: Floats) -> Floats:
-        """log |dtheta/dx| (draws,) at theta (draws, d) of `to_theta`; it is added to log densities over theta, for
-        x."""
-        logs = theta[:, self.law_size : self.law_size + len(self.log_names)]  # values, not logarithms as in x
-        widths = np.sum(np.log([width for _, width, _ in self.free.values()]))
-        return np.asarray(widths + np.sum(np.log(logs * _LN10), axis=1))
-
-    def prior(self, ranges: Mapping[str, Sequence[float]] | None = None) -> Prior:
-        """The proper prior of x. log10 of the parameters of law and shot: uniform in the ranges that a fit searches, or
-        in `ranges` ({"shear_modulus": [low, high] in SI}); the stretch is normal if the file or the plateau gives it.
-        Time origin: uniform within its bound. Radius scale and R_max factor: normal, with a third of their bound as
-        standard deviation. Walls and vapour above saturation: half-normal. Raises InputError: a range of an unknown
-        parameter, or one that is not positive and rising."""
-        bounds, unused = self.bounds.copy(), dict(ranges or {})
+    def prior(self) -> Prior:
+        """The proper prior of x. log10 of the parameters of law and shot: uniform in the ranges of parameters.py, with
+        the atoms of the family; the stretch is normal if the file or the plateau gives it. A real bubble is the field's
+        with FIELD_PROBABILITY: its accommodation is then infinite. Time origin: uniform within its bound. Radius scale
+        and R_max factor: normal, with a third of their bound as standard deviation. Walls and vapour above saturation:
+        half-normal."""
         zero = np.array([self.family.atoms.get(name, 0.0) for name in self.names])
-        infinite = np.zeros(len(self.names))
-        if self.options.bubble == REAL:
-            infinite[self.names.index("accommodation")] = FIELD_PROBABILITY
-        mean, std = np.zeros(len(self.names)), np.full(len(self.names), np.inf)
+        infinite, mean, std = np.zeros((3, len(self.names)))
+        std[:] = np.inf
         for i, name in enumerate(self.names):
-            if name in unused and name not in self.free:
-                pair = unused.pop(name)
-                message = f"the prior range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
-                require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, message, "prior.range")
-                bounds[i] = np.log10(pair)
+            if name == "accommodation" and self.options.bubble == REAL:
+                infinite[i] = FIELD_PROBABILITY
             if name == "stretch" and self.stretch_prior:
                 value, deviation = self.stretch_prior
                 mean[i], std[i] = float(np.log10(value)), deviation / (value * _LN10)
@@ -356,31 +259,29 @@ class Experiment:
                 std[i] = 1.0 / BOUND_SIGMAS
             if name in ZERO_BY_DEFAULT:
                 mean[i], std[i] = -1.0, 2.0 / BOUND_SCALES
-        message = f"no prior range can be set for {', '.join(unused)}; known: {', '.join(self.names)}"
-        require(not unused, message, "prior.name")
-        return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std, zero, infinite)
+        low, high = self.bounds.T
+        return Prior(self.names, low, high, mean, std, zero, infinite)
 
     def law_prior(self, prior: Prior) -> dict[str, tuple[float, ...]]:
         """The prior of the law's parameters, by their names in theta, as a Posterior stores it."""
         rows = prior.to_dict()
         return {LOG10 + name: tuple(rows[name]) for name in self.family.parameters}
 
-    def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, times: Floats | None = None) -> Prediction | None:
-        """The frames that the camera would have measured at x (d,), at their times or at other times since R_max (m,),
-        s; None if the simulation failed. Instants before R_max are mirrored (R is even to third order there)."""
+    def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, times: Floats | None = None) -> Floats | None:
+        """(m,) the radius over the measured R_max that the camera would have measured at x (d,), at the times of the
+        frames or at other times since R_max (m,), s; None if the simulation failed. Instants before R_max are mirrored
+        (R is even to third order there)."""
         natural, (offsets, shares) = self.natural(x), exposure_nodes(self.exposure, INSTANTS)
         times = self.time_since_max if times is None else times
-        instants = (times[:, None] - natural["time_origin"] + offsets).ravel()
-        side, instants = np.sign(instants), np.abs(instants)
+        instants = np.abs((times[:, None] - natural["time_origin"] + offsets).ravel())
         order = np.argsort(instants, kind="stable")
         scale = natural["radius_scale"]
         run = self._run(x, natural, self.max_radius * scale * natural["max_radius_factor"], instants[order], accuracy)
         if run is None:
             return None
-        at_instants = np.empty((3, len(instants)))
-        at_instants[:, order] = np.array([run.radius, np.abs(run.velocity), run.velocity]) / (scale * self.max_radius)
-        at_instants[2] *= side
-        return Prediction(*(np.asarray(values.reshape(-1, len(offsets)) @ shares) for values in at_instants))
+        radius = np.empty(len(instants))
+        radius[order] = run.radius / (scale * self.max_radius)
+        return np.asarray(radius.reshape(-1, len(offsets)) @ shares)
 
     def emulated(self, x: Floats, emulator: Emulator, scale: float = 1.0) -> Floats:
         """(k, n) simulated R over the measured R_max of the frames that count, at x (k, d), by the emulator; NaN where
@@ -421,71 +322,11 @@ class Experiment:
         self.simulations.count(good)
         return run if good else None
 
-    @property
-    def camera(self) -> CameraNuisances:
-        """The unknown clock, radius scale and R_max factor of the frames that count."""
-        units = (1.0 / np.sqrt(3.0), 1.0 / BOUND_SIGMAS, 1.0 / BOUND_SIGMAS)  # deviations over half-widths
-        widths = [
-            self.free[name][1] * unit if name in self.free else 0.0 for name, unit in zip(NAMES, units, strict=True)
-        ]
-        time, measured = self.time_since_max[self.counted], self.measured[self.counted]
-        step = min(self.frame_interval / STEPS_PER_FRAME, GRID_STEP * self.time_scale)
-        step = max(step, float(np.max(time, initial=0.0)) / MAX_GRID_STEPS)
-        clock = self.free[NAMES[0]][0] if NAMES[0] in self.free else 0.0
-        return CameraNuisances(time, measured, np.array(widths), self.exposure, step, self.view.collapses, clock=clock)
-
-    def extended(
-        self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = DEFAULT
-    ) -> tuple[Floats, Floats]:  # fmt: skip
-        """Extended residual (size,) (camera.py) of x (d,), without the camera's part of x, and the curvature (m, m)
-        about the most likely camera; NaN if the simulation failed."""
-        curve, m = self.solve_on_grid(x, camera, accuracy), len(camera.free)
-        if curve is None:
-            return np.full(camera.size, np.nan), np.full((m, m), np.nan)
-        return camera.extended(curve, noise)
-
-    def solve_on_grid(self, x: Floats, camera: CameraNuisances, accuracy: Accuracy = DEFAULT) -> SimulatedCurve | None:
-        """The simulation of x (d,) on the camera's grid, for `extended`; None if it failed."""
-        natural, by_size, speed_by_size = self.natural(x), *np.zeros((2, len(camera.grid)))
-        run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
-        if run is None:
-            return None
-        if camera.simulates_size:
-            size = 1.0 + SIZE_STEP
-            law = rescaled(self.family.parameters, x[None, : self.law_size], np.array([size]))[0]
-            x = np.concatenate([law, x[self.law_size :]])
-            larger = self._run(x, natural, size * self.max_radius, size * camera.grid, accuracy)
-            if larger is None:
-                return None
-            by_size = (larger.radius / size - run.radius) / (self.max_radius * SIZE_STEP)
-            speed_by_size = (larger.velocity - run.velocity) / (self.max_radius * SIZE_STEP)
-        return SimulatedCurve(run.radius / self.max_radius, run.velocity / self.max_radius, by_size, speed_by_size)
-
-    def residual(self, prediction: Prediction | None) -> Floats:
-        """(m,) (measured - simulated)/sigma; a failed simulation differs by R_max everywhere: large, but finite."""
-        difference = self.measured - prediction.radius if prediction is not None else np.ones(len(self.measured))
-        return np.asarray(difference / (self.sigma * self.noise_factor))
-
-    def camera_slopes(self, x: Floats, prediction: Prediction, by_law: Floats) -> Floats:
-        """Derivatives (m, camera) of the residual by the free ones of clock, scale and factor, without a simulation:
-        bubbles of all sizes are alike (camera.py). prediction: at x. by_law: (m, law) derivatives by the law's."""
-        natural, weight = self.natural(x), 1.0 / (self.sigma * self.noise_factor)
-        power = rescaled(self.family.parameters, x[None, : self.law_size], np.array([10.0]))[0] - x[: self.law_size]
-        later = prediction.velocity * (self.time_since_max - natural["time_origin"])
-        same = by_law @ power / _LN10  # a larger bubble is like an equal one in a thinner law
-        slopes = {
-            "time_origin": prediction.velocity * weight,
-            "radius_scale": (later * weight - same) / natural["radius_scale"],
-            "max_radius_factor": ((later - prediction.radius) * weight - same) / natural["max_radius_factor"],
-        }
-        columns = [slopes[name] * self.free[name][1] for name in self.names if name in slopes]
-        return np.array(columns).reshape(len(columns), len(self.time_since_max)).T
-
     def difference(self, x: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(n,) measured minus simulated, over R_max, of the frames that count; NaN if the simulation failed."""
-        prediction = self.predict(x, accuracy, times=self.time_since_max[self.counted])
+        radius = self.predict(x, accuracy, times=self.time_since_max[self.counted])
         measured = self.measured[self.counted]
-        return np.full(len(measured), np.nan) if prediction is None else measured - prediction.radius
+        return np.full(len(measured), np.nan) if radius is None else measured - radius
 
     @property
     def noise_over_rmax(self) -> float:
@@ -514,11 +355,6 @@ class Experiment:
         typical = float(np.median((deviation * np.sqrt(self.averaged))[self.counted]))  # of one frame
         deviation, since, velocity = (values[self.counted] for values in (deviation, time, velocity))
         return Noise(deviation, since, self.time_scale, discrepancy, velocity, typical)
-
-    def white_noise(self) -> Noise:
-        """Independent noise with the weights of a fit (`reweighted`) in the frames that count."""
-        deviation = (self.sigma * self.noise_factor)[self.counted]
-        return Noise(deviation, self.time_since_max[self.counted], self.time_scale, discrepancy=False)
 
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[Message]) -> Checks:
         """The checks of the simulation at x. What is drawn has clock and scale of the measurement, not those of x."""
@@ -582,3 +418,10 @@ class Experiment:
         """Which frames at these times (m,), s, do not count because the radius drifts upwards (`drifts_from`)."""
         first = self.curve.drifts_from
         return time >= (np.inf if first is None else first)
+
+
+def exposure_nodes(exposure: float, count: int) -> tuple[Floats, Floats]:
+    """Offsets of `count` Gauss-Legendre instants in an exposure, in its unit, and their weights. An exposure of 0 has
+    one instant."""
+    nodes, shares = np.polynomial.legendre.leggauss(count if exposure else 1)
+    return 0.5 * exposure * nodes, 0.5 * shares

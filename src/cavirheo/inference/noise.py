@@ -18,7 +18,6 @@ K for both, ordered by frame. On the discrepancy: Kennedy and O'Hagan 2001, doi:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -57,14 +56,6 @@ class Noise:
         self.power: float = GAMMA_A + 0.5 * self.size
         constant = gammaln(self.power) - gammaln(GAMMA_A) - 0.5 * self.size * np.log(2.0 * np.pi * GAMMA_A)
         self.constants: Floats = constant - 0.5 * log_det + self.log_prior
-
-    def select_points(self, residuals: Floats, least: float) -> Noise:
-        """The noise with only those grid points whose share in the density of any residual (k, n) exceeds `least`."""
-        share = np.max(self._shares(residuals)[1], axis=1)
-        noise, some, (weight, *parts) = copy(self), share > least, self.covariances
-        noise.covariances = Covariances(weight, *(part[some] for part in parts))
-        noise.constants = self.constants[some]
-        return noise
 
     def products(self, columns: Floats) -> Floats:
         """columns' C^-1 columns (grid, k, k), of columns (n, k)."""
@@ -228,63 +219,3 @@ def summed(squares: Floats, constants: Floats, power: float) -> tuple[float, Flo
     share = np.exp(terms - top)
     whole = np.sum(share)
     return top + np.log(whole), share / whole
-
-
-class MarginalNoise:
-    """The distribution of extended residuals (k, size), camera.py: n frames, whose distribution is `frames`, m pulls,
-    the logarithm of the rest of an integral over the camera, and the shape of the bubble."""
-
-    def __init__(self, frames: Noise, pulls: int, size: int) -> None:
-        self.frames, self.pulls, self.size = frames, pulls, size
-        self.power, self.constants = frames.power, frames.constants
-
-    def split(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Frames (..., n), pulls (..., m) and the logarithm of the rest (...,), of extended residuals (..., size)."""
-        n = self.frames.size
-        return residuals[..., :n], residuals[..., n : n + self.pulls], residuals[..., n + self.pulls]
-
-    def shapes(self, residuals: Floats) -> Floats:
-        """Shapes (..., numbers) in extended residuals (..., size)."""
-        return residuals[..., self.frames.size + self.pulls + 1 :]
-
-    def log_density(self, residuals: Floats) -> Floats:
-        """Log density (k,) of extended residuals (k, size); -inf where one is not finite."""
-        frames, pulls, log_integral = self.split(residuals)
-        log_density = self.frames.log_density(frames) - 0.5 * np.sum(pulls**2, axis=1) + log_integral
-        return np.where(np.isfinite(log_density), log_density, -np.inf)
-
-    def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
-        """As `Noise.newton`, of an extended residual (size,) with the derivatives (size, d)."""
-        frames, pulls, _ = self.split(residual)
-        by_frames, by_pulls, by_rest = (part.T for part in self.split(jacobian.T))
-        gradient, curvature = self.frames.newton(frames, by_frames)
-        return gradient - by_pulls.T @ pulls + by_rest, curvature + by_pulls.T @ by_pulls
-
-    def select_points(self, residuals: Floats, least: float) -> MarginalNoise:
-        """As `Noise.select_points`."""
-        return MarginalNoise(self.frames.select_points(self.split(residuals)[0], least), self.pulls, self.size)
-
-    def products(self, columns: Floats) -> Floats:
-        """As `Noise.products`, of columns (size, k); the pulls have the covariance 1, the rest is left out."""
-        frames, pulls, _ = (part.T for part in self.split(columns.T))
-        return self.frames.products(frames) + pulls.T @ pulls
-
-    def describe(self, residual: Floats) -> dict[str, float]:
-        """As `Noise.describe`."""
-        return self.frames.describe(self.split(residual)[0])
-
-
-def correlation_time(residual: Floats) -> float:
-    """Frames per independent residual: the integrated autocorrelation time, 1 + 2 sum rho_k up to the first lag k whose
-    autocorrelation is not positive (Geyer 1992, doi:10.1214/ss/1177011137)."""
-    r = residual - np.mean(residual)
-    variance = float(r @ r)
-    if variance == 0.0 or len(r) < 4:
-        return 1.0
-    tau = 1.0
-    for lag in range(1, len(r) // 2):
-        rho = float(r[:-lag] @ r[lag:]) / variance
-        if rho <= 0:
-            break
-        tau += 2.0 * rho
-    return min(tau, len(r) / 2.0)

@@ -9,7 +9,7 @@ the chains and the draws of the mixture (Meng and Wong 1996, Statistica Sinica 6
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +73,12 @@ class Mixture:
     share: Floats
     mean: Floats
     scale: Floats
+
+    @classmethod
+    def of_modes(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
+        """A component about each mode; a tenth of the draws comes from components that are twice as wide."""
+        share = np.exp(np.asarray(log_share) - log_sum(log_share))
+        return cls(share, np.array(means), np.array(covariances)).widened(0.1, 2.0)
 
     @classmethod
     def through(cls, u: Floats, log_weight: Floats, count: int, rng: np.random.Generator) -> Mixture:
@@ -195,9 +201,9 @@ def about(u: Floats, value: Floats, curvature: Floats) -> Mixture:
     """The mixture of Student's t distributions about maxima, each with the share of its Laplace integral."""
     likely = value > np.max(value) - 20.0
     u, value, curvature = u[likely], value[likely], curvature[likely]
-    scale = np.linalg.inv(curvature)
+    scale = np.asarray(np.linalg.inv(curvature), dtype=float)
     log_share = value - 0.5 * np.linalg.slogdet(curvature)[1]
-    share = np.exp(log_share - log_sum(log_share)) + 0.02
+    share = np.asarray(np.exp(log_share - log_sum(log_share)) + 0.02)
     return Mixture(share / np.sum(share), u, scale).widened(0.5, 2.0)
 
 

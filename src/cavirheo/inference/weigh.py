@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
     EMULATED,
     Budget,
+    Density,
     Draws,
     Frames,
     about,
@@ -29,6 +31,7 @@ ENOUGH = 100.0  # effective draws of an answer
 MOST = 1800  # simulations of an answer
 
 
+Correction = Callable[[Floats], Floats]  # of residuals (k, n), or of one (n,), at u (k, d)
 Part = tuple[Floats, Floats, Floats, Floats, float, float]  # the first four fields of `Weighed`, evidence and error
 
 
@@ -64,10 +67,10 @@ def posterior(
 
     maxima = climb(counted, noise, scan(counted, noise, dimension, budget, rng), budget)
 
-    def density(correction: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
-        return lambda u: noise.log_density(counted(u) + correction(u)) + log_normal(u)
+    def density(correct: Correction) -> Density:
+        return lambda u: noise.log_density(counted(u) + correct(u)) + log_normal(u)
 
-    target = density(lambda u: 0.0)
+    target = density(lambda u: np.zeros(1))
     u, value = settle(target, about(*maxima), budget, rng)
     draws, u, _ = sample(target, u, value, replace(budget, rounds=1), rng)
     first = spread(draws, CORRECTING, rng)
@@ -78,9 +81,10 @@ def posterior(
     errors = float(np.sqrt(np.mean(difference[good] ** 2))), float(np.sqrt(np.mean((difference[good] - shift) ** 2)))
     known = [(draws.u[first][good], difference[good])]
 
-    def correction(u: Floats) -> Floats:
-        return shift
+    def mean_shift(u: Floats) -> Floats:
+        return np.asarray(shift)
 
+    correction: Correction = mean_shift
     parts: list[Part] = []
     total = CORRECTING
     while True:
@@ -102,7 +106,7 @@ def posterior(
     return joined(parts, errors, count[0])
 
 
-def linear(u: Floats, difference: Floats) -> Callable[[Floats], Floats]:
+def linear(u: Floats, difference: Floats) -> Correction:
     """The difference (k, n) of simulated and emulated frames at u (k, d), as a linear function of u, by ridge
     regression over the scatter of u."""
     middle, mean = u.mean(axis=0), difference.mean(axis=0)
@@ -112,13 +116,13 @@ def linear(u: Floats, difference: Floats) -> Callable[[Floats], Floats]:
     return lambda u: mean + np.clip((u - middle) @ whiten, -4.0, 4.0) @ slope
 
 
-def spread(draws: Draws, count: int, rng: np.random.Generator) -> Floats:
+def spread(draws: Draws, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
     """Indices of `count` draws that are spread as all are: one of each of `count` cells of equal numbers of draws,
     which are halved along one parameter after the other."""
-    cells = [np.arange(len(draws.u))]
+    cells: list[NDArray[np.int64]] = [np.arange(len(draws.u))]
     axis = 0
     while len(cells) < count:
-        halves: list[Floats] = []
+        halves: list[NDArray[np.int64]] = []
         for cell in cells:
             order = cell[np.argsort(draws.u[cell, axis % draws.u.shape[1]], kind="stable")]
             halves += np.array_split(order, 2)

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cavirheo.arrays import Floats, log_sum
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, as_numbers
 from cavirheo.errors import InputError, SolverError, brief, expect_whole, require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
 from cavirheo.inference.checks import Window, window
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.model import Network
 from cavirheo.inference.network_answer import network_window
 from cavirheo.messages import message_of_error
 from cavirheo.parameters import PARAMETERS
@@ -49,7 +48,7 @@ def predict_radius(
         posterior: its answer, with draws.
         time: (n,) s, on the clock of the curve. Before R_max the bubble is mirrored.
         level: probability that the radius is between the two ends, without the noise of a frame.
-        draws: number of draws to simulate, some milliseconds each; of an average over laws, each law has its weight.
+        draws: number of draws to simulate, some milliseconds each.
 
     Returns: three arrays (n,) in m.
 
@@ -65,19 +64,16 @@ def predict_radius(
     require(_is_of(posterior, curve), message, "predict.other_curve", curve.name)
     check_level(level)
     expect_whole(draws, "draws", 2)
-    parts = list(posterior.laws.values()) or [posterior]
-    log_evidence = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
-    rng, end, radii = np.random.default_rng(0), _compared_end(curve, posterior), list[Floats]()
-    for part, count in zip(parts, rng.multinomial(draws, np.exp(log_evidence - log_sum(log_evidence))), strict=True):
-        setup = part.material, cast(Medium, posterior.medium), end
-        shots = {bubble: _experiment(curve, bubble, *setup) for bubble in (part.bubble, FIELD)}
-        chosen = rng.choice(len(part.theta), count, p=part.weights)
-        for values in zip(*(part.draws(name)[chosen].tolist() for name in part.parameters), strict=True):
-            draw = dict(zip(part.parameters, values, strict=True))
-            shot = shots[_bubble_of(part, draw)]
-            simulated = shot.predict(shot.from_best({**part.best, **draw}), times=time - curve.time_of_max)
-            if simulated is not None:
-                radii.append(simulated.radius * curve.max_radius)
+    rng, radii = np.random.default_rng(0), list[Floats]()
+    setup = posterior.material, cast(Medium, posterior.medium), _compared_end(curve, posterior)
+    shots = {bubble: _experiment(curve, bubble, *setup) for bubble in (posterior.bubble, FIELD)}
+    chosen = rng.choice(len(posterior.theta), draws, p=posterior.weights)
+    for values in zip(*(posterior.draws(name)[chosen].tolist() for name in posterior.parameters), strict=True):
+        draw = dict(zip(posterior.parameters, values, strict=True))
+        shot = shots[_bubble_of(posterior, draw)]
+        simulated = shot.predict(shot.from_best({**posterior.best, **draw}), times=time - curve.time_of_max)
+        if simulated is not None:
+            radii.append(simulated * curve.max_radius)
     if 2 * len(radii) < draws:
         many = f"only {len(radii)} of {draws} draws can be simulated until {1e6 * np.max(time):.4g} us"
         raise SolverError(f"{many}; times are in s, on the clock of the recording")
@@ -90,7 +86,7 @@ def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
     """The window of a curve that is compared with the answer of this analysis. Raises InputError."""
     medium, collapses = medium_of(analysis.medium), cast("int | None", analysis.window)
     if analysis.method == "bdt":
-        return network_window(cast(Network, analysis.network), curve, medium, collapses)
+        return network_window(analysis.network, curve, medium, collapses)
     return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # the same for any law
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from cavirheo.inference.verify.evidence import Pair, Ranking
+from cavirheo.inference.which_law import Pair, Ranking
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import Slope, shots_for_slope, slopes, slopes_in_words
 from cavirheo.reporting.material import PopulationRecord, population_record

@@ -104,7 +104,7 @@ def count_unsuited(records: Sequence[CurveRecord]) -> int:
 def next_step(result: Result, analysis: Analysis, out: Path) -> str:
     """Advice on the next step: the recordings to check if these explain most misfits, else the command to run if most
     answers suggest another law or bubble; "" if neither."""
-    if analysis.method == "bdt" or analysis.verify == "none":
+    if analysis.method == "bdt":
         return ""
     records, options = result.curves, []
     unlike = [record for record in records if record.verdict == "model_does_not_fit"]
@@ -117,8 +117,6 @@ def next_step(result: Result, analysis: Analysis, out: Path) -> str:
     unsuited, rejected = count_unsuited(records), sum(record.preferred_model is not None for record in records)
     if unsuited > len(records) / 2 and analysis.material != "auto":
         options += ["--material auto"]
-    if rejected > len(records) / 2 and len(analysis.bubbles) == 1:
-        options += ["--bubble auto"]
     if not options:
         return ""
     many = digits.counted(len(records), "shot")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -107,7 +107,7 @@ def draw(rng: np.random.Generator) -> Drawn:
         chosen.append(i)
         materials.append(material)
         damage = Damage(float(modulus[i]), float(widening[i]), "strain") if damaged else "none"
-        kinetic = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
+        kinetic: dict[str, Any] = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
         models.append(Bubble(**kinetic, damage=damage, confinement_damping=float(damping[i])))
     arrays = (a[chosen] for a in (radius, stretch, accommodation, damping, modulus, widening))
     return Drawn(Bubbles(family.material(x[chosen]), medium, *arrays), materials, models)
@@ -185,5 +185,6 @@ def block(seed: int, number: int) -> Trajectories:
             continue
         if solved is not None:
             rows.append((made.inputs[i], *solved))
-    size = (made.inputs.shape[1], NODES, NODES)
-    return Trajectories(*(np.array([row[j] for row in rows], np.float32).reshape(-1, n) for j, n in enumerate(size)))
+    columns = [np.array([row[j] for row in rows]) for j in range(3)]
+    sizes = made.inputs.shape[1], NODES, NODES
+    return Trajectories(*(column.reshape(len(rows), n) for column, n in zip(columns, sizes, strict=True)))

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cavirheo.errors import require
 from cavirheo.verbs import options
@@ -17,13 +17,11 @@ from cavirheo.writing import digits
 if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
 
-_FITTED = "nhkv, newtonian, power-law, ...; auto: the evidence chooses"
+_FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
-_WEIGHTS = "learnt: the residuals tell how much less frames beside collapses count"
 _BUBBLES = option("real, field, or both with a comma", autocompletion=options.bubble_names)
 _DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
-_OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other way round"
 
 
 @dataclass(kw_only=True)
@@ -71,7 +69,7 @@ class Infer(_ReportVerb, options.Inference):
 
 @dataclass(kw_only=True)
 class Fit(_ReportVerb):
-    """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
+    """The field's conventional fit: simulated on measured radius histories under white noise, with intervals."""
 
     material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
     stretch: options.Stretch = None
@@ -80,8 +78,6 @@ class Fit(_ReportVerb):
     free: Annotated[str | None, option(_FREE, INTERVAL)] = None
     t0_us: Annotated[float | None, option("largest |t0|, us  [default: what the frames leave open]", INTERVAL)] = None
     scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
-    weights: Annotated[Literal["learnt", "equal"], option(_WEIGHTS, INTERVAL)] = "learnt"
-    others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True
     out: options.Out = Path("cavirheo-fit")
 
     def make_analysis(self, files: Iterable[Path], **settings: Any) -> Analysis:
@@ -92,7 +88,7 @@ class Fit(_ReportVerb):
 
 @dataclass(kw_only=True)
 class WhichLaw(options.MeasuredFiles):
-    """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
+    """Which of several laws explains the curves best? Evidence by sampling."""
 
     laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
     stretch: options.Stretch = None
@@ -105,7 +101,7 @@ class WhichLaw(options.MeasuredFiles):
     def __call__(self, run: Run) -> None:
         from cavirheo import reporting
         from cavirheo.inference.assumptions import Options
-        from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
+        from cavirheo.inference.which_law import choose_answers, models, plans, ranked
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting.laws import Laws, law_records, preference_lines
         from cavirheo.workflow.cluster import connected
@@ -123,10 +119,9 @@ class WhichLaw(options.MeasuredFiles):
             curves = self.read_curves(run, files)
             reporting.outputs(out, curves, figures)
             keywords: dict[str, Any] = {"medium": liquid, "window": self.window, "trust_input": self.trust_input}
-            analyses = plans(
-                candidates, stretch=self.stretch, seed=self.seed, discrepancy=not self.exact_law, **keywords
-            )
-            by_law = weigh_models(curves, analyses, lambda *these: unfinished.answers(*these).numbered())
+            keywords |= {"stretch": self.stretch, "seed": self.seed, "discrepancy": not self.exact_law}
+            analyses = plans(candidates, **keywords)
+            by_law = {law: dict(unfinished.answers(curves, plan).numbered()) for law, plan in analyses.items()}
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
         complete_curves, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
         complete_answers = {law: [answers[i] for i in complete] for law, answers in by_law.items()}

@@ -129,14 +129,13 @@ def analyse(
     store: Store,
     executor: Executor | None = None,
     *,
-    starts: Sequence[Posterior] | None = None,
     visible: bool = False,
 ) -> Iterator[tuple[int, Posterior]]:
     """(index of the curve, its answer): first the answers that the store has, then the others as they are computed.
 
-    executor: where they are computed; by default on all cores of this machine. starts: a first answer of each curve, as
-    in `Analysis.answer`. visible: show a bar on stderr. A failed answer is held in memory alone, because another run
-    may have more memory; the answer of an unusable curve has a file. Closing the iterator drops curves not yet begun.
+    executor: where they are computed; by default on all cores of this machine. visible: show a bar on stderr. A failed
+    answer is held in memory alone, because another run may have more memory; the answer of an unusable curve has a
+    file. Closing the iterator drops curves not yet begun.
     """
     keys, missing = [analysis.key(curve) for curve in curves], list[int]()
     for index, (curve, key) in enumerate(zip(curves, keys, strict=True)):
@@ -146,9 +145,9 @@ def analyse(
             missing.append(index)
     if not missing:
         return
-    queue, initial = [curves[index] for index in missing], [starts[index] for index in missing] if starts else None
+    queue = [curves[index] for index in missing]
     progress = progress_bar(analysis.activity, len(missing), visible=visible)
-    with progress as advance, closing(analysis.flow(queue, initial, executor)) as flow:
+    with progress as advance, closing(analysis.flow(queue, executor)) as flow:
         for place, answer in flow:
             to_file = answer.checks.verdict != "failed" or bool(queue[place].unusable)
             store.put(keys[missing[place]], answer, file=to_file)
@@ -199,10 +198,8 @@ class Unfinished:
         self.visible, self.executor, self.capacity, self.interrupted = visible, executor, capacity, False
         self._keys: set[str] = set()  # of all answers that this run may store
 
-    def answers(
-        self, curves: Sequence[RadiusCurve], analysis: Analysis, starts: Sequence[Posterior] | None = None
-    ) -> Answers:
-        """The answers of the curves; not all of them after an interruption. starts: as in `analyse`."""
+    def answers(self, curves: Sequence[RadiusCurve], analysis: Analysis) -> Answers:
+        """The answers of the curves; not all of them after an interruption."""
         keys, indices, store = [analysis.key(curve) for curve in curves], list[int](), self.store
         self._keys.update(keys)
         store.capacity = 0 if len(curves) > self.capacity else None
@@ -212,7 +209,7 @@ class Unfinished:
         if taken and self.visible:
             say(f"{taken} of {len(curves)} answers are taken from {store.folder}, where an unfinished run left them")
         try:
-            for index, _ in analyse(curves, analysis, store, self.executor, starts=starts, visible=self.visible):
+            for index, _ in analyse(curves, analysis, store, self.executor, visible=self.visible):
                 indices.append(index)
         except KeyboardInterrupt:
             self.interrupted = True

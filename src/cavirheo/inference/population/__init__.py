@@ -17,8 +17,8 @@ from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
+from cavirheo.inference.population.importance import Sample
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.inference.verify.sampler import Sample
 from cavirheo.parameters import Bound, bound_of, is_law_parameter, natural_name, parameter_of
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import TRUSTED, Evidence, Posterior

@@ -27,7 +27,8 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.verify.sampler import Mixture, Sample, importance_sample
+from cavirheo.inference.population.importance import Sample, importance_sample
+from cavirheo.inference.sample import Mixture
 from cavirheo.parameters import Bound
 from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal

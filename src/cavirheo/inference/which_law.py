@@ -1,13 +1,12 @@
-"""Comparison of laws by their evidence, from the draws of each posterior, or by Laplace's integral for unlikely laws.
+"""Comparison of laws by their evidence, p(frames | law), the integral of the likelihood over the prior of each law.
 
-log p(frames | law) is the log of the mean importance weight. A parameter that is not needed costs log(prior width/
-posterior width). The comparison of nested laws is therefore only as good as the prior ranges
-(docs/method/posterior.md). Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572.
+A parameter that is not needed costs log(prior width/posterior width). The comparison of nested laws is therefore only
+as good as the prior ranges (docs/method/posterior.md). Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import Any
@@ -17,15 +16,12 @@ from scipy.special import softmax
 
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import require
-from cavirheo.inference.alternatives import LAPLACE_ERROR, as_alternative, choice_messages, contenders, judged, model_of
-from cavirheo.inference.analysis import DEFAULT, Analysis
+from cavirheo.inference.alternatives import as_alternative, choice_messages, contenders, judged, model_of
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.population import Population, with_slope_if_any
-from cavirheo.inference.posterior_network import PosteriorModel, network_of
-from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.messages import Message
 from cavirheo.physics.bubble import REAL, Bubble, Requested, bubbles_of
-from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Evidence, Posterior
 
 
@@ -104,6 +100,7 @@ class Ranking:
 
 
 Model = tuple[str, Bubble]  # law and bubble
+DISTRUSTED = 1.0  # standard error of a log evidence if its weights are not to be trusted
 
 
 def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str, Model]:
@@ -129,82 +126,26 @@ def rank_laws(
     laws: Sequence[str],
     *,
     bubble: Requested = "real",
-    medium: Medium = WATER,
-    window: int | str | None = None,
-    stretch: float | str | None = None,
-    trust_input: bool = False,
-    seed: int = 0,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The ranking of laws for each curve, and for each group of two or more: the sum over its shots, each with
-    parameters of its own. bubble: as of `infer`; each law is taken with each of several bubbles (`models`). A law that
-    the shipped network knows is answered as by `infer`. Another one is searched; it keeps its Laplace evidence if this
-    is far below the best of its curve (TUNING.evidence_hopeless).
+    parameters of its own. bubble: as of `infer`; each law is taken with each of several bubbles (`models`).
 
-    `options` are those of a search (`Analysis`); `ranges` may hold parameters of some of the laws only. `done` is
-    called with the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two
-    laws, one unknown, or a setting out of its domain.
+    `options` are those of an `Analysis`. `done` is called with the index of the curve and the answer of each law as it
+    is found. Raises InputError: fewer than two laws, one unknown, or a setting out of its domain.
     """
     laws = [laws] if isinstance(laws, str) else laws
-    options |= {"medium": medium, "window": window, "trust_input": trust_input, "seed": seed}
     curves = as_curves(curves)
-    analyses = plans(models(laws, bubbles_of(bubble)), stretch=stretch, **options)
-    by_law = weigh_models(
-        curves, analyses, lambda batch, plan, start: enumerate(plan.run(batch, workers, starts=start))
-    )
-    if done:
-        for i, answer in (pair for answers in by_law.values() for pair in answers.items()):
-            done(i, answer)
-    return ranked(curves, {law: list(answers.values()) for law, answers in by_law.items()})
+    analyses = plans(models(laws, bubbles_of(bubble)), **options)
+    by_law = {law: analysis.run(curves, workers, done) for law, analysis in analyses.items()}
+    return ranked(curves, by_law)
 
 
-def plans(
-    chosen: Mapping[str, Model], *, stretch: float | str | None = None,
-    ranges: Mapping[str, Sequence[float]] | None = None, **options: Any,
-) -> dict[str, Analysis]:  # fmt: skip
-    """The analysis that gives the evidence of each of `models`, by name: with the shipped network for a model that it
-    knows, which takes a fraction of the time of a search, and else by a search. options: of `Analysis`. ranges: as of
-    `rank_laws`."""
-    plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound")) and stretch != "plateau"
-    network = network_of(DEFAULT) if plain else None
-    analyses: dict[str, Analysis] = {}
-    for name, (law, bubble) in chosen.items():
-        model: dict[str, Any] = {"material": law, "bubble": bubble, "stretch": stretch, **options}
-        if isinstance(network, PosteriorModel) and network.knows(law, bubble):
-            analyses[name] = Analysis("infer", **model)
-            continue
-        parameters = (*Family(law).parameters, "stretch")
-        law_ranges = {parameter: pair for parameter, pair in (ranges or {}).items() if parameter in parameters}
-        analyses[name] = Analysis("search", ranges=law_ranges, **model)
-    return analyses
-
-
-def weigh_models(
-    curves: Sequence[RadiusCurve],
-    analyses: Mapping[str, Analysis],
-    run: Callable[[Sequence[RadiusCurve], Analysis, Sequence[Posterior] | None], Iterable[tuple[int, Posterior]]],
-) -> dict[str, dict[int, Posterior]]:
-    """The answer of each model for each curve, by the index of the curve. A model keeps its Laplace evidence if this is
-    far below the best of the curve (TUNING.evidence_hopeless). run: gives (index, answer) of each curve, from curves,
-    an analysis and the answers to begin with; if some are missing, it was interrupted, and no answer is returned."""
-    by_law = {
-        law: dict(sorted(run(curves, analysis.starting_analysis or analysis, None)))
-        for law, analysis in analyses.items()
-    }
-    if any(len(answers) < len(curves) for answers in by_law.values()):
-        return {law: {} for law in by_law}
-    answers_of_laws = [answers.values() for answers in by_law.values()]
-    logs = np.array([[answer.evidence.log if answer.evidence else np.inf for answer in row] for row in answers_of_laws])
-    top = np.max(logs, axis=0, where=np.isfinite(logs), initial=-np.inf)
-    for law, in_reach in zip(by_law, logs > top - TUNING.evidence_hopeless, strict=True):
-        indices = np.flatnonzero(in_reach).tolist()  # and of a curve without Laplace's evidence
-        if analyses[law].starting_analysis and indices:
-            full = dict(run([curves[i] for i in indices], analyses[law], [by_law[law][i] for i in indices]))
-            laplace = {i: answer for i, answer in by_law[law].items() if i not in indices}
-            by_law[law] = dict(sorted((laplace | {indices[k]: answer for k, answer in full.items()}).items()))
-    return by_law
+def plans(chosen: Mapping[str, Model], **options: Any) -> dict[str, Analysis]:
+    """The analysis that gives the evidence of each of `models`, by name. options: of `Analysis`."""
+    return {name: Analysis("infer", material=law, bubble=bubble, **options) for name, (law, bubble) in chosen.items()}
 
 
 def ranked(
@@ -253,10 +194,8 @@ def _evidence(answer: Posterior) -> Evidence | None:
     evidence = answer.evidence
     if evidence is None or not np.isfinite(evidence.log):
         return None
-    if evidence.error is None:
-        return Evidence(evidence.log, LAPLACE_ERROR)
     if answer.log_weight is None:
-        return Evidence(evidence.log, max(evidence.error, TUNING.evidence_distrusted))
+        return Evidence(evidence.log, max(evidence.error or 0.0, DISTRUSTED))
     return evidence
 
 
