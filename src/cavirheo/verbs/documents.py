@@ -63,7 +63,7 @@ def _show_document(path: Path, json: bool) -> None:
 
     document = load(path)
     if json:
-        print(as_json(document), end="")
+        terminal.write(as_json(document).rstrip())
         return
     name, date = document.kind, f", {document.date}" if document.date else ""
     terminal.console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
@@ -83,7 +83,7 @@ def _show_training_set(path: Path) -> None:
         *(f"  {count} {status}" for status, count in sorted(survey.statuses.items(), key=lambda item: -item[1])),
         f"  {survey.size / 1e6:.3g} MB, {survey.size / survey.curves:.0f} bytes a curve; checksum {survey.sha256}",
     ]
-    terminal.console().print("\n".join(lines))
+    terminal.write("\n".join(lines))
 
 
 def _show_curves(path: Path, **keywords: Any) -> None:
@@ -115,7 +115,7 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
         raise InputError(message, "cite.kind")
     paragraph, sources = methods_paragraph(document)
     require(bool(paragraph), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
-    print("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
+    terminal.write("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
 
 
 def models() -> None:
@@ -123,7 +123,7 @@ def models() -> None:
     from cavirheo.inference.model import card, shipped
 
     for name, path in shipped().items():
-        print(digits.printable("\n".join(_summary(name, card(path)))))
+        terminal.write("\n".join(_summary(name, card(path))))
 
 
 def _summary(name: str, content: dict[str, Any]) -> list[str]:
@@ -164,7 +164,7 @@ def _show_network(path: Path) -> None:
         ]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
-    print(digits.printable("\n".join(lines)))
+    terminal.write("\n".join(lines))
 
 
 def _checksum(path: Path) -> str:

@@ -13,7 +13,7 @@ from cavirheo.errors import InputError, SolverError, require
 from cavirheo.verbs import options
 from cavirheo.verbs.options import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs.run import Run
-from cavirheo.writing.terminal import say
+from cavirheo.writing.terminal import say, write
 
 if TYPE_CHECKING:
     from cavirheo.physics.bubble import Bubble
@@ -243,12 +243,12 @@ def laws() -> None:
     from cavirheo.physics.materials import EXAMPLE, KINDS, summary, usage
 
     for kind, names in KINDS.items():
-        print(f"{kind}:")
+        write(f"{kind}:")
         for name in names:
-            print(f"  {usage(name)}\n      {summary(name)}")
-        print()
-    print(
+            write(f"  {usage(name)}\n      {summary(name)}")
+        write("")
+    write(
         "A material is one law, or a sum of one elastic part, one viscous part and any with memory:\n"
         f"  --material '{EXAMPLE}'"
     )
-    print("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")
+    write("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")

@@ -149,7 +149,7 @@ class Command(TyperCommand):
                 with Claim(run.command, request, verb.replace).running():
                     verb(run)
         except KeyboardInterrupt:
-            print("interrupted", file=sys.stderr)
+            terminal.say("interrupted")
             raise typer.Exit(130) from None
 
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:

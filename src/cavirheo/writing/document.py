@@ -391,7 +391,7 @@ def as_json(document: Document) -> str:
 def _printable(value: Any) -> Any:
     """The value with the control characters of every text in it escaped."""
     if isinstance(value, dict):
-        return {key: _printable(item) for key, item in value.items()}
+        return {_printable(key): _printable(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_printable(item) for item in value]
     return digits.printable(value) if isinstance(value, str) else value
