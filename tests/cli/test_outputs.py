@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -112,6 +113,31 @@ def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
     assert (tmp_path / "a.csv").exists()
     later.finish()
     assert not (tmp_path / "a.csv").exists()
+
+
+LINKS = [Path.symlink_to, Path.hardlink_to, lambda path, _: os.mkfifo(path)]
+
+
+@pytest.mark.parametrize("link", LINKS, ids=["link", "hard link", "pipe"])
+@pytest.mark.parametrize("name", [LOCK_FILE, LIST_FILE, ".result.json.part.json"])
+def test_nothing_is_written_through_a_link_of_somebody_else(tmp_path, name, link):
+    out, theirs = tmp_path / "out", tmp_path / "theirs"
+    out.mkdir()
+    theirs.write_text("measured with care")
+    link(out / name, theirs)
+    with Claim("cavirheo infer", {}).running():
+        if name in (LOCK_FILE, LIST_FILE):
+            assert code_of(Outputs, out, "result.json") == "document.link"
+        else:
+            Outputs(out, "result.json").write("result.json", Path.write_text, "answers")
+            assert (out / "result.json").read_text() == "answers"
+    assert theirs.read_text() == "measured with care"
+
+
+def test_answers_are_kept_in_no_folder_of_somebody_else(tmp_path):
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "unfinished").symlink_to(tmp_path / "theirs")
+    assert code_of(Unfinished, tmp_path) == "document.folder"
 
 
 @pytest.mark.parametrize("line", ["{", "[]", '{"kind": "r", "name": "../secret", "sha256": "%s"}', "\xff"])

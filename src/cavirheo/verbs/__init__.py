@@ -60,7 +60,10 @@ _command: Any = typer.main.get_command(app)
 def main() -> None:
     """The command line in this process: errors of the user become one line and exit status 2."""
     try:
-        sys.exit(_command(prog_name="cavirheo", standalone_mode=False))
+        status = _command(prog_name="cavirheo", standalone_mode=False)
+        if status == 130:  # typer's for Ctrl-C
+            say("interrupted")
+        sys.exit(status)
     except _UsageError as error:
         message = error.format_message().replace("Value error, ", "")  # pydantic's
         if "\n" in message.strip():  # no arguments at all: show the help
