@@ -144,11 +144,15 @@ def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
 def test_show_a_measurement_a_training_set_and_networks(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
     write_csv(tmp_path / "shot.csv", curve)
+    (tmp_path / "shots").mkdir()
+    for name, each in zip(("one", "two"), read_curves(EXAMPLE), strict=False):
+        write_csv(tmp_path / "shots" / f"{name}.csv", each)
     write_csv(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
     dataset.generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 4, tmp_path / "set", seed=3)
     cards = {name: card(path_of(name)) for name in ("posterior", "bdt-viscoelastic", "bdt-viscous")}
     for name, parts in (
         ("shot.csv", ("shot", "267", "131 of 160", "1000")),
+        ("shots", ("2 measured curves", "one", "two")),
         ("pixels.csv", ("check input: pixels: ",)),
         ("set", ("4 of 4 curves", "seed 3", "log10_viscosity")),
         *((name, (of["onnx"]["sha256"], of["date"], str(of["network"]["parameters"]))) for name, of in cards.items()),
@@ -171,4 +175,4 @@ def test_show_refuses_in_one_line(run, tmp_path, name):
     for onnx in ("alone.onnx", "wrong.onnx"):
         (tmp_path / onnx).write_bytes(b"onnx")
     (tmp_path / "wrong.json").write_text('{"kind": "point"}')
-    refusal(run("show", name), *{"nothing": ["bdt-viscoelastic"], "posterior": ["no training set"]}.get(name, []))
+    refusal(run("show", name), *{"nothing": ["bdt-viscoelastic"], "posterior": ["no measurement"]}.get(name, []))

@@ -366,9 +366,15 @@ class Session:
     def add_published(self, paths: Sequence[Path]) -> None:
         """Add values of other methods to the answers' groups, from files for `cavirheo compare`, or from the sweeps of
         one material for `cavirheo rheometer`. Raises InputError."""
-        values = published(self.reader.ask(paths, (read_values, *map(str, paths))))
-        add_to_groups(self.answers.document.groups if self.answers else [], values)
-        self.published.append(values)
+        groups, problems = self.answers.document.groups if self.answers else [], list[InputError]()
+        for values in published(self.reader.ask(paths, (read_values, *map(str, paths)))):
+            try:
+                add_to_groups(groups, values)
+                self.published.append(values)
+            except InputError as error:  # the other values are added
+                problems.append(error)
+        if problems:
+            raise problems[0]
 
     @property
     def stale(self) -> bool:

@@ -67,7 +67,9 @@ class Measure(options.PrintingVerb):
         settings: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
         settings["exposure"] = self.exposure_us and self.exposure_us * 1e-6
         settings |= {"roi": _parse_numbers("--roi", self.roi, 4), "span": _parse_numbers("--frames", self.frames, 2)}
-        (path,) = (self.video,) if self.video.is_dir() else run.files([self.video])
+        path, *others = run.files([self.video])
+        message = f"measure takes one recording, and {self.video} holds {1 + len(others)}: name one, such as {path}"
+        require(not others, message, "measure.one")
         overlay = ["overlay.mp4"] if self.overlay else []
         outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", *overlay, inputs=[path])
         with ExitStack() as stack:
