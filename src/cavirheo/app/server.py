@@ -151,12 +151,13 @@ def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder:
     """Serve the page until SIGINT or SIGTERM; with a folder, the address shown is /live. Raises InputError."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: by default, each of many threads keeps a separate heap
-    with suppress(KeyboardInterrupt), running_server(host, port, limits, folder) as (address, _):
+    with suppress(KeyboardInterrupt), running_server(host, port, limits, folder) as (address, visitors):
         address += "live" * bool(folder)
         say(f"cavirheo app: {address}   (Ctrl+C ends it)")
         threading.Thread(target=load_solver, daemon=True).start()
         if browser:
             webbrowser.open(address)
         while not threading.Event().wait(60.0):
+            visitors.forget_absent()
             call_glibc("malloc_trim", 0)
     say("ended; temporary files are removed")
