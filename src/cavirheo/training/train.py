@@ -63,7 +63,7 @@ COVERAGE_DRAWS = 300  # of each recording, from which the coverage is computed
 # Largest difference between the exported model and the trained one, in the prior's scale: rounding to single precision
 # alone moves an answer by up to 1e-4 of a decade
 TOLERANCE = 5e-4
-POSTERIOR_TOLERANCE = 0.05  # the same of a log density per coordinate; weights at half precision change it by 0.01
+POSTERIOR_TOLERANCE = 0.05  # the same of a log density per coordinate, for weights at half precision
 
 
 class Training(ABC, Generic[Network]):
