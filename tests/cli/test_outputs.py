@@ -282,7 +282,7 @@ def test_ctrl_c_in_compiled_code_fails_no_curve(monkeypatch):
     def interrupted(*_, **__):
         raise SystemError("a result with an exception set") from KeyboardInterrupt()
 
-    monkeypatch.setattr(Analysis, "_sample", interrupted)
+    monkeypatch.setattr("cavirheo.inference.analysis.Experiment", interrupted)
     with pytest.raises(KeyboardInterrupt):
         Analysis().answer(read_curves(EXAMPLE)[0])
     (worked_in_main_thread,) = run_jobs(lambda _: threading.current_thread() is threading.main_thread(), [0], 1)
