@@ -43,28 +43,38 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     """Load a document (`Result`, `Laws`, `Measured`, ...: docs/file-formats.md) or a training set; values are SI.
 
     Args:
-        path: a document with any file name, a folder with one document, or a folder of `cavirheo generate`.
-        kind: the class that the file must hold; default: any class (type checkers see a `Result`).
+        path: a document with any file name, a folder with one document (of `which-law` it is laws.json), or a folder of
+            `cavirheo generate`.
+        kind: the class that the file must hold, and that is chosen in a folder with several documents; default: any
+            class (type checkers see a `Result`).
 
     Raises:
         InputError: no such file, not a file of cavirheo, or another kind.
     """
     expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
-    loaded = _load(path)
-    message = f"{path} is a {type(loaded).__name__}, not a {getattr(kind, '__name__', kind)}"
-    right = kind is None or isinstance(loaded, kind)
-    require(right, f"{message}: give another file, or leave out the kind", "loading.kind")
+    loaded = _load(path, object if kind is None else kind)
+    message = f"{path} is a {type(loaded).__name__}, not a {getattr(kind, '__name__', kind)}: give another file"
+    require(kind is None or isinstance(loaded, kind), message, "loading.kind")
     return loaded
 
 
-def _load(path: str | Path) -> Document | Dataset:
+def documents_in(folder: Path) -> list[Path]:
+    """The documents of a folder that have their usual names."""
+    return [folder / name for name in NAMES if (folder / name).is_file()]
+
+
+def _load(path: str | Path, kind: type[Any]) -> Document | Dataset:
     path = as_path(path)
     if path.is_dir():
         if any(path.glob("shard-*.h5")):
             from cavirheo.training import dataset
 
             return dataset.load(path)
-        documents = [path / name for name in NAMES if (path / name).is_file()]
+        documents = documents_in(path)
+        chosen = [file for file in documents if issubclass(resolve_name(KINDS[file.stem][0]), kind)]
+        documents = chosen or documents
+        if kind is object and [file.stem for file in documents] == ["result", "laws"]:
+            del documents[0]  # the report of `which-law`, whose own document is the other
         held = ", ".join(document.name for document in documents) or f"none of {', '.join(NAMES)}, and no training set"
         require(len(documents) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-import gc
 import multiprocessing
+import multiprocessing.util
 import os
 import signal
 import threading
@@ -102,9 +102,11 @@ class Threads:
         self, function: Callable[[Job], Output], jobs: Sequence[Job]
     ) -> Generator[tuple[int, Output], None, None]:
         """As `Executor.map_unordered`. An exception, also Ctrl-C, is raised at once: jobs not yet begun are dropped,
-        jobs that have begun end by themselves. BLAS has one thread meanwhile."""
+        jobs that have begun end by themselves. BLAS has one thread meanwhile. The main thread only waits: compiled code
+        that Ctrl-C interrupts raises a SystemError."""
         waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
-        threads = min(cores(self.workers), len(jobs))
+        threads = max(min(cores(self.workers), len(jobs)), 1)
+        may_work = threading.current_thread() is not threading.main_thread()
 
         def work() -> None:  # a future for each job would cost a tenth of a simulation
             with suppress(IndexError):
@@ -116,7 +118,7 @@ class Threads:
                         ended.put((index, None, error))
 
         with one_blas_thread:
-            if threads < 2:
+            if threads < 2 and may_work:
                 for index in waiting:
                     yield index, function(jobs[index])
                 return
@@ -221,11 +223,15 @@ def _pool_of(count: int) -> Any:
 
 
 def end_processes() -> None:
-    """End all processes that `Processes` has started, even running ones. To be called before an exit that skips the
-    exit handlers."""
+    """End all processes that `Processes` has started, even running ones."""
     while _pools:
         _pools.popitem()[1].shutdown(kill_workers=True)
-        gc.collect()  # releases semaphores that are in reference cycles: otherwise stderr shows a line that they leaked
+
+
+def prepare_exit() -> None:
+    """End all processes, and release what they shared. To be called before an exit that skips the exit handlers."""
+    end_processes()
+    multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined]  # otherwise stderr shows leaked semaphores
 
 
 def _tie_to_parent(parent: int) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -81,7 +80,8 @@ class Watch:
         self.along_r_max = self.column is not None and is_r_max(self.column)
         if self.along_r_max:
             self.column = None
-        self._column_state = _state(self.column)
+        self._messages: set[str] = set()  # messages that were passed to `notify`
+        self._column_state = self._state(self.column)
         self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE_FILE)
         self.store = Store(self.out / "watched")
         # the curves of a file depend on these settings
@@ -90,7 +90,6 @@ class Watch:
         self.files: dict[str, WatchedFile] = {}
         self._states: dict[Path, tuple[State, float]] = {}  # state of each file, and time in s when it was first seen
         self._latest = ""  # key of the last answer
-        self._messages: set[str] = set()  # messages that were passed to `notify`
         self._unwritten, self._due = False, 0.0  # whether the documents are out of date; earliest time to write
         for record in self.records.values(dict):
             self._add_file(WatchedFile(**record))
@@ -137,7 +136,7 @@ class Watch:
                 break
         unanswered = self._unanswered()
         keys, curves = list(unanswered), list(unanswered.values())
-        self._unwritten |= new or _state(self.column) != self._column_state
+        self._unwritten |= new or self._state(self.column) != self._column_state
         for place, answer in analyse(curves, self.analysis, self.store, self.executor):
             self._latest, self._unwritten = keys[place], True
             self.show(curve_record(curves[place], answer))
@@ -155,7 +154,7 @@ class Watch:
 
     def write(self) -> Result:
         """Write result.json, result.csv and the live page, with all answers; returns the result."""
-        started, self._column_state, self._unwritten = time.monotonic(), _state(self.column), False
+        started, self._column_state, self._unwritten = time.monotonic(), self._state(self.column), False
         pairs, notes = self.pairs()
         document = result(pairs, self.command, date=self.date, notes=notes)
         if pairs or not self.outputs.listed_entry("result.json"):  # earlier answers stay until there are new ones
@@ -194,9 +193,9 @@ class Watch:
             for path in measurement_files(self.folder)[0]:
                 moved = str(pixels_of(path)) in self.files  # a header alone, whose film has been read
                 counts = column is None or path.resolve() != column
-                if counts and not moved and (state := _state(path)):
+                if counts and not moved and (state := self._state(path)):
                     states[path] = state
-        except OSError as error:  # a file was removed, or a network folder is not available
+        except OSError as error:  # a network folder is not available
             self._notify_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
         unchanged = {path: recorded for path, recorded in self._states.items() if states.get(path) == recorded[0]}
         self._states = {path: (state, now) for path, state in states.items()} | unchanged
@@ -216,7 +215,7 @@ class Watch:
             curves, problems, remarks, _ = self.read(path)  # `pairs` gives hints once for all curves
         except InputError as error:  # a setting that is wrong for this file
             curves, problems, remarks, _ = CurveSet([], [f"{path}: {error}"], [], [])
-        if _state(path) != state:
+        if self._state(path) != state:
             return None  # the file is being written
         earlier = self.files.get(str(path))
         if problems:
@@ -236,20 +235,24 @@ class Watch:
     def _files_in_order(self) -> list[WatchedFile]:
         return sorted(self.files.values(), key=lambda file: (file.order, file.path))
 
+    def _state(self, path: Path | None) -> State | None:
+        """State of a file, and of its header if it has one; None if it does not exist, or cannot be looked at, as on a
+        network share that is away, which is said once."""
+        places = [] if path is None else [place for place in (path, header_of(path)) if place]
+        states = []
+        for place in places:
+            try:
+                states.append(place.stat())
+            except FileNotFoundError:
+                if place is path:
+                    return None
+            except OSError as error:
+                self._notify_once(f"{place} cannot be looked at ({error.strerror}): waiting")
+                return None
+        return tuple(number for state in states for number in (state.st_size, state.st_mtime_ns)) or None
+
     def _notify_once(self, *texts: str) -> None:
         for text in texts:
             if text not in self._messages:
                 self._messages.add(text)
                 self.notify(text)
-
-
-def _state(path: Path | None) -> State | None:
-    """State of a file, and of its header if it has one; None if the file does not exist."""
-    try:
-        states = [] if path is None else [path.stat()]
-    except FileNotFoundError:
-        return None
-    if path and (header := header_of(path)):
-        with suppress(FileNotFoundError):
-            states.append(header.stat())
-    return tuple(number for state in states for number in (state.st_size, state.st_mtime_ns)) or None

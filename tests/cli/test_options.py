@@ -76,6 +76,7 @@ app --port 70000
 measure shot.csv --fps 1e5
 measure film.mraw
 measure film.mraw --frames 3:1
+measure [sf]*.*
 measure film.mraw --roi 0,0,99,99
 which-law missing.csv --laws nhkv,foo | foo
 infer missing.csv --stretch 0.5 --verify map | got 0.5

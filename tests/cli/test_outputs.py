@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from cavirheo import RadiusCurve, read_curves
 from cavirheo.companions import comparison
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
-from cavirheo.parallel import Threads, one_blas_thread
+from cavirheo.parallel import Threads, one_blas_thread, run_jobs
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reporting import pictures, read_json, write_report
@@ -112,6 +113,31 @@ def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
     assert (tmp_path / "a.csv").exists()
     later.finish()
     assert not (tmp_path / "a.csv").exists()
+
+
+LINKS = [Path.symlink_to, Path.hardlink_to, lambda path, _: os.mkfifo(path)]
+
+
+@pytest.mark.parametrize("link", LINKS, ids=["link", "hard link", "pipe"])
+@pytest.mark.parametrize("name", [LOCK_FILE, LIST_FILE, ".result.json.part.json"])
+def test_nothing_is_written_through_a_link_of_somebody_else(tmp_path, name, link):
+    out, theirs = tmp_path / "out", tmp_path / "theirs"
+    out.mkdir()
+    theirs.write_text("measured with care")
+    link(out / name, theirs)
+    with Claim("cavirheo infer", {}).running():
+        if name in (LOCK_FILE, LIST_FILE):
+            assert code_of(Outputs, out, "result.json") == "document.link"
+        else:
+            Outputs(out, "result.json").write("result.json", Path.write_text, "answers")
+            assert (out / "result.json").read_text() == "answers"
+    assert theirs.read_text() == "measured with care"
+
+
+def test_answers_are_kept_in_no_folder_of_somebody_else(tmp_path):
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "unfinished").symlink_to(tmp_path / "theirs")
+    assert code_of(Unfinished, tmp_path) == "document.folder"
 
 
 @pytest.mark.parametrize("line", ["{", "[]", '{"kind": "r", "name": "../secret", "sha256": "%s"}', "\xff"])
@@ -223,6 +249,44 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
     assert 1 <= len(written["curves"]) <= kept + 1 < 40  # one may be interrupted while it is kept, or before it counts
     assert f"{len(written['curves'])} of 40" in written["notes"][0]
     assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", LIST_FILE, "unfinished"}
+
+
+INTERRUPTED = """
+import os, signal, sys
+from importlib.machinery import PathFinder
+
+class Finder(PathFinder):  # Ctrl-C while this library is imported
+    @classmethod
+    def find_spec(cls, name, *rest):
+        if name == LIBRARY:
+            os.kill(os.getpid(), signal.SIGINT)
+            raise SystemError("compiled code returned a result with an exception set")
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from cavirheo.__main__ import entry
+sys.meta_path.insert(0, Finder)
+sys.argv = ["cavirheo", "simulate", "--material", "newtonian(0.1)", "--rmax-um", "90", "--stretch", "5"]
+entry()
+"""
+
+
+@pytest.mark.parametrize("library", ["typer", "cavirheo.verbs.run", "numpy", "numba"])
+def test_ctrl_c_while_libraries_are_loaded_is_one_line(tmp_path, library):
+    code = INTERRUPTED.replace("LIBRARY", repr(library))
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_in_compiled_code_fails_no_curve(monkeypatch):
+    def interrupted(*_, **__):
+        raise SystemError("a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr("cavirheo.inference.analysis.Experiment", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Analysis().answer(read_curves(EXAMPLE)[0])
+    (worked_in_main_thread,) = run_jobs(lambda _: threading.current_thread() is threading.main_thread(), [0], 1)
+    assert not worked_in_main_thread
 
 
 def test_blas_has_one_thread_until_the_last_leaves():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from answers import NAMES, answer, bubble, laws_of, sweeps_of, times_of
 from conftest import EXAMPLE, ROOT, done, refusal, rows_of
+from rich.text import Text
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
@@ -16,7 +17,7 @@ from cavirheo.io import write_csv
 from cavirheo.posterior import WindowAnswer
 from cavirheo.reporting import laws, result, table, write_report
 from cavirheo.reporting.group import PublishedValue
-from cavirheo.training import dataset
+from cavirheo.training import dataset, evaluate
 from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import as_json, write_json
@@ -98,6 +99,22 @@ def test_no_control_character_reaches_the_terminal(verb, monkeypatch, capsys):
     assert captured.err.count("\n") == 1
 
 
+def test_documents_of_others_cannot_abuse_the_terminal(run, tmp_path, capsys):
+    """Also where a verb prints lines of its own: the texts of the document are as somebody else wrote them."""
+    pairs = [(curve.with_group(EVIL, ""), answer) for curve, answer in answers(["gel", "other"])]
+    document = result(pairs, EVIL)
+    document.add_published({EVIL: {EVIL: {"viscosity": PublishedValue(mean=0.02, source=EVIL)}}}, [EVIL])
+    write_json(tmp_path / "result.json", document)
+    plain = (tmp_path / "result.json").read_text(encoding="utf-8")
+    (tmp_path / "evil.json").write_text(plain.replace(r"\\x1b", r"\u001b").replace(r"\\u202e", "\u202e"))
+    score = {"r2": 1.0, "median_absolute_error": 0.0}
+    trained = {"epochs": 1, "seconds": 1.0, "device": EVIL, "best_epoch": 1, "metrics": {EVIL: score}, "command": ""}
+    evaluate.print_run(evaluate.TrainingRun.model_construct(**trained))
+    terminal.console().print(Text(EVIL))
+    texts = [capsys.readouterr().out, done(run("cite", "evil.json")), done(run("show", "evil.json"))]
+    assert [(clean(text), r"gel\x1b" in text) for text in texts] == [(True, True)] * 3
+
+
 @pytest.mark.needs("matplotlib")
 def test_no_control_character_reaches_a_file(tmp_path, recwarn):
     pairs = [*answers([EVIL, "other"]), *answers([EVIL], verdict="failed", message=EVIL)]
@@ -127,11 +144,15 @@ def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
 def test_show_a_measurement_a_training_set_and_networks(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
     write_csv(tmp_path / "shot.csv", curve)
+    (tmp_path / "shots").mkdir()
+    for name, each in zip(("one", "two"), read_curves(EXAMPLE), strict=False):
+        write_csv(tmp_path / "shots" / f"{name}.csv", each)
     write_csv(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
     dataset.generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 4, tmp_path / "set", seed=3)
     cards = {name: card(path_of(name)) for name in ("posterior", "bdt-viscoelastic", "bdt-viscous")}
     for name, parts in (
         ("shot.csv", ("shot", "267", "131 of 160", "1000")),
+        ("shots", ("2 measured curves", "one", "two")),
         ("pixels.csv", ("check input: pixels: ",)),
         ("set", ("4 of 4 curves", "seed 3", "log10_viscosity")),
         *((name, (of["onnx"]["sha256"], of["date"], str(of["network"]["parameters"]))) for name, of in cards.items()),
@@ -154,4 +175,4 @@ def test_show_refuses_in_one_line(run, tmp_path, name):
     for onnx in ("alone.onnx", "wrong.onnx"):
         (tmp_path / onnx).write_bytes(b"onnx")
     (tmp_path / "wrong.json").write_text('{"kind": "point"}')
-    refusal(run("show", name), *{"nothing": ["bdt-viscoelastic"], "posterior": ["no training set"]}.get(name, []))
+    refusal(run("show", name), *{"nothing": ["bdt-viscoelastic"], "posterior": ["no measurement"]}.get(name, []))

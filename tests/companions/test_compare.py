@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from answers import answer as answer_of
 from answers import unanswered
-from conftest import BDT, EXAMPLE, ROOT, code_of, done, refused, rows_of
+from conftest import BDT, EXAMPLE, ROOT, code_of, done, refusal, refused, rows_of
 
 from cavirheo import load, read_curves
 from cavirheo.companions.comparison import AnswerSettings, compare
@@ -97,8 +97,31 @@ def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
     assert run(*words, "--material", "nhkv", "-o", "g")[0] == 2
     shown, *_ = compare(answers, sets(folder, "other name,,,IMR,G_kPa,8,"), tmp_path / "e")
     assert ["IMR" in group.published for group in shown.groups] == [True, True]  # the only set is that of all groups
-    with refused("references.groups", "groups gel a"):
-        compare(answers, sets(folder, "this,,,IMR,G_kPa,8,", "that,,,IMR,G_kPa,8,"), tmp_path / "f")
+    two = sets(folder, "this,,,IMR,G_kPa,8,", "that,,,IMR,G_kPa,9,")
+    with refused("references.groups", "groups gel a", "--set GROUP=SET"):
+        compare(answers, two, tmp_path / "f")
+    for pair in ("gel a=those", "gel=this", "this"):
+        with refused("references.pair", pair):
+            compare(answers, two, tmp_path / "f", pairing=[pair])
+    words = ("compare", "answers.json", "--references", "data/sets.csv", "--set", "bare.csv=that", "-o", "f")
+    assert run(*words)[0] == 1
+    published = {group.name: group.published for group in load(tmp_path / "f").groups}
+    assert published["gel a"] == {}
+    assert published["bare.csv"]["IMR"]["shear_modulus"].mean == 9e3
+    assert "this" in published
+    answers.write_text(json.dumps(before | {"groups": before["groups"][:1], "curves": before["curves"][:3]}))
+    shown, *_ = compare(answers, two, tmp_path / "g", pairing=["this"])
+    assert shown.groups[0].published["IMR"]["shear_modulus"].mean == 8e3
+
+
+def test_a_folder_of_answers_is_no_folder_of_recordings(fake, run, folder, tmp_path):
+    compare(folder, folder / "published.csv", tmp_path / "c")
+    for source, named in (("c", "give c/result.json"), ("data", "give the folder that holds them")):
+        values = sets(folder, *(f"set {k},none/*.mat,,IMR,G_kPa,8," for k in range(40)), "closed,-,,IMR,G_kPa,8,")
+        refusal(run("compare", source, "--references", values, "-o", "d"), named)
+    made, unread, _ = compare(tmp_path, sets(folder, "all,*/*.[cj]s*,,IMR,G_kPa,8,"), tmp_path / "e")
+    assert {curve.source for curve in made.curves} == {str(tmp_path / "data" / "bare.csv")}
+    assert (unread, "result.json" in " ".join(made.notes)) == (1, True)  # published.csv
 
 
 def sets(folder: Path, *rows: str, head: str = HEAD) -> Path:
@@ -247,8 +270,9 @@ def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, t
     assert (closed.name, closed.n, closed.n_failed) == ("closed", 0, 0)
     assert closed.errors == {"IMR": {"BDT": {"shear_modulus": pytest.approx(0.3)}}}
     assert len([note for note in made.notes if note.startswith("closed: ")]) == 1
-    odd, *_ = compare(folder, sets(folder, *(f"{name},,,IMR,G_kPa,8,1" for name in ("..", "/"))), tmp_path / "d")
-    assert ([group.n for group in odd.groups], odd.curves) == ([0, 0], [])
+    names = ("..", "/", "bare.csv")
+    odd, *_ = compare(folder, sets(folder, *(f"{name},,,IMR,G_kPa,8,1" for name in names)), tmp_path / "d")
+    assert [group.n for group in odd.groups] == [0, 0, 1]
 
 
 def test_the_law_is_taken_from_what_is_published():

@@ -110,6 +110,17 @@ def test_the_best_setting_and_its_shots(quick):
     assert made.known["shear_modulus"].median == pytest.approx(6.3e3, rel=0.3)
 
 
+@pytest.mark.parametrize("unanswered", [True, False])
+def test_where_nothing_can_be_had_no_shots_are_advised(quick, monkeypatch, unanswered):
+    """No recording has an interval in the check, or a shot has no gain."""
+    told = told_by(ABOUT if unanswered else 1e-5 * ABOUT)
+    monkeypatch.setattr(design.Draws, "compute_expectations", lambda draws, *_: [[told] * len(draws.law)])
+    monkeypatch.setattr(design.Draws, "check_widths", lambda *_: (np.empty((0, 2)), np.empty((0, 2))))
+    made = cavirheo.design(ranges=RANGES, rig=Rig((2e-4, 2e-4), [5e5]), check=6 * unanswered)
+    assert made.teaches_nothing
+    assert not any("shots" in line for line in made.sentences)
+
+
 @pytest.mark.parametrize("best", [0, 1])
 def test_the_setting_with_the_fewest_shots_is_next(quick, monkeypatch, best):
     """Where a shot of the other tells nearly all about G, and where mean gains differ by less than their error."""

@@ -1,5 +1,6 @@
 """`cavirheo watch`: each recording of a folder is answered once, when its file is complete, whatever ends the run."""
 
+import errno
 import json
 import os
 import re
@@ -104,6 +105,22 @@ def test_a_file_is_left_alone_while_it_grows_and_answered_when_it_is_whole(bench
     assert sum("shot2.csv" in line for line in bench.said) == 1
     write(bench.folder, 2)
     assert bench.settle() == [("shot2", "ok")]
+
+
+def test_a_share_that_is_away_ends_nothing_and_is_said_once(bench, monkeypatch):
+    write(bench.folder, 1, 2)
+    usual = Path.stat
+
+    def stat(path, **how):
+        if path.name == "shot1.csv":
+            raise OSError(errno.ESTALE, "Stale file handle")
+        return usual(path, **how)
+
+    with monkeypatch.context() as share:
+        share.setattr(Path, "stat", stat)
+        assert bench.settle() == [("shot2", "ok")]
+    assert len(bench.settle()) == 2
+    assert sum("Stale file handle" in line for line in bench.said) == 1
 
 
 def test_a_damaged_file_becomes_a_failed_row_and_is_mended_by_a_new_one(bench):

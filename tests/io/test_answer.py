@@ -73,8 +73,13 @@ def test_load_takes_the_one_document_or_training_set_of_a_folder_and_refuses_ano
     assert load(tmp_path, Result) == load(tmp_path) == load(tmp_path / "result.json")
     for kind, code in ((Laws, "loading.kind"), ("Laws", "input.type")):
         assert code_of(load, tmp_path, kind) == code
-    (tmp_path / "laws.json").write_text("{}", encoding="utf-8")
+    (tmp_path / "measure.json").write_text("{}", encoding="utf-8")
     assert code_of(load, tmp_path) == "loading.folder"
+    assert load(tmp_path, Result).curves == []
+    (tmp_path / "measure.json").unlink()
+    (tmp_path / "laws.json").write_text(json.dumps(HEAD | EMPTY | {"kind": "laws"}), encoding="utf-8")
+    assert isinstance(load(tmp_path), Laws)  # of which the other is the report
+    assert isinstance(load(tmp_path, Result), Result)
     generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 2, tmp_path / "set", progress=False)
     assert load(tmp_path / "set").theta.shape[0] == 2
 

@@ -38,6 +38,13 @@ def test_imports_run_one_way():
     assert {path: names for path, names in wrong.items() if names} == {}
 
 
+def test_one_module_prints():
+    """It escapes control characters. Others: a notice on compiled code, and a process that answers its parent."""
+    prints = re.compile(r"^ *print\(", re.MULTILINE)
+    printing = {path.name for path in SOURCE.rglob("*.py") if prints.search(path.read_text("utf-8"))}
+    assert printing == {"terminal.py", "cache.py", "workbook.py"}
+
+
 def test_inference_needs_no_extra():
     code = f"""import sys; sys.modules.update(dict.fromkeys({EXTRAS}))
 import cavirheo.inference.verify, cavirheo.training.dataset, cavirheo.verbs, cavirheo.reporting

@@ -35,6 +35,13 @@ def test_the_version_is_written_once_and_the_citation_is_of_it_and_its_authors()
     assert cited == {(source["title"], source["year"]) for source in sources}
 
 
+@pytest.mark.repository
+def test_the_hosted_space_installs_what_the_app_and_recordings_need():
+    extras = PROJECT["optional-dependencies"]
+    listed = (ROOT / "packaging" / "space" / "requirements.txt").read_text("utf-8").split()
+    assert {*listed} == {*PROJECT["dependencies"], *extras["app"], *extras["video"]}
+
+
 def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     status, out, err = run("--version", "--verbose")

@@ -9,6 +9,7 @@ from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -148,6 +149,9 @@ def test_a_set_that_does_not_fit_is_refused_before_it_is_made(instant, tmp_path,
     error_of(dataset.generate, PROBLEM, 10**40, tmp_path, progress=False)
     assert dataset.generate(PROBLEM, 10**8, tmp_path, shard=(1, 200_000), progress=False).curves == 500
     dataset.generate(PROBLEM, 20, tmp_path / "small", progress=False)
+    with monkeypatch.context() as full:  # what is there needs no space again
+        full.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+        assert dataset.generate(PROBLEM, 20, tmp_path / "small", progress=False).skipped == 1
     monkeypatch.setattr(os, "sysconf", lambda name: 10)
     assert code_of(dataset.load, tmp_path / "small") == "dataset.size"
 

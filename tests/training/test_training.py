@@ -157,6 +157,20 @@ class TestTorch:
         with self.torch.inference_mode():
             return self.export.load_model(run / "best.safetensors")(self.torch.from_numpy(radius)).numpy()
 
+    def test_a_posterior_network_that_answers_otherwise_is_not_exported(self, tmp_path, monkeypatch):
+        recipe = read_recipe(ROOT / "recipes" / "posterior.toml")
+        network = self.networks.PosteriorNetwork(len(recipe.problem.kinds), recipe.network)
+        self.export.write_tensors(tmp_path / "best.safetensors", network.state_dict(), {"loss": np.nan})
+        assert self.export.read_tensors(tmp_path / "best.safetensors")[1] == {"loss": None}  # JSON has no NaN
+        monkeypatch.setattr(self.networks, "write_posterior", lambda network, path: path.write_bytes(b"weights"))
+        other = SimpleNamespace(run=lambda *_: (None, np.full(64, 1e3), None))
+        monkeypatch.setattr(self.export, "onnx_session", lambda _: other)
+        result = recipe.settings() | {"kind": "training"}
+        (tmp_path / "result.json").write_text(json.dumps(result))
+        with pytest.raises(RuntimeError, match="differ"):
+            self.export.export(recipe, tmp_path, tmp_path / "models")
+        assert list((tmp_path / "models").iterdir()) == []
+
     def test_exported_model_is_the_trained_one(self, recipe, data, instant, tmp_path, monkeypatch):
         """And is judged on what it was not trained on."""
         pytest.importorskip("onnxscript")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
 import webbrowser
 from collections.abc import Iterator
@@ -32,6 +31,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.parallel import call_glibc
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting.html import LIVE_FILE, live_page
+from cavirheo.writing.terminal import say
 
 _THEME = gr.themes.Default(
     primary_hue=gr.themes.colors.blue,
@@ -151,12 +151,13 @@ def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder:
     """Serve the page until SIGINT or SIGTERM; with a folder, the address shown is /live. Raises InputError."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: by default, each of many threads keeps a separate heap
-    with suppress(KeyboardInterrupt), running_server(host, port, limits, folder) as (address, _):
+    with suppress(KeyboardInterrupt), running_server(host, port, limits, folder) as (address, visitors):
         address += "live" * bool(folder)
-        print(f"cavirheo app: {address}   (Ctrl+C ends it)", file=sys.stderr)
+        say(f"cavirheo app: {address}   (Ctrl+C ends it)")
         threading.Thread(target=load_solver, daemon=True).start()
         if browser:
             webbrowser.open(address)
         while not threading.Event().wait(60.0):
+            visitors.forget_absent()
             call_glibc("malloc_trim", 0)
-    print("ended; temporary files are removed", file=sys.stderr)
+    say("ended; temporary files are removed")

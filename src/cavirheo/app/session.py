@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -11,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
-from threading import RLock, Timer
+from threading import RLock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -366,9 +367,15 @@ class Session:
     def add_published(self, paths: Sequence[Path]) -> None:
         """Add values of other methods to the answers' groups, from files for `cavirheo compare`, or from the sweeps of
         one material for `cavirheo rheometer`. Raises InputError."""
-        values = published(self.reader.ask(paths, (read_values, *map(str, paths))))
-        add_to_groups(self.answers.document.groups if self.answers else [], values)
-        self.published.append(values)
+        groups, problems = self.answers.document.groups if self.answers else [], list[InputError]()
+        for values in published(self.reader.ask(paths, (read_values, *map(str, paths)))):
+            try:
+                add_to_groups(groups, values)
+                self.published.append(values)
+            except InputError as error:  # the other values are added
+                problems.append(error)
+        if problems:
+            raise problems[0]
 
     @property
     def stale(self) -> bool:
@@ -411,6 +418,7 @@ class Visitors:
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # link of each page's session, by the name of the page
         self._requests = Counter[str]()  # number of requests of each page
+        self._left: dict[str, tuple[float, int]] = {}  # of each page that left: when it is due, and its requests
         self.on_forget: Callable[[str], Any] = lambda name: None  # called with the name of a page that is forgotten
 
     def session_for(self, name: str | None) -> Session:
@@ -440,20 +448,22 @@ class Visitors:
             return self._sessions[link].answers if link in self._sessions else None
 
     def leave(self, name: str) -> None:
-        """Forget this page after a delay, unless it sends another request until then (a phone that slept); a session is
-        closed with its last page."""
-        timer = Timer(self.limits.absent_seconds, self._forget, (name, self._requests[name]))
-        timer.daemon = True
-        timer.start()
-
-    def _forget(self, name: str, requests: int) -> None:
+        """Let `forget_absent` forget this page after a delay, unless it sends another request until then (a phone that
+        slept)."""
         with self._lock:
-            if self._requests[name] == requests:
-                link = self._links.pop(name, "")
-                del self._requests[name]
-                self.on_forget(name)
-                if link in self._sessions and link not in self._links.values():
-                    self._close(link)
+            self._left[name] = time.monotonic() + self.limits.absent_seconds, self._requests[name]
+
+    def forget_absent(self) -> None:
+        """Forget the pages that left; a session is closed with its last page. The server calls this regularly."""
+        with self._lock:
+            now = time.monotonic()
+            for name in [name for name, (due, _) in self._left.items() if due <= now]:
+                if self._left.pop(name)[1] == self._requests[name]:
+                    link = self._links.pop(name, "")
+                    del self._requests[name]
+                    self.on_forget(name)
+                    if link in self._sessions and link not in self._links.values():
+                        self._close(link)
 
     def end_session(self, session: Session) -> None:
         """Close a session, and remove the answers and zips that no other session uses."""

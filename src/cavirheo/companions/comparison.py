@@ -15,7 +15,7 @@ from cavirheo.companions.published_values import ReferenceSet, by_group, read_re
 from cavirheo.errors import InputError, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import card, path_of
-from cavirheo.io.files import expand
+from cavirheo.io.files import expand, measurement_files
 from cavirheo.io.shots import CurveSet, read_shots, shot_numbers
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
@@ -76,6 +76,7 @@ def compare(
     out: str | Path,
     *,
     settings: AnswerSettings | None = None,
+    pairing: Sequence[str] = (),
     reference_methods: Sequence[str] = (),
     pictures: bool = True,
     command: str = "cavirheo compare",
@@ -92,6 +93,7 @@ def compare(
             the sets by name.
         references: the CSV file (published_values.py).
         settings: settings for sets that do not state their own; by default those of `infer`, with the field's bubble.
+        pairing: groups of a result.json with their sets, "GROUP=SET", where the names differ.
         reference_methods: methods to which errors are relative; default: those REFERENCE_METHODS that are in the file.
         progress: show a bar on stderr.
         pictures: whether the report has pictures.
@@ -121,7 +123,7 @@ def compare(
         require(settings in (None, AnswerSettings()), message, "compare.answered")
         earlier = read_json(source)
         document = earlier.model_copy(update={**head, "notes": [*earlier.notes, *notes]})
-        document.add_published(by_group((group.name for group in document.groups), published), against)
+        document.add_published(by_group((group.name for group in document.groups), published, pairing), against)
         report = Outputs(out, *DOCUMENTS, inputs=inputs)  # the same documents, without pictures of shots
         report.write("result.json", write_json, document)
         report.write("result.csv", write_rows, *table.csv_rows(document))
@@ -129,9 +131,15 @@ def compare(
         report.finish()
         _write_table(table_outputs(), document)
         return ComparisonRun(document)
+    require(not pairing, f"{source} is a folder, whose groups are the sets: leave out --set", "compare.pairing")
     settings = settings or AnswerSettings()
     analyses = {name: settings.analysis(reference) for name, reference in sets.items()}  # checked before any shot
-    shots = _distinct_names({name: shots_of(reference, source, references) for name, reference in sets.items()})
+    files = {name: files_of(reference, source, references) for name, reference in sets.items() if reference.recorded}
+    answered = source / "result.json"
+    remedy = f"to compare answers give {answered}" if answered.is_file() else "give the folder that holds them"
+    message = f"{source} holds no recording of the {len(files)} sets of {references}: {remedy}"
+    require(not files or any(found for found, _ in files.values()), message, "compare.no_recording")
+    shots = _distinct_names({name: shots_of(reference, *files.get(name, ())) for name, reference in sets.items()})
     notes = [f"{name}: {note}" for name, read in shots.items() for note in read.problems + read.remarks] + notes
     curves = [curve for read in shots.values() for curve in read.curves]
     unread = sum(len(read.problems) for read in shots.values())
@@ -168,23 +176,37 @@ def _distinct_names(sets: Mapping[str, CurveSet]) -> dict[str, CurveSet]:
     return distinct
 
 
-def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> CurveSet:
-    """The recordings of a set in the folder, with hints as remarks; the file `references` is not among them."""
-    if not reference.recorded:
-        return CurveSet([], [], ["no open recording: published values alone"], [])
-    settings = reference.settings
-    name = settings.get("files", reference.name)
-    matches, files = list[Path](), list[Path]()
+def files_of(reference: ReferenceSet, folder: Path, references: Path) -> tuple[list[Path], list[str]]:
+    """The recordings of a set in the folder, without the file `references`; and notes on other files that match."""
+    name = reference.settings.get("files", reference.name)
+    files, left = list[Path](), list[Path]()
     # an absolute pattern, or a name that no file can have
     with suppress(InputError, ValueError, NotImplementedError, OSError):
-        matches = [folder / name] if (folder / name).exists() else sorted(folder.glob(name))
-        matches = [path for path in matches if path.name[:1] not in ("", ".")]
-        files = [file for file in expand(matches) if file.resolve() != references.resolve()]
-    neighbours = [file for path in matches if path.is_dir() for file in sorted(path.iterdir()) if file.name[0] != "."]
-    ignored = ", ".join(file.name for file in neighbours if file.is_file() and file not in files)
-    notes = [f"left out, for they do not look like measurements: {ignored}"] if ignored else []
+        named = folder / name
+        files = [named] if named.is_file() else []
+        places = [named] if named.exists() else sorted(folder.glob(name))
+        for path in places if not files else []:
+            if path.name[:1] in ("", "."):
+                continue
+            taken, inside = measurement_files(path.parent)[0], [path]
+            if path.is_dir():
+                taken, inside = [], sorted(path.iterdir())
+                with suppress(InputError):
+                    taken = expand([path])
+            files += [path] if taken == [path] else [file for file in inside if file in taken]
+            left += [file for file in inside if file not in taken and file.is_file() and file.name[0] != "."]
+    files = [file for file in files if file.resolve() != references.resolve()]
+    ignored = ", ".join(file.name for file in left)
+    return files, [f"left out, for they do not look like measurements: {ignored}"] if ignored else []
+
+
+def shots_of(reference: ReferenceSet, files: Sequence[Path] = (), notes: Sequence[str] = ()) -> CurveSet:
+    """The curves of a set from its files, with hints as remarks."""
+    settings, notes = reference.settings, list(notes)
+    if not reference.recorded:
+        return CurveSet([], [], ["no open recording: published values alone"], [])
     if not files:
-        return CurveSet([], [f"no file matches {name!r} in {folder}"], notes, [])
+        return CurveSet([], [f"no file matches {settings.get('files', reference.name)!r}"], notes, [])
     constants: Any = {"density": reference.medium.density, "pressure": reference.medium.pressure}
     scale, shots = settings["rmax_um"] * 1e-6 if "rmax_um" in settings else None, settings.get("shots")
     try:

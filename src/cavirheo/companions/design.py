@@ -33,6 +33,7 @@ from cavirheo.writing.document import Document, Finite, Quantity, Record
 STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
 CHECK_SEED_OFFSET = 10_000  # added to the seed, so that checks have other recordings
 GAIN_STANDARD_ERRORS = 2.0  # a gain counts as larger than another if it exceeds it by so many standard errors
+LEAST_GAIN = 0.01  # nats; with less a shot tells nothing
 LEAST_STRETCH_STD = 0.01  # smallest standard deviation of the stretch from shot to shot, decades
 
 
@@ -178,19 +179,28 @@ class Design(Document):
         return self.best if self.fewest is None else self.fewest
 
     @property
+    def teaches_nothing(self) -> bool:
+        """Whether the setting to take next has no gain, or none of its checked recordings has an interval."""
+        unanswered = any(not checked.answers for checked in self.checked if checked.setting == self.next)
+        return unanswered or self.settings[self.next].gain_nats < LEAST_GAIN
+
+    @property
     def sentences(self) -> list[str]:
         """Lines of text on the next setting, the number of shots, and the check with simulated recordings."""
         setting, best = self.settings[self.next], self.settings[self.best]
         goal = f"± {self.wanted_percent:g} % (90 %)"
         law = " and ".join(digits.symbol_and_unit(name)[0] for name in best.half_width_percent)
-        if self.fewest is None:
+        if self.teaches_nothing:
+            lines = [f"next: nothing: this rig cannot tell {law}, not even at its best, {setting.words}"]
+            lines.append(f"one shot there tells {setting.gain}; {setting.readable:.0%} of its recordings can be read")
+        elif self.fewest is None:
             lines = [f"next: {setting.words}, where one shot tells most about {law} ({setting.gain})"]
             lines.append(f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots")
         elif setting.shots == 0:
-            by = f" by {digits.counted(self.shots_before, 'shot')}" * bool(self.shots_before)
+            by = f" by {digits.counted(self.shots_before, 'shot')}" if self.shots_before else ""
             lines = [f"next: nothing, {goal} is already reached{by}; one shot more tells most at {best.words}"]
         else:
-            more = " more" * bool(self.shots_before)
+            more = " more" if self.shots_before else ""
             shots, series = digits.counted(setting.shots or 0, "shot"), best.shots or "more than 10,000"
             single = f"if you take one shot only: {best.words}, where it tells most ({best.gain}; there {setting.gain})"
             single += f"; {goal} of {law} would need {series} such shots"

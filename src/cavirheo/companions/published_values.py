@@ -69,7 +69,7 @@ class _ReferenceLine(pydantic.BaseModel):
 _COLUMNS = tuple(_ReferenceLine.model_fields)
 _SETTINGS = _COLUMNS[_COLUMNS.index("files") : _COLUMNS.index("source")]
 _CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
-_VALUES_BY_SET = TypeAdapter(dict[str, Published])
+_VALUES_BY_SOURCE = TypeAdapter(list[dict[str, Published]])
 _VOCABULARY = Vocabulary(
     {name: Term(name) for name in _COLUMNS},
     f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
@@ -164,15 +164,15 @@ def _add_line(
     values[quantity] = PublishedValue(mean=mean, std=std, source=line.source)
 
 
-def read_values(_: object, *paths: str) -> dict[str, Any]:
-    """Read values by set, method and parameter, in the form that `published` takes. Files without a column of sets must
-    hold sweeps of one material. A function for `Reader`.
+def read_values(_: object, *paths: str) -> list[dict[str, Any]]:
+    """Read values by set, method and parameter, in the form that `published` takes: those of the files with sets, and
+    those of the other files, which must hold sweeps of one material. A function for `Reader`.
 
     Raises InputError: a file cannot be read, or holds neither sets nor sweeps.
     """
     from cavirheo.companions import rheometer
 
-    values, files = dict[str, Published](), list[Path]()
+    values, sweep_values, files = dict[str, Published](), dict[str, Published](), list[Path]()
     for path in map(Path, paths):
         try:
             values |= {reference.name: reference.values for reference in read_references(path)}
@@ -183,25 +183,34 @@ def read_values(_: object, *paths: str) -> dict[str, Any]:
     if files:
         sweeps = [sweep for path in files for sweep in rheometer.read_sweeps(path)]
         rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
-        values[rheometry.material] = {**values.get(rheometry.material, {}), **rheometry.published}
-    return _VALUES_BY_SET.dump_python(values)
+        sweep_values = {rheometry.material: rheometry.published}
+    return _VALUES_BY_SOURCE.dump_python([each for each in (values, sweep_values) if each])
 
 
-def published(values: dict[str, Any]) -> dict[str, Published]:
+def published(values: list[dict[str, Any]]) -> list[dict[str, Published]]:
     """Check the output of `read_values`. Raises ValueError: it has another form."""
-    return _VALUES_BY_SET.validate_python(values)
+    return _VALUES_BY_SOURCE.validate_python(values)
 
 
-def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, Published]:
+def by_group(names: Iterable[str], sets: Mapping[str, Published], pairs: Sequence[str] = ()) -> dict[str, Published]:
     """The values of each set by the group of the same name; those of a single set without such a group, by all groups.
+    pairs: the groups of sets with other names, each as "GROUP=SET", or "SET" for a single group.
 
-    Raises InputError: several sets, and no group has the name of one.
+    Raises InputError: several sets, and no group has the name of one; or no such group or set.
     """
-    names = list(names)
-    message = f"no set has the name of a group: sets {', '.join(sets)}; groups {', '.join(names)}"
-    shared = not sets.keys().isdisjoint(names)
-    require(len(sets) < 2 or shared, message, "references.groups")
-    return dict(sets) if shared else {name: values for name in names for values in sets.values()}
+    names, groups_of = list(names), dict[str, list[str]]()
+    known = f"sets {', '.join(sets)}; groups {', '.join(names)}"
+    for pair in pairs:
+        chosen = [(group, name) for group in names for name in sets if pair == f"{group}={name}"]
+        chosen = chosen or [(group, pair) for group in names if pair in sets and len(names) == 1]
+        require(bool(chosen), f"{pair!r} is no group with its set, GROUP=SET: {known}", "references.pair")
+        ((group, name),) = chosen
+        groups_of.setdefault(name, []).append(group)
+    if not groups_of and sets.keys().isdisjoint(names):
+        message = f"no set has the name of a group ({known}): give both the same name, or pair them by --set GROUP=SET"
+        require(len(sets) < 2, message, "references.groups")
+        groups_of = {name: names for name in sets}
+    return {group: values for name, values in sets.items() for group in groups_of.get(name, [name])}
 
 
 def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:

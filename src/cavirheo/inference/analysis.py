@@ -183,6 +183,8 @@ class Analysis:
             _log.debug("%s has no answer", curve.name, exc_info=error)
             found = replace(empty, checks=failed_checks(error, curve, medium))
         except Exception as error:  # a defect of this package or of a library
+            if isinstance(error.__cause__, KeyboardInterrupt):  # compiled code was interrupted
+                raise error.__cause__ from None
             _log.exception("%s has no answer", curve.name)
             found = replace(empty, checks=failed_checks(error, curve, medium))
         return replace(found, seconds=perf_counter() - began)

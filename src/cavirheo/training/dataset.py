@@ -231,12 +231,12 @@ def generate(
     head = {layout.attribute: layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
     began = time.perf_counter()
     with writable_folder(out_dir) as folder:
-        layout.check_space(n // parts, shutil.disk_usage(folder).free, f"on the disk of {folder}")
-        for path in sorted(folder.glob(f"{layout.prefix}-*.h5")):
-            read_shard(path, head)
-        size = layout.per_file
-        starts = range(0, n, size)[part - 1 :: parts]
-        files = {folder / layout.name(start // size): range(n)[start : start + size] for start in starts}
+        size, present = layout.per_file, sorted(folder.glob(f"{layout.prefix}-*.h5"))
+        starts = [read_shard(path, head).head["start"] for path in present]
+        missing = n // parts - size * sum(start // size % parts == part - 1 for start in starts)
+        layout.check_space(missing, shutil.disk_usage(folder).free, f"on the disk of {folder}")
+        blocks = range(0, n, size)[part - 1 :: parts]
+        files = {folder / layout.name(start // size): range(n)[start : start + size] for start in blocks}
         todo = {path: block for path, block in files.items() if not path.exists()}
         simulated, write = sum(map(len, todo.values())), partial(layout.write, head)
         with progress_bar("simulating", simulated, visible=progress) as advance:

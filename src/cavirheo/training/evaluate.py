@@ -17,7 +17,7 @@ from cavirheo.parameters import LOG10, natural_name, parameter_of, to_natural
 from cavirheo.prior import Prior
 from cavirheo.training.dataset import Dataset, load
 from cavirheo.training.recipe import difference
-from cavirheo.writing import style
+from cavirheo.writing import style, terminal
 from cavirheo.writing.document import Document, Outputs, write_json
 
 if TYPE_CHECKING:
@@ -231,14 +231,15 @@ def _table(
 
 def print_metrics(document: Metrics) -> None:
     """Print the tables of evaluation.md."""
-    print(markdown(document.model_dump()))
+    terminal.write(markdown(document.model_dump()))
 
 
 def print_run(document: TrainingRun) -> None:
     """Print the duration of the training and the errors on the test part."""
-    print(f"{document.epochs} epochs in {document.seconds:.0f} s on {document.device}; best: {document.best_epoch}")
+    where = f"on {document.device}; best: {document.best_epoch}"
+    terminal.write(f"{document.epochs} epochs in {document.seconds:.0f} s {where}")
     for name, score in document.metrics.items():
-        print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
+        terminal.write(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
 
 
 def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dict[str, dict[str, float]]:

@@ -28,6 +28,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
+from pydantic_core import to_json
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
@@ -35,7 +36,8 @@ from torch.nn import functional
 
 from cavirheo.errors import InputError, read_object, require, sha256
 from cavirheo.inference.model import ModelCard, PosteriorCard, check_graph, predict
-from cavirheo.inference.posterior_network import COORDINATES, coordinate_indices
+from cavirheo.inference.posterior_network import COORDINATES, INPUTS, SIZE, coordinate_indices
+from cavirheo.inference.session import onnx_session
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.physics.media import WATER
 from cavirheo.prior import TrainingProblem
@@ -61,6 +63,7 @@ COVERAGE_DRAWS = 300  # of each recording, from which the coverage is computed
 # Largest difference between the exported model and the trained one, in the prior's scale: rounding to single precision
 # alone moves an answer by up to 1e-4 of a decade
 TOLERANCE = 5e-4
+POSTERIOR_TOLERANCE = 0.05  # the same of a log density per coordinate, for weights at half precision
 
 
 class Training(ABC, Generic[Network]):
@@ -121,7 +124,7 @@ class Training(ABC, Generic[Network]):
                 "history": {part: [line[part] for line in self.history] for part in ("train", "validation")},
                 "torch": torch.__version__,
             }
-            write_text(path, json.dumps(document | self.result(), indent=2) + "\n")
+            write_text(path, as_json(document | self.result(), indent=2) + "\n")
         return read_result(self.folder)
 
     @property
@@ -164,7 +167,7 @@ class Training(ABC, Generic[Network]):
         state = {f"adam.{index}.{name}": tensor for index, values in adam for name, tensor in values.items()}
         note = {"identity": self.settings | self.identity, "history": self.history, "step": self.step}
         write_tensors(self.folder / "last.safetensors", state | self._networks.state_dict(), note)
-        write_text(self.folder / "history.jsonl", "".join(json.dumps(entry) + "\n" for entry in self.history))
+        write_text(self.folder / "history.jsonl", "".join(as_json(entry) + "\n" for entry in self.history))
 
     def _resume(self, result: Path) -> None:
         """Load the last checkpoint, if there is one. Raises InputError: it is damaged, of another run, or lost."""
@@ -350,7 +353,7 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, 
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with atomic_file(path) as temporary:
         try:
-            save_file(content, temporary, metadata={NOTE_KEY: json.dumps(note)})
+            save_file(content, temporary, metadata={NOTE_KEY: as_json(note)})
         except SafetensorError as error:  # a full disk
             raise OSError(str(error)) from error
 
@@ -385,6 +388,11 @@ def read_result(run: Path) -> dict[str, Any]:
     except InputError as error:
         hint = "finish the run with `cavirheo train`; if the file is damaged, delete it first"
         raise InputError(f"{error}; {hint}", "export.unfinished") from error
+
+
+def as_json(content: Mapping[str, Any], indent: int | None = None) -> str:
+    """The text of a JSON object, in which numbers that are not finite are null."""
+    return to_json(content, indent=indent, inf_nan_mode="null").decode()
 
 
 def write_text(path: Path, text: str) -> None:
@@ -456,7 +464,7 @@ def export(
                 "date": (card_date or datetime.now(UTC).date()).isoformat(),
             }
             card.model_validate(content)
-        text = json.dumps(content, indent=2)
+        text = as_json(content, indent=2)
         # put each list of numbers or words on one line
         text = re.sub(r"\[\s+([^][{}]+?)\s+\]", lambda match: f"[{' '.join(match[1].split())}]", text)
         write_text(target.with_suffix(".json"), text + "\n")
@@ -482,12 +490,25 @@ def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
 
 
 def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[str, Any]:
-    """Write the model; returns no further entries for the card."""
+    """Write the model; returns the card's entry on the file: the largest difference of its log density, per coordinate,
+    from that of the trained network, whose weights are not rounded to half precision."""
     with damaged_as_input_error(run / "best.safetensors"):
         network = PosteriorNetwork(len(recipe.problem.kinds), recipe.network)
         network.load_state_dict(read_tensors(run / "best.safetensors")[0])
     networks.write_posterior(network, path)
-    return {}
+    rng, count, d, kinds = np.random.default_rng(0), 64, len(COORDINATES), len(recipe.problem.kinds)
+    shapes = {"cells": (1, SIZE), "choice": (count, d, network.parts), "normal": (count, d), "given": (count, d)}
+    values: Any = {name: rng.standard_normal(shape).astype(np.float32) for name, shape in shapes.items()}
+    ones = dict.fromkeys(("has", "counted", "take"), np.ones(d, np.float32))
+    session, deviation = onnx_session(path.read_bytes()), 0.0
+    for kind in np.eye(kinds, dtype=np.float32)[:, None]:
+        feed = values | ones | {"kind": kind}
+        with torch.inference_mode():
+            expected = networks.SequentialDraws(network.eval())(*(torch.from_numpy(feed[name]) for name in INPUTS))[1]
+        deviation = max(deviation, float(np.abs(session.run(None, feed)[1] - expected.numpy()).max()) / d)
+    if not deviation <= POSTERIOR_TOLERANCE:
+        raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {POSTERIOR_TOLERANCE:g}")
+    return {"largest_difference_from_torch": deviation}
 
 
 def load_model(checkpoint: Path) -> Unstandardised:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
 import sys
-from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
 
 import cavirheo
 from cavirheo.errors import InputError, SolverError
-from cavirheo.parallel import end_processes
 from cavirheo.verbs import companions, curves, documents, histories, machine
 from cavirheo.verbs.options import option
 from cavirheo.verbs.run import Command
 from cavirheo.writing.digits import elide
-from cavirheo.writing.terminal import say
+from cavirheo.writing.terminal import say, write
 
 _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a function where the options are few
     (curves, "Infer Watch Fit WhichLaw"),
@@ -52,7 +48,7 @@ def _options(
     if verbose and not version:
         raise typer.BadParameter("--verbose goes with --version")
     if version:
-        print(documents.installation_report() if verbose else f"cavirheo {cavirheo.__version__}")
+        write(documents.installation_report() if verbose else f"cavirheo {cavirheo.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         context.fail("Missing command.")
@@ -64,7 +60,10 @@ _command: Any = typer.main.get_command(app)
 def main() -> None:
     """The command line in this process: errors of the user become one line and exit status 2."""
     try:
-        sys.exit(_command(prog_name="cavirheo", standalone_mode=False))
+        status = _command(prog_name="cavirheo", standalone_mode=False)
+        if status == 130:  # typer's for Ctrl-C
+            say("interrupted")
+        sys.exit(status)
     except _UsageError as error:
         message = error.format_message().replace("Value error, ", "")  # pydantic's
         if "\n" in message.strip():  # no arguments at all: show the help
@@ -78,60 +77,3 @@ def main() -> None:
     except (InputError, SolverError, OSError) as error:
         say(f"error: {error}")
         sys.exit(2)
-
-
-def _open_streams() -> None:
-    """Open every closed standard stream, for child processes too, on os.devnull; outputs escape characters that their
-    encoding lacks."""
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
-        if not (stream := getattr(sys, name)):
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # os.open takes the lowest free number: this one
-            setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115  # until the end
-        elif number:
-            stream.reconfigure(errors="backslashreplace")
-
-
-def entry() -> None:
-    """Run `main` as a program, and exit at once by os._exit: a normal exit takes a third of a second for the compiled
-    libraries, and waits for threads that still compute."""
-    _open_streams()
-    for number in _SIGNALS:
-        if signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, _interrupt)
-    status = 0
-    try:
-        main()
-        sys.stdout.flush()
-    except SystemExit as stop:
-        status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
-    except KeyboardInterrupt:
-        status = 130
-    except BrokenPipeError:  # the reader of stdout has ended, as `head` does
-        status = 1
-    except OSError as error:
-        print(f"error: what was to be printed cannot be written: {error.strerror}", file=sys.stderr)
-        status = 2
-    if files := sys.modules.get("cavirheo.io.files"):
-        files.remove_temporary_files()
-    end_processes()
-    with suppress(OSError):
-        sys.stdout.flush()
-        sys.stderr.flush()
-    os._exit(status)
-
-
-_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-
-
-def _interrupt(number: int, frame: object) -> None:
-    """Handle Ctrl-C, SIGTERM and SIGHUP: the first signal ends the work, and finished answers are written; the second
-    ends the process."""
-    for each in _SIGNALS:
-        signal.signal(each, _exit_at_once)
-    raise KeyboardInterrupt
-
-
-def _exit_at_once(number: int, frame: object) -> None:
-    if sys.stderr.isatty():
-        os.write(2, b"\033[?25h")  # show the cursor again, which a progress bar hides
-    os._exit(130)

@@ -18,6 +18,7 @@ _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
 _SOURCE = "holds the measurements, a file, subfolder or glob per set; or a result.json"
 _REFERENCE = "errors are relative to it; may be repeated  [default: IMR, rheometer]"
+_PAIRS = "a group of the result.json and its set, where their names differ; may be repeated"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
 _TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin"
 _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
@@ -29,6 +30,7 @@ class Compare(options.PrintingVerb, options.Pictures, options.BubbleOptions):
 
     source: Annotated[Path, argument("FOLDER", _SOURCE)]
     references: Annotated[Path, option("CSV of sets and published values, see docs/how-to/compare.md")]
+    pairs: Annotated[list[str] | None, option(_PAIRS, None, "--set", metavar="GROUP=SET")] = None
     reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
     model: options.ModelName = "posterior"
     material: options.MaterialOfSets = None
@@ -44,6 +46,7 @@ class Compare(options.PrintingVerb, options.Pictures, options.BubbleOptions):
             self.references,
             self.out,
             settings=AnswerSettings(self.model, self.material, self.bubbles or "field", self.trust_input),
+            pairing=self.pairs or [],
             reference_methods=self.reference_method or [],
             pictures=self.pictures,
             command=run.command,

@@ -12,6 +12,8 @@ from os.path import exists  # returns False for a name that is too long
 from pathlib import Path
 from typing import Annotated, Any
 
+from typer import Exit
+
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import cores
 from cavirheo.verbs import options
@@ -34,6 +36,8 @@ def show(
 
     Of a network: what it answers, for which recordings, how well, and where its card is.
     """
+    from cavirheo.loading import documents_in
+
     if len(file.parts) == 1 and not file.suffix and not exists(file):
         from cavirheo.inference.model import shipped
 
@@ -42,14 +46,15 @@ def show(
         require(file.name in networks, message, "show.missing")
         file = networks[file.name]
     network = file.suffix.lower() == ".onnx" or (file.suffix == ".json" and file.with_suffix(".onnx").is_file())
-    document = not network and (file.is_dir() or file.suffix.lower() == ".json")
+    training_set = any(file.glob("shard-*.h5")) or any(file.glob("curves-*.h5"))
+    document = not network and (file.suffix.lower() == ".json" or training_set or bool(documents_in(file)))
     for name, value in {"shots": shots, "fps": fps, "um-per-px": um_per_px}.items():
         message = f"--{name} is for measurements, and {file} is none: leave it out"
         require(value is None or not (network or document), message, "show.measurement")
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
         _show_network(file.with_suffix(".onnx"))
-    elif any(file.glob("shard-*.h5")) or any(file.glob("curves-*.h5")):
+    elif training_set:
         _show_training_set(file)
     elif document:
         _show_document(file, json)
@@ -63,7 +68,7 @@ def _show_document(path: Path, json: bool) -> None:
 
     document = load(path)
     if json:
-        print(as_json(document), end="")
+        terminal.write(as_json(document).rstrip())
         return
     name, date = document.kind, f", {document.date}" if document.date else ""
     terminal.console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
@@ -83,15 +88,19 @@ def _show_training_set(path: Path) -> None:
         *(f"  {count} {status}" for status, count in sorted(survey.statuses.items(), key=lambda item: -item[1])),
         f"  {survey.size / 1e6:.3g} MB, {survey.size / survey.curves:.0f} bytes a curve; checksum {survey.sha256}",
     ]
-    terminal.console().print("\n".join(lines))
+    terminal.write("\n".join(lines))
 
 
 def _show_curves(path: Path, **keywords: Any) -> None:
     """Print what `infer` would read: a row per curve, then the input warnings, and remarks on how it was read."""
-    from cavirheo.io import read_curves
+    from cavirheo.io.files import expand
+    from cavirheo.io.shots import read_shots
     from cavirheo.reporting.table import curve_warnings, curves_by_note, summary_cells
 
-    curves, console = read_curves(path, **keywords), terminal.console()
+    curves, problems, remarks, hints = read_shots(expand([path]), **keywords)
+    if not curves:
+        raise InputError(problems[0], "show.unreadable")
+    console = terminal.console()
     heads = ["R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
     table = terminal.table("curve", heads)
     for curve in curves:
@@ -99,7 +108,11 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     console.print(table)
     terminal.print_warnings(console, curve_warnings(curves))
-    terminal.print_remarks(console, curves_by_note(curves))
+    terminal.print_remarks(console, curves_by_note(curves), remarks + hints)
+    for problem in problems:
+        terminal.say(f"error: {problem}")
+    if problems:
+        raise Exit(2)
 
 
 def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")]) -> None:
@@ -108,14 +121,10 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
     from cavirheo.reporting.citation import methods_paragraph
     from cavirheo.reporting.record import Result
 
-    document = load(result)
-    if not isinstance(document, Result):
-        kind = document.kind
-        message = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
-        raise InputError(message, "cite.kind")
+    document = load(result, Result)
     paragraph, sources = methods_paragraph(document)
     require(bool(paragraph), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
-    print("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
+    terminal.write("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
 
 
 def models() -> None:
@@ -123,7 +132,7 @@ def models() -> None:
     from cavirheo.inference.model import card, shipped
 
     for name, path in shipped().items():
-        print(digits.printable("\n".join(_summary(name, card(path)))))
+        terminal.write("\n".join(_summary(name, card(path))))
 
 
 def _summary(name: str, content: dict[str, Any]) -> list[str]:
@@ -164,7 +173,7 @@ def _show_network(path: Path) -> None:
         ]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
-    print(digits.printable("\n".join(lines)))
+    terminal.write("\n".join(lines))
 
 
 def _checksum(path: Path) -> str:

@@ -13,7 +13,7 @@ from cavirheo.errors import InputError, SolverError, require
 from cavirheo.verbs import options
 from cavirheo.verbs.options import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs.run import Run
-from cavirheo.writing.terminal import say
+from cavirheo.writing.terminal import say, write
 
 if TYPE_CHECKING:
     from cavirheo.physics.bubble import Bubble
@@ -67,7 +67,9 @@ class Measure(options.PrintingVerb):
         settings: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
         settings["exposure"] = self.exposure_us and self.exposure_us * 1e-6
         settings |= {"roi": _parse_numbers("--roi", self.roi, 4), "span": _parse_numbers("--frames", self.frames, 2)}
-        (path,) = (self.video,) if self.video.is_dir() else run.files([self.video])
+        path, *others = run.files([self.video])
+        message = f"measure takes one recording, and {self.video} holds {1 + len(others)}: name one, such as {path}"
+        require(not others, message, "measure.one")
         overlay = ["overlay.mp4"] if self.overlay else []
         outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", *overlay, inputs=[path])
         with ExitStack() as stack:
@@ -243,12 +245,12 @@ def laws() -> None:
     from cavirheo.physics.materials import EXAMPLE, KINDS, summary, usage
 
     for kind, names in KINDS.items():
-        print(f"{kind}:")
+        write(f"{kind}:")
         for name in names:
-            print(f"  {usage(name)}\n      {summary(name)}")
-        print()
-    print(
+            write(f"  {usage(name)}\n      {summary(name)}")
+        write("")
+    write(
         "A material is one law, or a sum of one elastic part, one viscous part and any with memory:\n"
         f"  --material '{EXAMPLE}'"
     )
-    print("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")
+    write("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")

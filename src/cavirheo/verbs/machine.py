@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -132,10 +131,10 @@ def train(
     if quiet:
         return
     for name, score in result.get("metrics", {}).items():
-        print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
+        terminal.write(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
     if "coverage" in result:
-        print(f"loss {result['best_validation_loss']:.3f} on curves that were never shown")
-    print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)
+        terminal.write(f"loss {result['best_validation_loss']:.3f} on curves that were never shown")
+    terminal.say(f"model: {path}; use it with: cavirheo infer --model {path} FILE")
 
 
 @dataclass(kw_only=True)
@@ -153,5 +152,5 @@ class Evaluate(options.Verb):
 
         metrics = judge(path_of(self.model), self.data, self.out, command=run.command, date=run.date)
         if not run.quiet:
-            print(markdown(metrics))
+            terminal.write(markdown(metrics))
         run.say(f"written to {self.out}")

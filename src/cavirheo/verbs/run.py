@@ -119,7 +119,7 @@ class Run:
     def end_interrupted(self, message: str, written: Path | None) -> NoReturn:
         """Print the last line of an interrupted run, and exit with status 130."""
         terminal.say(f"{message}: {written}" if written else message)
-        raise typer.Exit(130)
+        sys.exit(130)
 
     def end(self, summary: str, failed: bool = False, places: str = "") -> None:
         """Print the last line on stderr: `summary`, the duration and `places`. Exit with status 2 if files were
@@ -149,7 +149,6 @@ class Command(TyperCommand):
                 with Claim(run.command, request, verb.replace).running():
                     verb(run)
         except KeyboardInterrupt:
-            print("interrupted", file=sys.stderr)
             raise typer.Exit(130) from None
 
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:

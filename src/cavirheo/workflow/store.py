@@ -37,10 +37,14 @@ class Store:
 
     folder: has a file for each value, written completely or not at all; None: values are in memory alone. capacity:
     only so many of the latest values are held in memory; None: all. If there is a folder, a value without a file in it
-    is always held. written: keys of the files that this store has written.
+    is always held. written: keys of the files that this store has written. Raises InputError: `folder` is a link or no
+    folder.
     """
 
     def __init__(self, folder: Path | None = None, capacity: int | None = None) -> None:
+        fine = folder is None or (not folder.is_symlink() and (folder.is_dir() or not folder.exists()))
+        message = f"{folder} must be a folder and no link, for answers are kept there: give another place with -o"
+        require(fine, message, "document.folder")
         self.folder, self.capacity = folder, capacity
         self.written: set[str] = set()
         self._memory: dict[str, Future[Any]] = {}  # the latest is last
@@ -90,7 +94,8 @@ class Store:
     def remove(self, keys: Iterable[str]) -> None:
         """Remove the values of these keys, and the folder if it is then empty."""
         for key in keys:
-            self._memory.pop(key, None)
+            with self._lock:
+                self._memory.pop(key, None)
             if self.folder:
                 for name in (f"{key}.npz", f".{key}.npz.part.npz"):
                     (self.folder / name).unlink(missing_ok=True)
@@ -191,10 +196,7 @@ class Unfinished:
     def __init__(
         self, out: str | Path, *, visible: bool = True, executor: Executor | None = None, capacity: int = MOST_IN_MEMORY
     ) -> None:
-        folder = Path(out) / "unfinished"
-        message = f"{folder} must be a folder, for answers are kept there: give another place with -o"
-        require(folder.is_dir() or not folder.exists(), message, "document.folder")
-        self.store = Store(folder)
+        self.store = Store(Path(out) / "unfinished")
         self.visible, self.executor, self.capacity, self.interrupted = visible, executor, capacity, False
         self._keys: set[str] = set()  # of all answers that this run may store
 

@@ -8,6 +8,7 @@ blocks no folder.
 from __future__ import annotations
 
 import csv
+import errno
 import hashlib
 import json
 import logging
@@ -20,6 +21,7 @@ from importlib.metadata import version
 from itertools import chain
 from math import isfinite
 from pathlib import Path
+from stat import S_ISREG
 from tempfile import TemporaryFile
 from typing import IO, Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -156,7 +158,7 @@ def writable_folder(folder: str | Path) -> Iterator[Path]:
         Path(folder).mkdir(parents=True, exist_ok=True)
         yield Path(folder)
     except OSError as error:
-        why = "it is not a folder" if isinstance(error, FileExistsError) else error.strerror or error
+        why = "it is not a folder" if error.errno == errno.EEXIST else error.strerror or error
         raise InputError(f"cannot write into {folder}: {why}", "document.folder") from None
 
 
@@ -169,18 +171,41 @@ def short_name(name: str, max_bytes: int = MAX_NAME_BYTES) -> str:
 def atomic_file(path: Path) -> Iterator[Path]:
     """Context with a temporary file beside `path`: it replaces `path` when it is complete, and is removed on an error.
 
-    Its name is hidden, only used by cavirheo, and keeps the ending, by which some libraries choose the format.
+    Its name is hidden, only used by cavirheo, and keeps the ending, by which some libraries choose the format. A link
+    of this name, or what else is no file, is removed before.
     """
     name = path.name
     if (short := short_name(name, 2 * MAX_NAME_BYTES)) != name:
         name = f"{short_name(short)}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:16]}"
     ending = path.suffix if len(os.fsencode(path.suffix)) < 20 else ""
     temporary = path.with_name(f".{name}.part{ending}")
+    if not is_own(temporary):
+        temporary.unlink()
     try:
         yield temporary
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def is_own(path: Path) -> bool:
+    """Whether there is no such path, or a file that has no other name. Raises OSError."""
+    with suppress(FileNotFoundError):
+        state = path.lstat()
+        return S_ISREG(state.st_mode) and state.st_nlink <= 1
+    return True
+
+
+def open_own(path: Path) -> IO[str]:
+    """Open a file that only cavirheo uses, to append and to read; it is made if it is missing. Raises OSError, and
+    InputError: it is a link, also a hard one, or no file."""
+
+    def opener(name: str, flags: int) -> int:
+        return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
+
+    message = f"{path} is a link or no file, so nothing is written into it: remove it, or name another folder by -o"
+    require(is_own(path), message, "document.link")
+    return open(path, "a+", encoding="utf-8", errors="replace", opener=opener)
 
 
 @dataclass(eq=False)
@@ -215,7 +240,7 @@ class Claim:
         if fcntl is None or place in self._locks:
             return
         while True:
-            file = place.open("a+", encoding="utf-8", errors="replace")
+            file = open_own(place)
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
@@ -318,7 +343,7 @@ class Outputs:
                 entry = {"kind": self.kind, "name": name, "sha256": sha256(temporary)}
                 if self._claim:
                     entry |= {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
-                with (self.folder / LIST_FILE).open("a", encoding="utf-8") as file:
+                with open_own(self.folder / LIST_FILE) as file:
                     file.write("\n" + json.dumps(entry))  # on a new line, even after an incomplete one
                 self._listed.setdefault(name, []).append(entry)
         self._written.add(name)
@@ -360,8 +385,12 @@ class Outputs:
 
     def _read_list(self) -> None:
         """Read the list, by file name; incomplete lines, and lines of files in other folders, are left out."""
-        path = self.folder / LIST_FILE
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
+        if not os.path.lexists(path := self.folder / LIST_FILE):
+            return
+        with open_own(path) as file:
+            file.seek(0)
+            lines = file.read().splitlines()
+        for line in lines:
             with suppress(ValueError, TypeError, KeyError):
                 fields = {"run": "", "command": "", **json.loads(line)}
                 entry = {key: str(fields[key]) for key in ("kind", "name", "sha256", "run", "command")}
@@ -391,7 +420,7 @@ def as_json(document: Document) -> str:
 def _printable(value: Any) -> Any:
     """The value with the control characters of every text in it escaped."""
     if isinstance(value, dict):
-        return {key: _printable(item) for key, item in value.items()}
+        return {_printable(key): _printable(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_printable(item) for item in value]
     return digits.printable(value) if isinstance(value, str) else value

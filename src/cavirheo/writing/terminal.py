@@ -1,4 +1,5 @@
-"""Output in a terminal: consoles, progress bars, tables and remarks (rich is imported when it is first used)."""
+"""Output in a terminal: consoles, progress bars, tables and remarks (rich is imported when it is first used). All that
+the package prints passes through `console`, `write` or `say`, which escape control characters."""
 
 from __future__ import annotations
 
@@ -16,8 +17,9 @@ _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _UNIT = re.compile(r" ?(?:%|[kM]?Pa|[mnuµ]?[ms]|px|K|kg/m3|times|frames|shots|curves)(?!\w)")  # after a number
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, ConsoleOptions
     from rich.progress import Task
+    from rich.segment import Segment
     from rich.table import Table
     from rich.text import Text
 
@@ -30,7 +32,16 @@ def console(**options: Any) -> Console:
         def render_str(self, text: str, **options: Any) -> Text:
             return super().render_str(printable(text), **options)
 
+        def render(self, renderable: Any, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+            for part in super().render(renderable, options):
+                yield part if part.control else part._replace(text=printable(part.text))
+
     return Plain(markup=False, emoji=False, highlight=False, **options)
+
+
+def write(text: str) -> None:
+    """Print text on stdout."""
+    print(printable(text))
 
 
 def say(text: str) -> None:
