@@ -17,7 +17,8 @@ from cavirheo.errors import InputError, SolverError, printable, require, sha256
 from cavirheo.inference import checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.io.files import file_label, guarded
-from cavirheo.io.matlab import read_variables
+from cavirheo.io.matlab import opened
+from cavirheo.io.named_arrays import Numbers
 from cavirheo.io.shots import Chosen, read_shots, selected
 from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary, read_columns
 from cavirheo.physics.media import Medium
@@ -197,9 +198,10 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
     Raises InputError: the table lacks a unit or lambda, a cell is not a number, or the file cannot be read.
     """
     with guarded(path):
-        variables, all_names = read_variables(path, (VARIABLE,)) or ({}, [])
-        if VARIABLE in all_names:
-            array: Any = variables.get(VARIABLE)
+        with opened(path) as arrays:
+            leaf = (arrays or {}).get(VARIABLE)
+            array: Any = leaf.read() if isinstance(leaf, Numbers) else None
+        if leaf is not None:
             shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
             expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
             got = f"the shape {shape}" if shape else "a cell array"

@@ -11,7 +11,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.inference.analysis import AUTO_LAWS, DEFAULT, Analysis
 from cavirheo.inference.assumptions import FREE_BY_DEFAULT, SCALE_BOUND
 from cavirheo.physics.bubble import Requested
-from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import Medium
 from cavirheo.posterior import Posterior
 
 __all__ = ["AUTO_LAWS", "DEFAULT", "Analysis", "fit", "fit_many", "infer", "infer_many"]
@@ -22,7 +22,7 @@ def infer(
     *,
     model: str | Path = DEFAULT,
     material: str | None = None,
-    medium: Medium | str = WATER,
+    medium: Medium | str | None = None,
     stretch: float | str | None = None,
     window: int | None = None,
     trust_input: bool = False,
@@ -39,7 +39,8 @@ def infer(
             "bdt-viscoelastic" and "bdt-viscous" are the paper's networks, which give one value.
         material: a law of `cavirheo laws`. Default "auto": the average over nhkv, newtonian, power-law and fung +
             newtonian, weighted by their evidence ("nhkv" with verify "none").
-        medium: constants of the liquid or gel, or the name of a set. G of soft gels depends strongly on its density.
+        medium: constants of the liquid or gel, or the name of a set. Default: water, with the constants that the
+            file of the curve states. G of soft gels depends strongly on the density.
         stretch: R_max/R_0 if it is known. Otherwise it is inferred, with the value that the file states as prior;
             "free": without this prior.
         window: number of collapses that are compared. Default: 3, or as many as there are; for a network that gives one
@@ -75,7 +76,7 @@ def infer_many(
     *,
     model: str | Path = DEFAULT,
     material: str | None = None,
-    medium: Medium | str = WATER,
+    medium: Medium | str | None = None,
     stretch: float | str | None = None,
     window: int | None = None,
     trust_input: bool = False,
@@ -112,7 +113,7 @@ def fit_many(
     curves: Sequence[RadiusCurve],
     material: str = "nhkv",
     *,
-    medium: Medium | str = WATER,
+    medium: Medium | str | None = None,
     window: int | str | None = None,
     end: float | None = None,
     stretch: float | str | None = None,
@@ -133,7 +134,7 @@ def fit_many(
         curves: R(t), in s and m.
         material: a law of `cavirheo laws` ("nhkv", "qkv", "zener", ...), all of whose parameters are fitted; "auto":
             the simplest law of AUTO_LAWS that the evidence does not reject, with the other laws in `Posterior.others`.
-        medium: constants of the liquid or gel, or the name of a set.
+        medium: as in `infer`.
         window: number of collapses that are fitted, up to the middle of the rebound after the last one; "all": the
             whole recording. Default: 3, or as many as there are, unless `end` is given.
         end: latest end of the window, s after R_max.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from importlib.metadata import version
@@ -24,10 +24,11 @@ from cavirheo.inference.model import DEFAULT, Network, card, path_of
 from cavirheo.inference.network_answer import check_outputs, read_draws, read_values
 from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
 from cavirheo.inference.verify import verify
+from cavirheo.messages import Message, is_input_warning
 from cavirheo.parallel import Executor, Threads, cores, default_executor, one_blas_thread, run_jobs
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
-from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import CONSTANTS, WATER, Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.writing.packing import content_hash
@@ -52,6 +53,8 @@ class Analysis:
         material, medium, stretch, window, trust_input, discrepancy, seed: as in `infer`; the window of fit and search
             as in `fit_many`.
         bubble: as in `infer`; stored as a tuple of `Bubble`.
+        given: names of the constants of `medium` that the user gave, which those of a file do not replace; default: all
+            if a medium is given.
         verify: as in `infer`; for fit and search "map" (the maximum) or "auto" (weighted draws that start there).
         end, free, t0_bound, scale_bound, weights, others: as in `fit_many`; a search uses them, too.
         ranges: prior ranges of a search, as in `Verification`.
@@ -64,7 +67,7 @@ class Analysis:
     model: str | Path = DEFAULT
     material: str | None = None
     bubble: Requested | None = None
-    medium: Medium | str = WATER
+    medium: Medium | str | None = None
     stretch: float | str | None = None
     window: int | str | None = None
     trust_input: bool = False
@@ -78,6 +81,7 @@ class Analysis:
     weights: str = "learnt"
     others: bool = True
     ranges: Mapping[str, Sequence[float]] | None = None
+    given: Collection[str] | None = None
 
     def __post_init__(self) -> None:
         require(self.method in _METHODS, f"method must be {', '.join(_METHODS)}, got {self.method!r}", "option.method")
@@ -87,7 +91,10 @@ class Analysis:
         expect_whole(self.seed, "seed", 0, "option.seed")
         name = str(self.model)
         model = str(Path(name).absolute()) if name.endswith(".onnx") else name  # other processes have other folders
-        settings: dict[str, Any] = {"model": model, "medium": medium_of(self.medium)}
+        settings: dict[str, Any] = {"model": model, "medium": WATER, "given": self.given or ()}
+        if self.medium is not None:
+            settings["medium"] = medium_of(self.medium)
+            settings["given"] = tuple(CONSTANTS if self.given is None else self.given)
         kind = card(path_of(str(self.model))) if self._networked else {}
         point = kind.get("kind") == "point"
         settings["bubble"] = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
@@ -161,6 +168,13 @@ class Analysis:
         """The network of infer and bdt. Raises InputError."""
         return network_of(str(self.model))
 
+    def medium_for(self, curve: RadiusCurve) -> Medium:
+        """The medium of a curve: with the plausible constants that its file states, but those that the user gave.
+        Raises InputError: it would boil."""
+        stated = {name: value for name, value in curve.medium.items() if name not in (self.given or ())}
+        used = {name: value for name, value in stated.items() if CONSTANTS[name].low <= value <= CONSTANTS[name].high}
+        return medium_of(self.medium or WATER, unusual=True, **used)
+
     def key(self, curve: RadiusCurve) -> str:
         """A hash that identifies the answer: of the samples of the curve and its metadata, of all settings, of the
         version of this package and of the network. The curve's name, file and group do not change it."""
@@ -220,6 +234,19 @@ class Analysis:
     def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason. start: the
         answer of `starting_analysis`, if it is known."""
+        try:
+            medium = self.medium_for(curve)
+        except InputError as error:  # the constants of the file and the user's exclude each other
+            return replace(self, given=tuple(CONSTANTS))._failed(curve, error)
+        settled = replace(self, medium=medium, given=tuple(CONSTANTS)) if curve.medium else self
+        answer = settled._answer_in_medium(curve, start, workers)
+        new = [message for message in self._stated(curve, medium) if message not in answer.checks.messages]
+        doubts = [message for message in new if is_input_warning(message.code)]
+        said = [message for message in new if message not in doubts]
+        checks = replace(answer.checks, messages=(*answer.checks.messages, *said))
+        return replace(answer, checks=warned(checks, doubts, self.trust_input)) if new else answer
+
+    def _answer_in_medium(self, curve: RadiusCurve, start: Posterior | None, workers: int | None) -> Posterior:
         shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
         settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
         if self.method == "infer":
@@ -242,8 +269,12 @@ class Analysis:
             raise
         except Exception as error:  # a defect of this package or of a library: only this curve fails
             _log.exception("%s has no answer", curve.name)
-            empty = self._empty_answer(curve, self.laws[0], self.bubbles[0])
-            return replace(empty, checks=failed_checks(error, curve, medium_of(self.medium)))
+            return self._failed(curve, error)
+
+    def _failed(self, curve: RadiusCurve, error: Exception) -> Posterior:
+        """The answer for a curve whose analysis ended with an error."""
+        checks = failed_checks(error, curve, self.medium_for(curve))
+        return replace(self._empty_answer(curve, self.laws[0], self.bubbles[0]), checks=checks)
 
     def _sampled(self, curve: RadiusCurve, workers: int | None) -> Posterior:
         """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
@@ -268,7 +299,7 @@ class Analysis:
 
     def _start(self, curve: RadiusCurve, law: str, bubble: Bubble) -> Posterior:
         """The start for one law and bubble: window, input warnings, and the answer of the network, if there is one."""
-        began, network, medium = perf_counter(), self.network if self._networked else None, medium_of(self.medium)
+        began, network, medium = perf_counter(), self.network if self._networked else None, self.medium_for(curve)
         if isinstance(network, Network):
             check_outputs(network)
         empty = self._empty_answer(curve, law, bubble, network)
@@ -289,6 +320,21 @@ class Analysis:
         provenance = {**empty.provenance, **values.pop("provenance", {})}
         return replace(empty, **values, provenance=provenance, seconds=perf_counter() - began)
 
+    def _stated(self, curve: RadiusCurve, medium: Medium) -> Iterator[Message]:
+        """What the file states of medium and stretch, and whether it is used."""
+        for name, stated in curve.medium.items():
+            plausible, used = CONSTANTS[name], getattr(medium, name)
+            values: dict[str, Any] = {"name": name, "stated": stated, "used": used, "unit": plausible.unit}
+            if used == stated:
+                yield Message("stated.used", values)
+            elif name in (self.given or ()):
+                yield Message("stated.replaced", values)
+            else:
+                yield Message("check_input.constant", values | {"low": plausible.low, "high": plausible.high})
+        if curve.stretch and self.stretch not in (None, curve.stretch):
+            values = {"name": "stretch", "stated": curve.stretch, "used": self.stretch, "unit": ""}
+            yield Message("stated.replaced", values)
+
     def _empty_answer(
         self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None = None
     ) -> Posterior:
@@ -303,7 +349,7 @@ class Analysis:
             else:
                 method, details["options"] = "least_squares", asdict(self._options(bubble))
         provenance = {"cavirheo": version("cavirheo"), **details, "source_sha256": curve.source_sha256}
-        conditions: dict[str, Any] = {"bubble": bubble, "medium": medium_of(self.medium)}
+        conditions: dict[str, Any] = {"bubble": bubble, "medium": self.medium_for(curve)}
         draws = np.empty((0, len(names)))
         return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **conditions)
 
