@@ -243,7 +243,7 @@ class Analysis:
         new = [message for message in self._stated(curve, medium) if message not in answer.checks.messages]
         doubts = [message for message in new if is_input_warning(message.code)]
         said = [message for message in new if message not in doubts]
-        checks = replace(answer.checks, messages=(*answer.checks.messages, *said))
+        checks = replace(answer.checks, messages=(*said, *answer.checks.messages))
         return replace(answer, checks=warned(checks, doubts, self.trust_input)) if new else answer
 
     def _answer_in_medium(self, curve: RadiusCurve, start: Posterior | None, workers: int | None) -> Posterior:
