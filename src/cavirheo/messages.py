@@ -235,6 +235,8 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     ),
     "check_input.file_damaged": "the file is damaged| after frame {frames} ({cause})",
     "check_input.file_cut_short": "the file is cut short|: {frames} of {about}{stated:.0f} frames are there",
+    "check_input.frames_uneven": "the file plays its frames unevenly, as if some were missing|: {steps} gaps; these "
+    "are taken to be evenly spaced",
     "check_input.time_stamps": "time stamps of the .cine file are wrong|: {steps} steps among {frames} frames; these "
     "are taken to be evenly spaced, {rate:.6g} per second",
     "check_input.camera_clock": "the camera's header and its time stamps differ|: {header:.6g} frames per second by "

@@ -21,7 +21,7 @@ from cavirheo.io.matlab import opened
 from cavirheo.io.named_arrays import Numbers
 from cavirheo.io.shots import Chosen, read_shots, selected
 from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary, read_columns
-from cavirheo.physics.media import Medium
+from cavirheo.physics.media import CONSTANTS, Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
 from cavirheo.writing.style import BLUE, VERMILLION, add_legend, new_panel
@@ -173,6 +173,10 @@ def read_groups(
         digest = group_curves[0].source_sha256 or "" if source == group_curves[0].source else ""
         messages = [(curve.name, message) for curve in group_curves for message in checks.curve_warnings(curve, medium)]
         warnings = [f"{curve_name}: {message.text}" for curve_name, message in messages]
+        for curve in group_curves:
+            other = {key: value for key, value in curve.medium.items() if getattr(medium, key) != value}
+            words = [f"{key.replace('_', ' ')} {value:.6g} {CONSTANTS[key].unit}" for key, value in other.items()]
+            hints += [f"{curve.name}: the file states {', '.join(words)}, which is not used: give it"] if words else []
         head: Any = {"source": source, "source_sha256": digest, "warnings": warnings}
         groups.append(CollapseGroup(name=name, shots=[_curve_shot(curve, stretch) for curve in group_curves], **head))
     return groups, problems + unread, repeated + hints

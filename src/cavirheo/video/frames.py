@@ -10,6 +10,7 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import islice
@@ -112,7 +113,7 @@ def _read_movie(path: Path) -> Footage:
     import av
 
     av.logging.set_level(av.logging.PANIC)
-    notes, warnings, damaged, stated = list[str](), list[Message](), list[bool](), 0.0
+    notes, warnings, damaged, stamps, stated = list[str](), list[Message](), list[bool](), list[int](), 0.0
 
     def decoded() -> Iterator[Pixels]:
         nonlocal stated
@@ -130,6 +131,7 @@ def _read_movie(path: Path) -> Footage:
                             notes.append(_COLOUR_NOTE)
                     image = frame.to_ndarray(format="gray16le" if deep else "gray")
                     damaged.append(bool(frame.is_corrupt))
+                    stamps.append(frame.pts or 0)
                     yield image
         except av.error.FFmpegError as error:
             require(bool(damaged), f"no frame of a video can be decoded ({error.strerror})", "video.undecodable")
@@ -138,6 +140,9 @@ def _read_movie(path: Path) -> Footage:
     frames = _join_frames(decoded())
     if not warnings and len(damaged) < stated:
         warnings.append(_cut_short_warning(len(damaged), stated, "about "))
+    steps = np.diff(stamps)
+    if len(steps) and np.max(steps) > 1.9 * np.median(steps) + 1.0:
+        warnings.append(Message("check_input.frames_uneven", {"steps": int(np.sum(steps > 1.9 * np.median(steps)))}))
     bad = np.array(damaged, bool)
     notes += [f"{bad.sum()} damaged frames are left out"] if bad.any() else []
     return Footage(frames, damaged=bad, notes=tuple(notes), warnings=tuple(warnings))
@@ -182,11 +187,10 @@ def _read_stack(path: Path) -> Footage:
         _check_size(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
         imagej = file.imagej_metadata or {}
         scale, rate, notes = _stated_by_stack(file, first, imagej)
-        axes = [
-            (axis, size)
-            for axis, size in zip(file.series[0].axes, file.series[0].shape, strict=True)
-            if axis not in "YXS"
-        ]
+        axes = list[tuple[str, int]]()
+        with suppress(Exception):  # tifffile raises nearly anything for a damaged description
+            shape = zip(file.series[0].axes, file.series[0].shape, strict=True)
+            axes = [(axis, size) for axis, size in shape if axis not in "YXS"]
         notes += [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
         try:
             readable_whole = imagej.get("images", 1) > pages
@@ -212,13 +216,13 @@ def _stated_by_stack(file: Any, first: Any, imagej: Mapping[str, Any]) -> tuple[
     pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels") if file.ome_metadata else None
     tag, unit_tag = first.tags.get("XResolution"), first.tags.get("ResolutionUnit")
     per_unit = tag.value[0] / tag.value[1] if tag and tag.value[1] else 0.0
-    size, interval = (1.0 / per_unit if per_unit else 0.0), float(imagej.get("finterval") or 0.0)
+    size, interval = (1.0 / per_unit if per_unit else 0.0), _positive(imagej.get("finterval"))
     size_unit = imagej.get("unit") or {2: "inch", 3: "cm"}.get(unit_tag.value if unit_tag else 0, "")
     interval_unit, who = imagej.get("tunit") or "s", "ImageJ" if imagej else "the tags of the file"
-    if not interval and float(imagej.get("fps") or 0.0) > 0.0:
-        interval = 1.0 / float(imagej["fps"])
+    if not interval and (fps := _positive(imagej.get("fps"))):
+        interval = 1.0 / fps
     if pixels is not None:
-        size, interval = (float(pixels.get(name) or 0.0) for name in ("PhysicalSizeX", "TimeIncrement"))
+        size, interval = (_positive(pixels.get(name)) for name in ("PhysicalSizeX", "TimeIncrement"))
         size_unit, interval_unit = pixels.get("PhysicalSizeXUnit") or "um", pixels.get("TimeIncrementUnit") or "s"
         who = "OME"
     scale = size * _UM_PER_UNIT.get(_plain(size_unit), 0.0)
@@ -235,6 +239,13 @@ def _stated_by_stack(file: Any, first: Any, imagej: Mapping[str, Any]) -> tuple[
     notes += [f"{scale:.4g} um per pixel, as {who} stored it"] if scale else []
     notes += [f"{rate:.6g} frames per second, as {who} stored it"] if rate else []
     return scale or None, rate or None, notes
+
+
+def _positive(text: object) -> float:
+    """Return a positive number; 0 for anything else."""
+    with suppress(TypeError, ValueError):
+        return max(float(text), 0.0)  # type: ignore[arg-type]
+    return 0.0
 
 
 def _plain(unit: str) -> str:
