@@ -278,7 +278,7 @@ class Analysis:
 
     def _sampled(self, curve: RadiusCurve, workers: int | None) -> Posterior:
         """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
-        began, medium, bubble = perf_counter(), medium_of(self.medium), self.bubbles[0]
+        began, medium, bubble = perf_counter(), self.medium_for(curve), self.bubbles[0]
         empty = self._empty_answer(curve, str(self.material), bubble)
         try:
             shot = Experiment(curve, Family(str(self.material)), medium, self._options(bubble))
