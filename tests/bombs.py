@@ -72,6 +72,13 @@ HUGE, CHUNK = declared(10**15, 1000), declared(100, 200_000_000, maxshape=(None,
 LARGE = {f"{k}/{name}": declared(1_000_000, 1000) for k in range(10) for name in ("time", "radius")}
 OUTSIDE = {"shape": (5,), "dtype": "u1", "external": [("/etc/passwd", 0, 5)]}
 LINKED = h5py.ExternalLink("secret.h5", "/radius")
+
+
+def linked(path: Path) -> None:
+    hdf5(radius=NUMBERS)(path.with_name("secret.h5"))
+    hdf5(time=NUMBERS, other=h5py.ExternalLink("secret.h5", "/"), radius=h5py.SoftLink("/other/radius"))(path)
+
+
 SHOWN = h5py.VirtualLayout((5,), "f8")
 SHOWN[:] = h5py.VirtualSource("secret.h5", "radius", (5,))
 
@@ -116,6 +123,7 @@ BOMBS: dict[str, tuple[str, Make | str | bytes]] = {  # a name begins with the f
     "h5_of_two_radii": ("hdf5.twice", hdf5(time=NUMBERS, R=NUMBERS, radius=NUMBERS)),
     "h5_that_reads_another_file": ("limits.elsewhere", hdf5(time=NUMBERS, radius=OUTSIDE)),
     "h5_that_links_to_another_file": ("limits.elsewhere", hdf5(time=NUMBERS, radius=LINKED)),
+    "h5_that_links_to_a_link_to_another_file": ("limits.elsewhere", linked),
     "h5_that_shows_another_file": ("limits.elsewhere", hdf5(time=NUMBERS, radius=SHOWN)),
     "xlsx_of_one_huge_cell": ("limits.memory", sheet(f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>')),
     "xlsx_of_a_million_rows": ("limits.cells", sheet("<row><c><v>1</v></c><c><v>1</v></c></row>" * 600_000)),

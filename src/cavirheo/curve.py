@@ -79,7 +79,8 @@ class RadiusCurve:
         meta: facts about the recording. Every key is optional, and these are attributes of the curve too: name, group
             and group_source; source (the file as given) and source_sha256; notes (what was recognised, converted or
             left out); hints (remarks on scale and constants); column (title and value in the user's table); stretch
-            (R_max/R_0 as stated) and stretch_std; frame_rate, 1/s (key frame_rate_hz); exposure, s (key exposure_s).
+            (R_max/R_0 as stated) and stretch_std; medium (constants of the medium as stated, SI, by field of `Medium`);
+            frame_rate, 1/s (key frame_rate_hz); exposure, s (key exposure_s).
         maximum: (time in s, R_max in m); if None, it is fitted to the samples (landmarks.py).
         stated_time_of_max: time of R_max that the file states, s; used where the recording does not show the growth.
         unscaled: reason why the radii have no scale; `max_radius` raises it until `with_max_radius` sets the scale.
@@ -116,6 +117,7 @@ class RadiusCurve:
     source_sha256: ClassVar[_MetaEntry[str | None]] = _MetaEntry("source_sha256", None)
     stretch: ClassVar[_MetaEntry[float | None]] = _MetaEntry("stretch", None)
     stretch_std: ClassVar[_MetaEntry[float | None]] = _MetaEntry("stretch_std", None)
+    medium: ClassVar[_MetaEntry[Mapping[str, float]]] = _MetaEntry("medium", {})
     frame_rate: ClassVar[_MetaEntry[float | None]] = _MetaEntry("frame_rate_hz", None)
     exposure: ClassVar[_MetaEntry[float]] = _MetaEntry("exposure_s", 0.0)  # centred on the time of the frame
 

@@ -121,6 +121,11 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
     return f": any value {f'{side} {digits.significant(factor * end, 2)} {unit}'.rstrip()} follows it as well"
 
 
+def _constant(stated: float | str, name: str, unit: str, used: object = None) -> str:
+    value = stated if isinstance(stated, str) else f"{stated:.6g}"
+    return f"{name.replace('_', ' ')} {value} {unit}".strip()
+
+
 _STRETCH_SOURCES = {"file": "stretch that the file states", "late_plateau": "late plateau"}
 _NUISANCE_WORDS = {  # by nuisance parameter: its name in messages, and what to check if it is at an end of its prior
     "time_origin": ("time origin", ": check the times of the frames, and that R_max was recorded"),
@@ -222,9 +227,18 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "check_input.time_order": "times not in order| ({steps} steps back): frames sorted",
     "check_input.density": "check the density|: {density:.5g} kg/m3 makes the frame rate {rate:.5g}/s; a camera at "
     "{usual:.3g}/s means --density {meant:.5g}",
+    "check_input.constant": (
+        "check the constant that the file states",
+        lambda low, high, used, **values: (
+            f": {_constant(**values)} is not between {low:g} and {high:g}; {used:g} is used: give the right one"
+        ),
+    ),
     "check_input.file_damaged": "the file is damaged| after frame {frames} ({cause})",
     "check_input.file_cut_short": "the file is cut short|: {frames} of {about}{stated:.0f} frames are there",
-    "check_input.time_stamps": "the time stamps of the .cine file do not increase and are not used",
+    "check_input.frames_uneven": "the file plays its frames unevenly, as if some were missing|: {steps} gaps; these "
+    "are taken to be evenly spaced",
+    "check_input.time_stamps": "time stamps of the .cine file are wrong|: {steps} steps among {frames} frames; these "
+    "are taken to be evenly spaced, {rate:.6g} per second",
     "check_input.camera_clock": "the camera's header and its time stamps differ|: {header:.6g} frames per second by "
     "the header, {stamps:.6g} by the time stamps",
     "check_input.camera_differs": "the camera states another number than was given|: {given:.6g} {what} were given; "
@@ -253,6 +267,11 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "frames.other_bubble": (
         "the end is left out, where the radius rises again as by another bubble",
         lambda frames, since: f": {digits.counted(frames, 'frame')} from {1e6 * since:.4g} us after R_max on",
+    ),
+    "stated.used": ("a constant that the file states is used", lambda **values: f": {_constant(**values)}"),
+    "stated.replaced": (
+        "what was given is used, not what the file states",
+        lambda stated, used, **values: f": {_constant(used, **values)}, not {_constant(stated, **values)}",
     ),
     "stretch.left_out": "the file's stretch is left out|: {stretch:.4g} is no R_max/R_0 between {low:g} and {high:g}",
     "stretch.no_plateau": "the curve has no late plateau: the stretch was fitted freely",

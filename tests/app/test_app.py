@@ -282,6 +282,16 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     assert all(one.theta is other.theta for (_, one), (_, other) in zip(pairs, first.pairs, strict=True))
 
 
+def test_a_shot_has_the_density_that_its_file_states_unless_one_is_typed(session):
+    session.add([Path(__file__).parents[1] / "cases" / "read" / "01_gui_rho.mat"], QUICK, copy=True)
+    (curve,) = session.curves
+    typed = [session.settings_of(curve.name).analysis.medium_for(curve)]
+    for settings in (PageSettings(density=998.0), PageSettings(medium="zhu2025")):
+        session.apply_settings(settings)
+        typed.append(session.settings_of(curve.name).analysis.medium_for(curve))
+    assert [(one.density, one.pressure) for one in typed] == [(1060, 83000), (998, 83000), (998.2, 101325)]
+
+
 def test_a_material_has_a_density_of_its_own(session, tmp_path, monkeypatch):
     for name, scale in (("light", 1.0), ("dense", 1.0001)):  # one recording given twice would be read once
         session.add([single(tmp_path / f"{name}.csv", scale)], QUICK)

@@ -173,6 +173,18 @@ def test_json_is_the_document_and_quiet_says_errors_alone(lab):
     refused_cleanly(lab(*words, "nowhere.csv", "--quiet", "-o", "t"), "nowhere.csv")
 
 
+@pytest.mark.parametrize(
+    ("words", "density", "pressure"),
+    [((), 1060, 83000), (("--density", 998), 998, 83000), (("--medium", "water", "--pressure", 9e4), 998, 90000)],
+)
+def test_options_count_before_what_the_file_states_of_the_medium(run, words, density, pressure):
+    file = Path(__file__).parents[1] / "cases" / "read" / "01_gui_rho.mat"
+    for command in (("infer", *BDT), ("fit", "--no-others")):
+        run(*command, file, *words, "--no-pictures", "--replace", "-o", "r")
+        (curve,) = json.loads(Path("r", "result.json").read_text())["curves"]
+        assert (curve["medium"]["density"], curve["medium"]["pressure"]) == (density, pressure)
+
+
 def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
     monkeypatch.setattr("cavirheo.writing.style.new_figure", lambda _: pytest.fail("it draws"))
     words = ("infer", "shot.csv", *BDT, "--no-pictures", "--replace", "-o", "r")

@@ -75,6 +75,36 @@ def test_the_medium_and_small_changes_of_size_enter(max_radius, medium):
     assert answer.median("viscosity") == pytest.approx(0.05, rel=0.2)
 
 
+STATED = {  # what a file states, what is given, the density that is used, and codes of messages
+    "the file": ({"density": 1060.0}, {}, 1060.0, ["stated.used"]),
+    "a medium that is given": ({"density": 1060.0}, {"medium": "water"}, 998.0, ["stated.replaced"]),
+    "no density": ({"density": 1.06}, {}, 998.0, ["check_input.constant"]),
+    "a given one for no density": ({"density": 1.06}, {"medium": Medium(1100.0)}, 1100.0, ["stated.replaced"]),
+    "nothing": ({}, {}, 998.0, []),
+    "a boiling liquid": ({"temperature": 390.0}, {}, 998.0, ["physics.boiling"]),
+}
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_the_constants_that_a_file_states_are_those_of_its_shot(name):
+    stated, given, density, codes = STATED[name]
+    curve = read_curves(EXAMPLE)[0].labelled(medium=stated)
+    plain, answer = cavirheo.infer_many([curve.labelled(medium={}), curve], verify="none", **given)
+    assert answer.medium.density == density
+    families = ("stated", "check_input", "physics")
+    assert [one.code for one in answer.checks.messages if one.code.partition(".")[0] in families] == codes
+    assert (answer.checks.verdict == "check_input") == (codes == ["check_input.constant"])
+    assert plain.checks.verdict != "failed"
+    analysis = cavirheo.inference.Analysis(verify="none", **given)
+    assert (analysis.key(curve) == analysis.key(curve.labelled(medium={}))) == (not stated)
+
+
+def test_a_stretch_that_is_given_counts_before_the_files():
+    curve = read_curves(EXAMPLE)[0].labelled(stretch=7.0)
+    answer = cavirheo.infer(curve, stretch=6.0, verify="none")
+    assert "stated.replaced" in [one.code for one in answer.checks.messages]
+
+
 def test_another_size_than_that_of_the_training_is_said():
     """The paper's network takes a small bubble's surface tension and heat for viscosity; the default does not."""
     small = shot(mu=0.01, max_radius=90e-6)

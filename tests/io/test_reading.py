@@ -11,9 +11,11 @@ import h5py
 import numpy as np
 import pytest
 from answers import same
+from bombs import element, mat
 from conftest import code_of, error_of, refused
 from files import R_MAX, R_STAR, RADIUS, T_C, T_STAR, TIME, bdt_variables, hdf5, lines, put, save_v73, saved, text_table
 from scipy.io import loadmat, savemat
+from scipy.sparse import csc_matrix
 
 from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.io import write_csv
@@ -71,15 +73,11 @@ def test_bdt_without_maxima_waits_for_the_users(tmp_path):
 
 
 def test_constants_that_a_file_states_or_shows(tmp_path):
-    """Its pressure and density are used, and a hint if the medium has others; so is a density that a rate tells."""
+    """Its pressure and density make seconds and are those of the shot; a density may also be told by the rate."""
     savemat(tmp_path / "gel.mat", bdt_variables() | {"rho": 1060.0, "P_inf": 9e4})
-    curve = read_curves(tmp_path / "gel.mat")[1]
+    curve = read_curves(tmp_path / "gel.mat", density=998.0)[1]
     assert np.allclose(curve.time, T_STAR * 2e-4 * np.sqrt(1060.0 / 9e4))
-    of_pressure, of_density = curve.hints
-    assert ("--pressure 90000" in of_pressure, "--density 1060" in of_density) == (True, True)
-    assert {*curve.hints} < {*curve.notes}
-    assert "P_inf = 90000 Pa taken from the file" in curve.notes
-    assert read_curves(tmp_path / "gel.mat", density=1060.0, pressure=9e4)[0].hints == ()
+    assert curve.medium == {"density": 1060.0, "pressure": 9e4}
     t = np.arange(-10, 80) * 1e-6 / (R_MAX * np.sqrt(1025.0 / 101325.0))
     savemat(tmp_path / "round.mat", bdt_variables([np.interp(t, T_STAR, R_STAR)], [t], [R_MAX]))
     assert "--density 1025" in read_curves(tmp_path / "round.mat", density=998.0)[0].warnings[0].text
@@ -122,12 +120,26 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "heading and commas": (book(a=[["Bubble data"], [None], *COMMAS]), "first sheet"),
     "tab without a name": (book(**{"": SHEET}), ""),
     "open document": (lambda path: files.write_ods(path, "".join(map(files.ods_row, SHEET))), "first sheet"),
-    "HDF5 title in Latin 1": (hdf5({b"t_\xb5s": US, b"R_\xb5m": UM, b"notes \xb5": UM[:3]}), ""),
+    "HDF5 title in Latin 1": (hdf5({b"t_\xb5s": US, b"R_\xb5m": UM, b"notes \xb5": UM[:3]}), "not used: notes µ"),
     "HDF5 group in Latin 1": (hdf5({b"gel \xb5/time_us": US, b"gel \xb5/radius_um": UM}), ""),
     "MATLAB metres": (saved(Rnew=RADIUS, t=TIME), ""),
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "MATLAB plain": (saved(R=UM, t=TIME), "taken as um"),
+    "MATLAB struct": (saved(packed=True, gel={"exp": {"Roft": RADIUS, "t": TIME}}, G=1.0), "not used: G"),
+    "MATLAB units in names": (saved(R_um=UM, t_us=US, R_sim=UM), "not used: R_sim"),
+    "MATLAB experiment": (saved(R_exp=RADIUS, t_exp=TIME, R=RADIUS * 2, t=TIME), "not used: R, t"),
+    "MATLAB diameter": (saved(diameter_um=2 * UM, time_us=US), "diameters halved"),
+    "MATLAB whole pixels": (
+        saved(R=np.round(UM * 1e3).astype(np.int32), um_per_px=1e-3, fps=1 / (TIME[1] - TIME[0])), "um_per_px",
+    ),
+    "MATLAB 7.3 beside a text": (files.saved73(R=RADIUS, t=TIME, note=np.array([1 + 2j])), "not used: note"),
+    "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
+    "HDF5 units beside": (hdf5({"t": US, "R": UM, "t@units": "µs", "R@unit": "micrometer", "R@of": 1}), "R@of"),
+    "HDF5 columns of one dataset": (hdf5(shot=np.rec.fromarrays([TIME, RADIUS], names="time,radius")), ""),
+    "HDF5 pixels": (
+        hdf5({"R_px": UM / 2.0, "/@fps": 1 / (TIME[1] - TIME[0]), "/@um_per_px": 2.0}), "um_per_px",
+    ),
 }  # fmt: skip
 
 
@@ -160,6 +172,16 @@ SEVERAL = {  # two curves, their names, and what each says
     "separators in quotes": (f'shot,time_us,radius_um,"note, if any"\n{QUOTED}', "gel, 1", "gel, 2", ""),
     "HDF5 groups": (hdf5(GROUPS | {"first@stretch": 7.0}), "first", "series/second", ""),
     "MATLAB rows": (ROWS, "1", "2", "R/R_max times Rmax"),
+    "MATLAB cells": (saved(R=files.cells(RADIUS, 1.5 * RADIUS), t=TIME), "1", "2", ""),
+    "MATLAB 7.3 cells": (files.saved73(R=files.cells(RADIUS, 1.5 * RADIUS), t=TIME), "1", "2", ""),
+    "MATLAB array of structs": (
+        saved(data=np.array([[(RADIUS, TIME), (1.5 * RADIUS, TIME)]], [("R", "O"), ("t", "O")]), G=1.0),
+        "data(1)",
+        "data(2)",
+        "not used: G",
+    ),
+    "MATLAB numbers": (saved(R1=RADIUS, t1=TIME, R2=1.5 * RADIUS, t2=TIME, R0=1.0), "R1", "R2", "not used: R0"),
+    "MATLAB columns with times": (saved(R=np.c_[RADIUS, 1.5 * RADIUS], t=np.c_[TIME, TIME]), "1", "2", ""),
 }
 
 
@@ -245,6 +267,9 @@ def test_csv_round_trip(tmp_path):
     assert first == "# simulation of a,'=1+1;'@b\\x0a, +c"
 
 
+OBJECT = element(14, element(6, b"\x11" + bytes(7)) + b"".join(element(1, word) for word in (b"T", b"MCOS", b"table")))
+
+
 def archive(*names):
     def write(path):
         with zipfile.ZipFile(path, "w") as made:
@@ -284,6 +309,11 @@ BAD = {  # content, or what writes it; code; what is named
     "hollow.txt": (b"-1000,-1000\n1,0\n-1000,-1000\n", "table.empty", "-1000"),
     "noise.bin": (bytes(range(256)) * 20, "reading.binary", ""),
     "other.mat": (saved(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
+    "sparse.mat": (saved(R=csc_matrix(RADIUS), t=TIME), "matlab.variables", "full("),
+    "two.mat": (saved(R=RADIUS, radius=2 * RADIUS, t=TIME), "hdf5.twice", "R and radius"),
+    "frames.mat": (saved(Radius=UM), "table.frame_rate", "--um-per-px"),
+    "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "matlab.version4", "'-v7'"),
+    "object.mat": (mat(OBJECT), "matlab.variables", "table2struct"),
     "times.mat": (saved(pIMR_array=np.ones((4, 3))), "matlab.collapse_times", "collapse-time"),
     "other.xlsx": (archive("[Content_Types].xml", "word/document.xml"), "tabular.workbook", ""),
     "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "tabular.workbook", ""),
@@ -300,6 +330,40 @@ def test_bad_files_are_refused_in_words(tmp_path, name):
     path = put(tmp_path / name, content)
     with refused(code, str(path), named):
         read_curves(path)
+
+
+CASES = Path(__file__).parents[1] / "cases" / "read"
+STATED = {"density": 1060.0, "pressure": 83000.0}
+OF_LABORATORIES = {  # medium, stretch and note of a file, and how it is read
+    "01_gui_rho.mat": (STATED, 7.0, "Pinf = 83000 Pa", {}),
+    "28_struct.mat": ({}, 7.0, "not used: expts/R0", {}),
+    "30_time_radius.mat": ({}, None, "taken as m", {}),
+    "30_texp_Rexp.mat": ({"density": 998.0, "pressure": 101325.0}, None, "not used: t_sim, R_sim", {}),
+    "32_Radius_px.mat": ({}, None, "in pixels", {"frame_rate_hz": 1e6, "um_per_px": 3.2}),
+}
+
+
+@pytest.mark.parametrize("name", OF_LABORATORIES)
+def test_what_a_matlab_file_states_beside_its_history(name):
+    medium, stretch, said, how = OF_LABORATORIES[name]
+    (curve,) = read_curves(CASES / name, **how)
+    assert curve.max_radius == pytest.approx(245e-6, rel=0.03)
+    assert curve.frame_rate == pytest.approx(1e6)
+    assert dict(curve.medium) == medium
+    assert curve.stretch == (stretch and pytest.approx(stretch, rel=0.02))
+    assert said in "\n".join(curve.notes)
+
+
+def test_a_group_states_the_constants_of_its_shots(tmp_path):
+    """Those of the group, in any unit, before those around it; what is no constant of a medium is named."""
+    about = {"a@density": 1060.0, "a/c": 2.0, "medium/pressure_kPa": 83.0, "medium/rho": 1010.0, "/@gamma": 1.4}
+    both = {f"{group}/{name}": data for group in "ab" for name, data in (("time", TIME), ("radius", RADIUS))}
+    one, other = read_curves(put(tmp_path / "a.h5", hdf5(both | about | {"b/@units": "x", "a/R_eq": 25e-6})))
+    assert dict(one.medium) == {"density": 1060.0, "pressure": 83000.0}
+    assert dict(other.medium) == {"density": 1010.0, "pressure": 83000.0}
+    assert (one.stretch, other.stretch) == (pytest.approx(8.0, rel=0.01), None)
+    (note,) = (note for note in one.notes if note.startswith("not used"))
+    assert {"a/c", "@gamma", "medium/rho"} == {*note.removeprefix("not used: ").split(", ")}
 
 
 PUBLISHED = {  # curves in the file, smallest and largest R_max in um, unusable ones

@@ -175,9 +175,34 @@ def test_the_stamps_of_a_cine_count_before_its_header(tmp_path):
     assert any("50000" in one.text for one in curve.warnings)
 
 
+def test_a_late_time_stamp_of_a_cine_is_doubtful(tmp_path):
+    stamps = np.arange(FRAMES) / RATE
+    stamps[-1] += 2.5e7
+    found = read(write_cine(tmp_path / "a.cine", film(bits=12).frames, stamps, int(RATE)))
+    assert found.time == pytest.approx(np.arange(FRAMES) / RATE, abs=2e-9)
+    assert [one.code for one in found.warnings] == ["check_input.time_stamps"]
+
+
+@pytest.mark.parametrize("step", [1, 36])
+def test_the_older_header_of_photron(tmp_path, step):
+    frames = np.random.default_rng(2).integers(0, 2**12, (3, 20, 32))
+    write_mraw(tmp_path / "a.mraw", frames, 16)
+    (tmp_path / "a.cihx").unlink()
+    lines = ("#Camera Information Header", "Record Rate(fps) : 60000", "Shutter Speed(s) : 1/800000", "Total Frame : 3")
+    more = (f"Save Step : {step}", "Image Width : 32", "Image Height : 20", "Color Type : Mono", "Color Bit : 16")
+    text = "\n".join((*lines, *more, "Shutter Type2(nsec) : 1250", "", "#System Information:", "Total Frame : 9"))
+    (tmp_path / "a.cih").write_text(text)
+    for name in ("a.mraw", "a.cih"):
+        found = read(tmp_path / name)
+        assert np.array_equal(found.frames, frames)
+        assert (found.frame_rate, found.exposure, found.warnings) == (60_000, pytest.approx(1.25e-6), ())
+        assert found.time is None if step == 1 else found.time == pytest.approx(np.arange(3) * 36 / 60e3)
+    assert expand([tmp_path]) == [tmp_path / "a.mraw"]
+
+
 def test_rate_and_scale_are_the_users_before_the_cameras(folder, tmp_path):
     """A difference is doubtful; a container never says the rate; without a scale radii are pixels, which inference
-    refuses; the scale of ImageJ is one, that of printing is not. Compression hardly moves the radius."""
+    refuses. Compression hardly moves the radius."""
     for name in ("shot.mp4", "shot.mkv", "shot.tif", "images"):
         assert code_of(measure, folder / name, um_per_px=SCALE) == "video.frame_rate"
     curve = measure(folder / "camera.mraw", frame_rate=4e5, um_per_px=SCALE)
@@ -188,11 +213,62 @@ def test_rate_and_scale_are_the_users_before_the_cameras(folder, tmp_path):
     assert np.sqrt(np.mean((curve.radius[ok] * 1e6 - film().radius[ok]) ** 2)) < 0.05
     assert code_of(lambda: curve.max_radius) == "curve.unscaled"
     assert curve.with_max_radius(128e-6).max_radius == 128e-6
-    told = {"imagej": True, "metadata": {"unit": "um", "axes": "TYX"}, "resolution": (0.25, 0.25)}
-    tifffile.imwrite(tmp_path / "a.tif", film().frames, **told)
-    assert read(tmp_path / "a.tif").um_per_px == pytest.approx(4.0)
-    tifffile.imwrite(tmp_path / "b.tif", film().frames, resolution=(72, 72))
-    assert read(tmp_path / "b.tif").um_per_px is None
+
+
+def imagej(text: str, **more: object) -> dict:
+    """How ImageJ describes a stack with pixels of 4 um, 0.25 per um."""
+    head = f"ImageJ=1.54f\nimages={FRAMES}\nframes={FRAMES}\n{text}\n"
+    return {
+        "description": head.encode("latin-1", "backslashreplace"),
+        "metadata": None,
+        "resolution": (0.25, 0.25),
+    } | more
+
+
+def ome(axes: str, **about: object) -> dict:
+    return {"ome": True, "metadata": {"axes": axes, **about}}
+
+
+PRINTED = {"resolution": (72, 72), "resolutionunit": "INCH"}
+STACKS = {  # how a stack is written; its um per pixel and frames per second
+    **{
+        unit: (imagej(f"unit={unit}"), 4.0, None)
+        for unit in ("um", "micron", "microns", "micrometer", "\\u00B5m", "µm")
+    },
+    "an interval": (imagej("unit=micron\nfinterval=0.002\ntunit=ms"), 4.0, 5e5),
+    "a rate": (imagej("unit=mm\nfps=500000", resolution=(250, 250)), 4.0, 5e5),
+    "how fast it is played": (imagej("unit=um\nfps=7"), 4.0, None),
+    "pixels alone": (imagej("unit=pixel"), None, None),
+    "for printing": (PRINTED, None, None),
+    "ImageJ, for printing": (imagej("unit=inch", resolution=(72, 72)), None, None),
+    "per cm": ({"resolution": (2500, 2500), "resolutionunit": "CENTIMETER", "bigtiff": True}, 4.0, None),
+    "without a unit": ({"resolution": (0.25, 0.25), "resolutionunit": "NONE"}, None, None),
+    "OME": (ome("TYX", PhysicalSizeX=4.0, TimeIncrement=2.0, TimeIncrementUnit="µs"), 4.0, 5e5),
+    "OME, depths": (ome("ZYX", PhysicalSizeX=0.004, PhysicalSizeXUnit="mm"), 4.0, None),
+    "OME, two channels": (ome("TCYX", PhysicalSizeX=4000.0, PhysicalSizeXUnit="nm"), 4.0, None),
+}
+
+
+@pytest.mark.parametrize("name", STACKS)
+def test_the_scale_and_the_rate_that_a_stack_states(tmp_path, name):
+    how, scale, rate = STACKS[name]
+    frames = film().frames
+    written = np.stack([frames, 255 - frames], axis=1) if "channels" in name else frames
+    tifffile.imwrite(tmp_path / "a.tif", written, **how)
+    found = read(tmp_path / "a.tif")
+    assert np.array_equal(found.frames, frames)
+    assert (found.um_per_px, found.frame_rate) == (scale and pytest.approx(scale), rate and pytest.approx(rate))
+    assert len(found.notes) == len([one for one in (scale, rate) if one]) + (name in SAID)
+
+
+SAID = ("how fast it is played", "for printing", "ImageJ, for printing", "OME, two channels")  # what is not used
+
+
+def test_the_rate_and_scale_of_a_stack_need_no_options(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", film().frames, **STACKS["OME"][0])
+    curve = measure(tmp_path / "a.tif")
+    assert (curve.frame_rate, curve.warnings) == (pytest.approx(RATE), ())
+    assert measure(tmp_path / "a.tif", frame_rate=4e5).frame_rate == 4e5
 
 
 def test_parts_of_a_recording(folder, whole):
@@ -333,6 +409,9 @@ def test_real_camera_files(real_data):
     assert found.time is not None
     assert 1 / np.diff(found.time)[0] == pytest.approx(9003, abs=1)
     assert found.frame_rate == 90_000
+    late = read(place / "excerpt.cine")
+    assert np.allclose(np.diff(late.time), 0.01)
+    assert [one.code for one in late.warnings] == ["check_input.time_stamps"]
     packed = read(place / "ball_12bit.cihx")
     assert (packed.frames.shape, packed.frames.max(), packed.frame_rate) == ((15, 384, 384), 4095, 30_000)
     assert read(place / "beam.mraw").frames.shape == (4, 80, 1024)

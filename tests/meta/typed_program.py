@@ -4,7 +4,7 @@ import cavirheo
 from cavirheo.reporting.laws import Laws
 
 curve = cavirheo.read_curves("gel.csv", shots="1,4-7")[0]
-low, high = cavirheo.infer(curve, material="nhkv", verify="none").interval("shear_modulus") or (0.0, 0.0)
+low, high = cavirheo.infer(curve, material="nhkv").interval("shear_modulus") or (0.0, 0.0)
 print(low, high, cavirheo.fit(curve=curve, window=3, free=("t0",), medium="water").best["viscosity"])
 cavirheo.fit(curve, windou=3)  # type: ignore[call-arg]
 cavirheo.fit(curve, window=3.5)  # type: ignore[arg-type]

@@ -24,11 +24,12 @@ from cavirheo.errors import InputError, parse_number, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import check_stretch
 from cavirheo.inference.model import shipped
+from cavirheo.io.files import without_headers
 from cavirheo.io.shots import check_max_radius, with_maximum_notes
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.io.videos import Camera, history, parse_camera
 from cavirheo.parallel import Stoppable
-from cavirheo.physics.media import Medium, medium
+from cavirheo.physics.media import CONSTANTS, Medium, medium
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import Published
@@ -130,7 +131,8 @@ class PageSettings:
     def analysis(self) -> Analysis:
         """The analysis of each curve. Raises InputError."""
         names = ("model", "material", "bubble", "stretch", "window", "trust_input", "verify")
-        return Analysis(medium=self.liquid, **{name: getattr(self, name) for name in names})
+        given = [name for name in CONSTANTS if self.medium != "water" or getattr(self, name, None) is not None]
+        return Analysis(medium=self.liquid, given=given, **{name: getattr(self, name) for name in names})
 
 
 @dataclass(eq=False)
@@ -286,8 +288,8 @@ class Session:
 
     @property
     def film_names(self) -> list[str]:
-        """Names of the recordings that can be measured; a .cihx header beside its .mraw is left out."""
-        return [name for name in self.films if f"{name.removesuffix('.cihx')}.mraw" not in self.films]
+        """Names of the recordings that can be measured; the header of a .mraw beside it is left out."""
+        return [path.name for path in without_headers(film.path for film in self.films.values())]
 
     @property
     def current_clip(self) -> Clip:

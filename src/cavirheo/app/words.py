@@ -195,7 +195,7 @@ def film_frame(clip: Clip) -> str:
 
 def overview(session: Session) -> str:
     """The pictures of all curves over each other."""
-    media = [session.settings_of(curve.name).liquid for curve in session.curves]
+    media = [session.settings_of(curve.name).analysis.medium_for(curve) for curve in session.curves]
     return render("pictures", [overlay_svg(panel) for panel in overview_panels(session.curves, media)])
 
 

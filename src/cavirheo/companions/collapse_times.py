@@ -17,10 +17,11 @@ from cavirheo.errors import InputError, SolverError, printable, require, sha256
 from cavirheo.inference import checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.io.files import file_label, guarded
-from cavirheo.io.matlab import read_variables
+from cavirheo.io.matlab import opened
+from cavirheo.io.named_arrays import Numbers
 from cavirheo.io.shots import Chosen, read_shots, selected
 from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary, read_columns
-from cavirheo.physics.media import Medium
+from cavirheo.physics.media import CONSTANTS, Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
 from cavirheo.writing.style import BLUE, VERMILLION, add_legend, new_panel
@@ -172,6 +173,10 @@ def read_groups(
         digest = group_curves[0].source_sha256 or "" if source == group_curves[0].source else ""
         messages = [(curve.name, message) for curve in group_curves for message in checks.curve_warnings(curve, medium)]
         warnings = [f"{curve_name}: {message.text}" for curve_name, message in messages]
+        for curve in group_curves:
+            other = {key: value for key, value in curve.medium.items() if getattr(medium, key) != value}
+            words = [f"{key.replace('_', ' ')} {value:.6g} {CONSTANTS[key].unit}" for key, value in other.items()]
+            hints += [f"{curve.name}: the file states {', '.join(words)}, which is not used: give it"] if words else []
         head: Any = {"source": source, "source_sha256": digest, "warnings": warnings}
         groups.append(CollapseGroup(name=name, shots=[_curve_shot(curve, stretch) for curve in group_curves], **head))
     return groups, problems + unread, repeated + hints
@@ -197,9 +202,10 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
     Raises InputError: the table lacks a unit or lambda, a cell is not a number, or the file cannot be read.
     """
     with guarded(path):
-        variables, all_names = read_variables(path, (VARIABLE,)) or ({}, [])
-        if VARIABLE in all_names:
-            array: Any = variables.get(VARIABLE)
+        with opened(path) as arrays:
+            leaf = (arrays or {}).get(VARIABLE)
+            array: Any = leaf.read() if isinstance(leaf, Numbers) else None
+        if leaf is not None:
             shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
             expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
             got = f"the shape {shape}" if shape else "a cell array"

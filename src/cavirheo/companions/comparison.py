@@ -52,7 +52,7 @@ class AnswerSettings:
             model = _LIQUID_NETWORKS.get(model, model)
         model = str(reference.settings.get("model") or model)
         options: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
-        options |= {"medium": reference.medium, "trust_input": self.trust_input}
+        options |= {"medium": reference.medium, "given": reference.given, "trust_input": self.trust_input}
         try:
             if law is None and card(path_of(model)).get("kind") != "point":
                 law = "nhkv" if reference.solid else "newtonian"

@@ -25,7 +25,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, TypeAdapter
 from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Term, Vocabulary, read_columns
-from cavirheo.physics.media import Medium, medium
+from cavirheo.physics.media import CONSTANTS, Medium, medium
 from cavirheo.reporting.group import OUR_MEANS, GroupRecord, Published, PublishedValue
 
 NO_SETS = "references.no_set_column"  # error code for a table without sets, such as one of sweeps
@@ -88,6 +88,11 @@ class ReferenceSet:
     lines: dict[str, str] = field(default_factory=dict)
     values: dict[str, dict[str, PublishedValue]] = field(default_factory=dict)
     medium: Medium = field(default_factory=Medium)
+
+    @property
+    def given(self) -> list[str]:
+        """Names of the constants of the medium that the set gives; with a medium, of all."""
+        return [name for name in CONSTANTS if name in self.settings or "medium" in self.settings]
 
     @property
     def recorded(self) -> bool:

@@ -11,7 +11,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import FREE_BY_DEFAULT, SCALE_BOUND
 from cavirheo.physics.bubble import Requested
-from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import Medium
 from cavirheo.posterior import Posterior
 
 __all__ = ["DEFAULT", "Analysis", "fit", "fit_many", "infer", "infer_many"]
@@ -22,7 +22,7 @@ def infer(
     *,
     model: str | Path = DEFAULT,
     material: str | None = None,
-    medium: Medium | str = WATER,
+    medium: Medium | str | None = None,
     stretch: float | str | None = None,
     window: int | None = None,
     trust_input: bool = False,
@@ -38,7 +38,8 @@ def infer(
             "bdt-viscous", the paper's networks, which give one value without an interval.
         material: a law of `cavirheo laws`. Default "auto": a neo-Hookean spring beside a dashpot, in which G may be
             exactly 0 (a liquid) and the spring may stiffen; `Posterior.switches` has the probabilities.
-        medium: constants of the liquid or gel, or the name of a set. G of soft gels depends strongly on its density.
+        medium: constants of the liquid or gel, or the name of a set. Default: water, with the constants that the file
+            of the curve states. G of soft gels depends strongly on the density.
         stretch: R_max/R_0 if it is known. Otherwise it is inferred, with the value that the file states as prior;
             "free": without this prior.
         window: number of collapses that are compared. Default: 3, or as many as there are; for a network, all that it
@@ -67,7 +68,7 @@ def infer_many(
     *,
     model: str | Path = DEFAULT,
     material: str | None = None,
-    medium: Medium | str = WATER,
+    medium: Medium | str | None = None,
     stretch: float | str | None = None,
     window: int | None = None,
     trust_input: bool = False,
@@ -101,7 +102,7 @@ def fit_many(
     curves: Sequence[RadiusCurve],
     material: str = "nhkv",
     *,
-    medium: Medium | str = WATER,
+    medium: Medium | str | None = None,
     window: int | str | None = None,
     end: float | None = None,
     stretch: float | str | None = None,
@@ -119,7 +120,7 @@ def fit_many(
     Args:
         curves: R(t), in s and m.
         material: a law of `cavirheo laws` ("nhkv", "qkv", "zener", ...), all of whose parameters are fitted, or "auto".
-        medium: constants of the liquid or gel, or the name of a set.
+        medium: as in `infer`.
         window: number of collapses that are fitted, up to the middle of the rebound after the last one; "all": the
             whole recording. Default: 3, or as many as there are, unless `end` is given.
         end: latest end of the window, s after R_max.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from importlib.metadata import version
@@ -22,10 +22,11 @@ from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.model import Network, card, path_of
 from cavirheo.inference.network_answer import check_outputs, read_values
+from cavirheo.messages import Message, is_input_warning
 from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread, run_jobs
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
-from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import CONSTANTS, WATER, Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.writing.packing import content_hash
@@ -48,6 +49,8 @@ class Analysis:
         material, medium, stretch, window, trust_input, discrepancy, seed: as in `infer`.
         bubble: as in `infer`; stored as a `Bubble`.
         end, free, t0_bound, scale_bound: as in `fit_many`.
+        given: names of the constants of `medium` that the user gave, which those of a file do not replace; default: all
+            if a medium is given.
 
     Raises:
         InputError: an unknown model, law or bubble, a setting outside its domain, or settings that exclude each other.
@@ -57,7 +60,7 @@ class Analysis:
     model: str | Path = DEFAULT
     material: str | None = None
     bubble: Requested | None = None
-    medium: Medium | str = WATER
+    medium: Medium | str | None = None
     stretch: float | str | None = None
     window: int | str | None = None
     trust_input: bool = False
@@ -67,6 +70,7 @@ class Analysis:
     free: Sequence[str] | str | None = None
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
+    given: Collection[str] | None = None
 
     def __post_init__(self) -> None:
         require(self.method in _METHODS, f"method must be {', '.join(_METHODS)}, got {self.method!r}", "option.method")
@@ -75,7 +79,10 @@ class Analysis:
         point = self.method != "fit" and name != DEFAULT
         # other processes have other folders
         model = str(Path(name).absolute()) if name.endswith(".onnx") else name
-        settings: dict[str, Any] = {"model": model, "medium": medium_of(self.medium)}
+        settings: dict[str, Any] = {"model": model, "medium": WATER, "given": self.given or ()}
+        if self.medium is not None:
+            settings["medium"] = medium_of(self.medium)
+            settings["given"] = tuple(CONSTANTS if self.given is None else self.given)
         usual = AUTO if self.method == "infer" else "nhkv"
         if point:
             usual = str(card(path_of(name))["material"])
@@ -124,6 +131,13 @@ class Analysis:
         """The network of bdt. Raises InputError."""
         return Network(path_of(str(self.model)))
 
+    def medium_for(self, curve: RadiusCurve) -> Medium:
+        """The medium of a curve: with the plausible constants that its file states, but those that the user gave.
+        Raises InputError: it would boil."""
+        stated = {name: value for name, value in curve.medium.items() if name not in (self.given or ())}
+        used = {name: value for name, value in stated.items() if CONSTANTS[name].low <= value <= CONSTANTS[name].high}
+        return medium_of(self.medium or WATER, unusual=True, **used)
+
     def key(self, curve: RadiusCurve) -> str:
         """A hash that identifies the answer: of the samples of the curve and its metadata, of all settings, of the
         version of this package and of the network. The curve's name, file and group do not change it."""
@@ -171,27 +185,36 @@ class Analysis:
 
     def answer(self, curve: RadiusCurve, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason."""
-        began, medium = perf_counter(), medium_of(self.medium)
-        network = self.network if self.method == "bdt" else None
+        began, network = perf_counter(), self.network if self.method == "bdt" else None
         if network:
             check_outputs(network)
         empty = self._empty_answer(curve, network)
         try:
+            medium = self.medium_for(curve)
+            empty = replace(empty, medium=medium)
             with one_blas_thread:
                 found = self._read(curve, empty, network) if network else self._sample(curve, empty, workers)
-        except ANALYSIS_ERRORS as error:  # only this curve fails
-            _log.debug("%s has no answer", curve.name, exc_info=error)
-            found = replace(empty, checks=failed_checks(error, curve, medium))
-        except Exception as error:  # a defect of this package or of a library
+            found = replace(found, checks=self._with_stated(curve, medium, found.checks))
+        except Exception as error:  # only this curve fails
             if isinstance(error.__cause__, KeyboardInterrupt):  # compiled code was interrupted
                 raise error.__cause__ from None
-            _log.exception("%s has no answer", curve.name)
-            found = replace(empty, checks=failed_checks(error, curve, medium))
+            if isinstance(error, ANALYSIS_ERRORS):
+                _log.debug("%s has no answer", curve.name, exc_info=error)
+            else:  # a defect of this package or of a library
+                _log.exception("%s has no answer", curve.name)
+            found = replace(empty, checks=failed_checks(error, curve, empty.medium or WATER))
         return replace(found, seconds=perf_counter() - began)
+
+    def _with_stated(self, curve: RadiusCurve, medium: Medium, checks: Checks) -> Checks:
+        """The checks with what the file states of medium and stretch; a constant that cannot be right is a doubt."""
+        stated = list(self._stated(curve, medium))
+        doubts = [message for message in stated if is_input_warning(message.code)]
+        said = [message for message in stated if message not in doubts]
+        return warned(replace(checks, messages=(*said, *checks.messages)), doubts, self.trust_input)
 
     def _sample(self, curve: RadiusCurve, empty: Posterior, workers: int | None) -> Posterior:
         """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
-        medium = medium_of(self.medium)
+        medium = self.medium_for(curve)
         shot = Experiment(curve, Family(str(self.material)), medium, self.options)
         found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
         warnings = [*curve_warnings(curve, medium), *wall_warnings(shot)]
@@ -199,16 +222,31 @@ class Analysis:
 
     def _read(self, curve: RadiusCurve, empty: Posterior, network: Network) -> Posterior:
         """The value that a network reads off a curve."""
-        medium = medium_of(self.medium)
+        medium = self.medium_for(curve)
         stretch: Any = None if self.stretch == "free" else self.stretch
         values, warnings = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
         values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
         provenance = {**empty.provenance, **values.pop("provenance", {})}
         return replace(empty, **values, provenance=provenance)
 
+    def _stated(self, curve: RadiusCurve, medium: Medium) -> Iterator[Message]:
+        """What the file states of medium and stretch, and whether it is used."""
+        for name, stated in curve.medium.items():
+            plausible, used = CONSTANTS[name], getattr(medium, name)
+            values: dict[str, Any] = {"name": name, "stated": stated, "used": used, "unit": plausible.unit}
+            if used == stated:
+                yield Message("stated.used", values)
+            elif name in (self.given or ()):
+                yield Message("stated.replaced", values)
+            else:
+                yield Message("check_input.constant", values | {"low": plausible.low, "high": plausible.high})
+        if curve.stretch and self.stretch not in (None, curve.stretch):
+            values = {"name": "stretch", "stated": curve.stretch, "used": self.stretch, "unit": ""}
+            yield Message("stated.replaced", values)
+
     def _empty_answer(self, curve: RadiusCurve, network: Network | None) -> Posterior:
         """An answer without any value."""
-        law, medium = str(self.material), medium_of(self.medium)
+        law, medium = str(self.material), medium_of(self.medium or WATER)
         names = tuple(LOG10 + name for name in Family(law).parameters)
         method, details = "least_squares" if self.method == "fit" else "verified", dict[str, Any]()
         if network:

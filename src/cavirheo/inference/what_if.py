@@ -20,7 +20,6 @@ from cavirheo.messages import message_of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import Medium
-from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior, check_level
 
 DRAWS = 100  # draws of a posterior that are simulated
@@ -84,7 +83,7 @@ def predict_radius(
 
 def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
     """The window of a curve that is compared with the answer of this analysis. Raises InputError."""
-    medium, collapses = medium_of(analysis.medium), cast("int | None", analysis.window)
+    medium, collapses = analysis.medium_for(curve), cast("int | None", analysis.window)
     if analysis.method == "bdt":
         return network_window(analysis.network, curve, medium, collapses)
     return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # the same for any law
@@ -96,7 +95,7 @@ def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, f
         check_stretch(values.get("stretch"))
         end = _compared_end(curve, posterior) or compared_window(curve, analysis).end
         bubble = _bubble_of(posterior, values)
-        shot = _experiment(curve, bubble, posterior.material, medium_of(analysis.medium), end)
+        shot = _experiment(curve, bubble, posterior.material, analysis.medium_for(curve), end)
         return shot.checks(shot.from_best({**posterior.best, **values}), "ok", [])
     except (InputError, SolverError) as error:
         return Checks("failed", (message_of_error(error),))

@@ -18,7 +18,7 @@ import numpy as np
 
 from cavirheo.errors import InputError, printable, require
 from cavirheo.io import limits
-from cavirheo.video.frames import ENDINGS, HEADER_ENDING, PIXELS_ENDING, STACK_ENDINGS, is_video
+from cavirheo.video.frames import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
 
 FILE_ENDINGS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
 _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is then in the same folder
@@ -124,12 +124,13 @@ def without_headers(paths: Iterable[Path]) -> list[Path]:
 
 def pixels_of(path: Path) -> Path | None:
     """Return the path of the pixels that belong to a header, existing or not; None for any other file."""
-    return path.with_suffix(PIXELS_ENDING) if path.suffix == HEADER_ENDING else None
+    return path.with_suffix(PIXELS_ENDING) if path.suffix in HEADER_ENDINGS else None
 
 
 def header_of(path: Path) -> Path | None:
     """Return the path of the header that belongs to pixels, existing or not; None for any other file."""
-    return path.with_suffix(HEADER_ENDING) if path.suffix == PIXELS_ENDING else None
+    headers = [path.with_suffix(ending) for ending in HEADER_ENDINGS]
+    return next(filter(Path.exists, headers), headers[0]) if path.suffix == PIXELS_ENDING else None
 
 
 def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:

@@ -1,13 +1,15 @@
-"""Read HDF5: curves in groups, and the variables of MATLAB 7.3; declared sizes are checked before data are read.
+"""Read the named arrays of HDF5 files, MATLAB 7.3 included; declared sizes are checked before data are read.
 
-A group (at any depth, the root included) is one curve if it holds a dataset of times and one of radii, both with one
-dimension and of equal length. They are named like CSV columns: `time_us` and `radius_um`, or `time` (s) and `radius`
-(m). Optional are a dataset `radius_std_um` or `radius_std`, and the attribute `stretch` (R_max/R_0) of the group.
+MATLAB 7.3 stores arrays transposed, cells as references, a struct as a group, and an array of structs as a group of
+references.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from copy import copy
+from functools import partial
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -16,100 +18,127 @@ import h5py
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.curves import CURVES, check_units, make_curve
+from cavirheo.io.named_arrays import Leaf, Numbers, Other, cells_of
 
 _REAL = "fiub"  # numpy's dtype kinds of real numbers
-_EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
+_INTERNAL = ("MATLAB_", "CLASS", "NAME", "VERSION", "TITLE", "DIMENSION_", "REFERENCE_", "_Netcdf", "H5PATH", "unit")
+_HELD = ("#refs#", "#subsystem#")  # groups in which MATLAB holds what its variables refer to
+_ELSEWHERE = Other("in another file: copy it into this one", "limits.elsewhere")
 
 
-def read(path: Path) -> list[RadiusCurve]:
-    """Read the curves of a file. Raises InputError: the file has no curve, or exceeds a limit."""
+@contextmanager
+def opened(path: Path) -> Iterator[dict[str, Leaf]]:
+    """Give the datasets and attributes of a file by their paths, while it is open.
+
+    Raises InputError: there are too many, or, where one is read, it exceeds a limit.
+    """
     with h5py.File(path, "r") as file:
-        groups, names_found = [file], []
-
-        def visit(name: str | bytes, item: Any) -> None:
-            names_found.append(as_text(name))
-            limits.check(len(names_found), limits.SAMPLES // 100, "groups and datasets")
-            if isinstance(item, h5py.Group):
-                groups.append(item)
-
-        file.visititems(visit)
-        shots = [(group, arrays) for group in groups if {"time", "radius"} <= (arrays := _arrays(group)).keys()]
-        limits.check(len(shots), limits.CURVES, "curves")
-        check_sizes(item for _, arrays in shots for item, _ in arrays.values())
-        names = ", ".join(names_found[:20]) or "nothing"
-        none = f"no group holds a time and a radius dataset; found: {names}; expected {_EXPECTED}"
-        require(len(shots) > 0, none, "hdf5.datasets")
-        return [_curve(*shot) for shot in shots]
+        yield _Walk(file).found
 
 
-def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
-    """Return for each kind of column its dataset, not read yet, and its unit. Raises InputError: two of one kind."""
-    arrays = {}
-    for name in group:
-        kind, unit, _ = CURVES.name_by_words(as_text(name))
-        if kind in ("time", "radius", "radius_std"):
-            item = local_item(group, name)
-            if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
-                both = f"{as_text(group.name)} has two datasets for {kind}"
-                twice = f"{both}: {as_text(name)} is one; keep the one that counts"
-                require(kind not in arrays, twice, "hdf5.twice")
-                arrays[kind] = item, unit or {"time": "s", "radius": "m"}.get(kind)
-    return arrays
+class _Walk:
+    """One walk through a file; `found`: arrays by path. Links to other files and to groups are not followed."""
 
-
-def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve:
-    path = as_text(group.name)
-    meta: dict[str, Any] = {"label": path.strip("/")} if path != "/" else {}
-    if "stretch" in group.attrs:
-        stretch = np.asarray(group.attrs["stretch"])
-        number = stretch.size == 1 and stretch.dtype.kind in "fiu"
-        require(number, f"the attribute stretch of {path} is no number: {stretch}"[:200], "hdf5.stretch")
-        meta["stretch"] = float(stretch.item())
-    samples: dict[str, Any] = {kind: np.asarray(item[()]) for kind, (item, _) in arrays.items()}
-    time_unit, radius_unit, std_unit = (arrays.get(kind, (None, None))[1] for kind in ("time", "radius", "radius_std"))
-    check_units(f"the group {path}", time_unit, radius_unit, std_unit)
-    return make_curve(**samples, time_unit=time_unit, radius_unit=radius_unit, meta=meta)
-
-
-def read_variables(path: Path, names: Iterable[str]) -> tuple[dict[str, Any], list[str]]:
-    """Do what `matlab.read_variables` does, for version 7.3, which stores arrays transposed and cells as references."""
-    variables: dict[str, Any] = {}
-    with h5py.File(path, "r") as file:
-        all_names = [as_text(name) for name in file if name not in ("#refs#", "#subsystem#")]
-        for name in names:
-            item = local_item(file, name)
-            if not isinstance(item, h5py.Dataset):
+    def __init__(self, file: Any) -> None:
+        self.file, self.found, self.numbers_read = file, dict[str, Leaf](), 0
+        visited, waiting = set[int](), [("", file)]
+        while waiting:
+            path, group = waiting.pop(0)
+            if (place := h5py.h5o.get_info(group.id).addr) in visited:
                 continue
-            check_sizes([item])
-            if h5py.check_ref_dtype(item.dtype) is not None:
-                limits.check(item.size, limits.CURVES, "curves")
-                items = [file[reference] if reference else None for reference in np.ravel(item[()])]
-                arrays = all(isinstance(cell, h5py.Dataset) for cell in items)
-                require(arrays, f"a cell of {name} refers to no array", "matlab.cells")
-                check_sizes(items)
-                variables[name] = [_real_numbers(cell).ravel(order="F") for cell in items]
-            elif item.dtype.kind in _REAL:
-                variables[name] = _real_numbers(item)
-    return variables, all_names
+            visited.add(place)
+            self._attributes(path, group)
+            for name in group:
+                inner = f"{path}/{as_text(name)}".lstrip("/")
+                try:
+                    item = local_item(group, name)
+                except InputError:
+                    self.found[inner] = _ELSEWHERE
+                    continue
+                if isinstance(item, h5py.Group) and inner not in _HELD:
+                    waiting.append((inner, item))
+                elif isinstance(item, h5py.Dataset):
+                    self._dataset(inner, item, is_element=group.attrs.get("MATLAB_class") == b"struct")
+                elif item is None:
+                    self.found[inner] = Other("a link to nothing")
+                limits.check(len(self.found) + len(waiting), limits.SAMPLES // 100, "groups and datasets")
+
+    def _attributes(self, path: str, item: Any) -> None:
+        """Add the attributes of a group or a dataset, but those that libraries and MATLAB write for themselves."""
+        for name in item.attrs:
+            text = as_text(name)
+            if not text.startswith(_INTERNAL):
+                about = item.attrs.get_id(name)
+                single = about.dtype.kind in _REAL and prod(about.shape or ()) == 1
+                value = np.asarray(item.attrs[name], dtype=np.float64).reshape(1) if single else None
+                self.found[f"{path}@{text}"] = (
+                    Other("no number") if value is None else Numbers((1,), partial(np.array, value))
+                )
+
+    def _dataset(self, path: str, item: Any, *, is_element: bool = False, depth: int = 0) -> None:
+        """Add a dataset, the columns of one, its cells, or with `is_element` the same field of each of many structs."""
+        self._attributes(path, item)
+        if h5py.check_ref_dtype(item.dtype) is None:
+            for name in [""] if depth else item.dtype.names or [""]:
+                self.found[f"{path}/{name}" if name else path] = self._leaf(item, name)
+        elif item.shape is None or item.size > limits.CURVES or depth > 3:
+            self.found[path] = Other(f"too many references: {item.shape}", "limits.curves")
+        elif is_element and "MATLAB_class" not in item.attrs:
+            folder, _, name = path.rpartition("/")
+            for k, reference in enumerate(np.ravel(item[()]), 1):
+                self._referred(f"{folder}({k})/{name}", reference, depth)
+        else:
+            walk = copy(self)
+            walk.found = {}
+            for k, reference in enumerate(np.ravel(item[()]), 1):
+                walk._referred(f"{path}{{{k}}}", reference, depth)
+            self.found |= cells_of(path, walk.found)
+
+    def _referred(self, path: str, reference: Any, depth: int) -> None:
+        """Add what a reference of MATLAB names: an array, or a struct."""
+        item = self.file[reference] if reference else None
+        if isinstance(item, h5py.Dataset):
+            self._dataset(path, item, depth=depth + 1)
+        elif isinstance(item, h5py.Group) and item.attrs.get("MATLAB_class") == b"struct":
+            for name in item:
+                if isinstance(field := local_item(item, name), h5py.Dataset):
+                    self._dataset(f"{path}/{as_text(name)}", field, depth=depth + 1)
+        else:
+            self.found[path] = Other("a reference to no array", "matlab.cells")
+
+    def _leaf(self, item: Any, column: str) -> Leaf:
+        """Return the array of a dataset, or of its column, which is not read yet."""
+        kind, attributes = item.dtype[column] if column else item.dtype, item.attrs
+        if item.shape is None:
+            return Other("without a shape: it holds nothing", "limits.no_shape")
+        empty = np.asarray(attributes.get("MATLAB_empty", 0))
+        if empty.dtype.kind in _REAL and empty.any():
+            return Numbers((0,), lambda: np.empty(0))
+        if "MATLAB_object_decode" in attributes:
+            return Other("an object: of a table or timetable T save table2struct(T, 'ToScalar', true)")
+        if kind.kind not in _REAL or attributes.get("MATLAB_class") == b"char":
+            return Other(
+                "complex numbers: save real(...) of it" if kind.kind == "c" else "no array of numbers: save it as one"
+            )
+        unit = np.asarray(attributes.get("units", attributes.get("unit", "")))
+        text = unit.item() if unit.size == 1 else ""
+        return Numbers(
+            item.shape[::-1], partial(self._read, item, column), as_text(text) if isinstance(text, str | bytes) else ""
+        )
+
+    def _read(self, item: Any, column: str) -> Floats:
+        check_sizes([item], self.numbers_read)
+        self.numbers_read += item.size
+        return np.asarray(item[column] if column else item[()], dtype=np.float64).T
 
 
-def _real_numbers(item: Any) -> Floats:
-    """Return the numbers of a dataset; none if it is an empty array of MATLAB, or holds anything but real numbers."""
-    empty = np.asarray(item.attrs.get("MATLAB_empty", 0))
-    no_numbers = item.dtype.kind not in _REAL or (empty.dtype.kind in _REAL and empty.any())
-    return np.empty(0) if no_numbers else np.asarray(item[()], dtype=np.float64).T
-
-
-def check_sizes(items: Iterable[Any]) -> None:
-    """Check datasets before they are read. Raises InputError: they declare more samples in all, or in a chunk, than the
-    limit allows; or they have no shape, or take their numbers from other files."""
-    total = 0
+def check_sizes(items: Iterable[Any], total: int = 0) -> None:
+    """Check datasets before they are read. Raises InputError: they declare more samples, with `total` others or in a
+    chunk, than the limit allows; or they have no shape, or take their numbers from other files."""
     for item in items:
-        name = as_text(item.name)
+        name = as_text(item.name or "a dataset")
         require(item.shape is not None, f"{name} has no shape: it holds nothing", "limits.no_shape")
         elsewhere = f"{name} takes its numbers from another file; copy them into this one"
         require(not (item.external or item.is_virtual), elsewhere, "limits.elsewhere")
@@ -126,8 +155,11 @@ def as_text(name: str | bytes) -> str:
 
 
 def local_item(group: Any, name: str | bytes) -> Any:
-    """Return group[name], or None if it does not exist. Raises InputError: it is a link to another file."""
+    """Return group[name], or None if it does not exist. Raises InputError: it is in another file, whatever links lead
+    there."""
     links, key = group.id.links, name if isinstance(name, bytes) else name.encode()  # get(getlink=True) needs UTF-8
     link = links.exists(key) and links.get_info(key).type == h5py.h5l.TYPE_EXTERNAL
-    require(not link, f"{as_text(name)} is a link to another file; copy them into this one", "limits.elsewhere")
-    return group.get(name)
+    item = None if link else group.get(name)
+    elsewhere = link or (item is not None and h5py.h5o.get_info(item.id).fileno != h5py.h5o.get_info(group.id).fileno)
+    require(not elsewhere, f"{as_text(name)} is in another file; copy it into this one", "limits.elsewhere")
+    return item

@@ -16,6 +16,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, parse_number_list, require, sha256
 from cavirheo.io.curves import SCALE_TOLERANCE
 from cavirheo.io.files import file_label, guarded
+from cavirheo.io.named_arrays import Camera
 from cavirheo.io.tables import Name, Term, Vocabulary, kind_of, read_columns
 from cavirheo.parameters import RADIUS
 from cavirheo.video.frames import is_video
@@ -91,7 +92,7 @@ def read_curves(
         with path.open("rb") as file:
             head = file.read(1024)
         require(len(head) > 0, f"the file is empty; {_EXPECTED}", "reading.empty")
-        curves = _read(head, path, density, pressure, frame_rate_hz)
+        curves = _read(head, path, density, pressure, Camera(frame_rate_hz, um_per_px))
         require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
         origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": sha256(path)}
         labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
@@ -100,18 +101,20 @@ def read_curves(
         return [with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
 
 
-def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
+def _read(head: bytes, path: Path, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read the curves of a file that begins with the bytes `head`."""
-    from cavirheo.io import curves, matlab
+    from cavirheo.io import curves, matlab, named_arrays
 
-    if variables := matlab.read_variables(path, matlab.VARIABLES):
-        return matlab.curves(*variables, density, pressure)
+    with matlab.opened(path) as arrays:
+        if arrays is not None:
+            return named_arrays.curves(arrays, camera, density, pressure)
     if head.startswith(matlab.HDF5):
         from cavirheo.io import hdf5
 
-        return hdf5.read(path)
+        with hdf5.opened(path) as arrays:
+            return named_arrays.curves(arrays, camera, density, pressure, si=True)
     require(kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
-    return curves.read(path, density, pressure, frame_rate)
+    return curves.read(path, density, pressure, camera.frame_rate)
 
 
 def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:

@@ -16,7 +16,7 @@ from cavirheo.video.measurement import measure as measure_frames
 
 
 def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:
-    """Measure R(t) in a recording: .mp4, .avi, .mkv, .mov, .tif, .cine, .mraw + .cihx, or a folder of images.
+    """Measure R(t) in a recording: .mp4, .avi, .mkv, .mov, .tif, .cine, .mraw + .cihx or .cih, or a folder of images.
 
     Args:
         path: the recording.
@@ -79,7 +79,11 @@ def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -
     or ""). unscaled: the file is known to state no scale."""
     rate = "missing: type the rate of the camera; the file states only how fast it is played"
     scale = "missing: type how many micrometres a pixel shows"
-    errors = ["" if ending in CAMERA_ENDINGS else rate, scale if unscaled or ending not in STACK_ENDINGS else "", ""]
+    errors = [
+        "" if ending in (*CAMERA_ENDINGS, *STACK_ENDINGS) else rate,
+        scale if unscaled or ending not in STACK_ENDINGS else "",
+        "",
+    ]
     values: list[float | None] = [None, None, None]
     for k, (text, field) in enumerate(zip(texts, Camera._fields, strict=True)):
         try:

@@ -7,7 +7,7 @@ The solver gets a driving as a table (physics/table.py) of pressure over time.
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
+from dataclasses import KW_ONLY, InitVar, dataclass, field, fields, replace
 from math import exp, inf, pi, sqrt
 from typing import Any, Protocol
 
@@ -117,6 +117,9 @@ ZHU2025 = Medium(998.2, 1484.0, 0.07, name="zhu2025")
 """pIMR, runIMR."""
 YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")
 """IMRv2, doi:10.1016/j.eml.2020.100839."""
+
+CONSTANTS: dict[str, PlausibleRange] = {one.name: one.metadata["plausible"] for one in fields(Medium) if one.metadata}
+"""The plausible range and the unit of each constant of a medium."""
 
 MEDIA: dict[str, Medium] = {m.name: m for m in (WATER, BU2026, ESTRADA2018, ZHU2025, YANG2020)}
 """The media by name."""

@@ -108,7 +108,7 @@ class WhichLaw(options.MeasuredFiles):
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing import document
 
-        files, liquid, out, figures = run.files(self.files), self.liquid, self.out, self.figure_kinds
+        files, out, figures = run.files(self.files), self.out, self.figure_kinds
         materials = [name.strip() for name in self.laws.split(",") if name.strip()]
         candidates = models(materials, self.bubbles or (REAL,))
         Options(window=self.window, stretch=self.stretch)
@@ -118,7 +118,12 @@ class WhichLaw(options.MeasuredFiles):
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = self.read_curves(run, files)
             reporting.outputs(out, curves, figures)
-            keywords: dict[str, Any] = {"medium": liquid, "window": self.window, "trust_input": self.trust_input}
+            keywords: dict[str, Any] = {
+                "medium": self.liquid,
+                "given": self.given,
+                "window": self.window,
+                "trust_input": self.trust_input,
+            }
             keywords |= {"stretch": self.stretch, "seed": self.seed, "discrepancy": not self.exact_law}
             analyses = plans(candidates, **keywords)
             by_law = {law: dict(unfinished.answers(curves, plan).numbered()) for law, plan in analyses.items()}

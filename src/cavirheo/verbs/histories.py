@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cavirheo.physics.laws import Material
     from cavirheo.physics.simulate import Simulation
 
-_VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx); a folder of images"
+_VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx or .cih); a folder of images"
 DRIVING = "Driving"
 _FRAMES_FILE, _FIELDS_FILE = "simulation.csv", "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "

@@ -140,7 +140,7 @@ _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation i
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; "
 _BUBBLE += "auto: the evidence chooses"
-_MEDIUM = "named constants: water, bu2026, estrada2018, ..."
+_MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 _PICTURES = "draw pictures; --no-pictures is faster"
 _INFER_STRETCH = "R_max/R_0; free: without the prior that a file states  [default: with it]"
@@ -179,7 +179,7 @@ class Liquid:
     """Options for the constants of the medium around the bubble."""
 
     trust_input: TrustInput = False
-    medium: Annotated[str, option(_MEDIUM, autocompletion=medium_names)] = "water"
+    medium: Annotated[str | None, option(_MEDIUM, autocompletion=medium_names)] = None
     density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
     sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
     surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
@@ -191,7 +191,14 @@ class Liquid:
         """The medium of the options. Raises InputError: no such medium, or an impossible constant."""
         from cavirheo.physics.media import Medium, medium
 
-        return medium(self.medium, unusual=self.trust_input, **shared_values(self, Medium))
+        return medium(self.medium or "water", unusual=self.trust_input, **shared_values(self, Medium))
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the constants that the options give; with --medium, of all."""
+        from cavirheo.physics.media import CONSTANTS
+
+        return tuple(name for name in CONSTANTS if self.medium or getattr(self, name, None) is not None)
 
 
 @dataclass(kw_only=True)

@@ -5,13 +5,16 @@ The frame rate of a video container is for playback and is never taken as the ca
 
 from __future__ import annotations
 
+import logging
 import re
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import islice
+from math import prod
 from os.path import isdir  # also works for names that no file can have
 from pathlib import Path
 from typing import Any
@@ -29,11 +32,12 @@ Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
 MOVIE_ENDINGS = (".mp4", ".avi", ".mkv", ".mov", ".gif", ".webm")
 STACK_ENDINGS = (".tif", ".tiff")
 IMAGE_ENDINGS = (".png", ".bmp", ".jpg", ".jpeg", ".pgm")  # a folder of them is a recording
-PIXELS_ENDING, HEADER_ENDING = ".mraw", ".cihx"  # the two files of one film, in one folder
-CAMERA_ENDINGS = (".cine", PIXELS_ENDING, HEADER_ENDING)
+PIXELS_ENDING, HEADER_ENDINGS = ".mraw", (".cihx", ".cih")  # the two files of one film, in one folder
+CAMERA_ENDINGS = (".cine", PIXELS_ENDING, *HEADER_ENDINGS)
 ENDINGS = frozenset((*MOVIE_ENDINGS, *STACK_ENDINGS, *CAMERA_ENDINGS))
 LARGEST_SIZE = 2_500_000_000  # bytes of all frames in memory
 _LARGEST_HEADER = 50_000_000  # most bytes of a camera's header
+_LONGEST_STEP = 100.0  # median steps; a longer one is a wrong time stamp
 _STAMP_TOLERANCE = 0.1  # of a frame interval; time stamps this close to even spacing are made evenly spaced
 _GREY_TOLERANCE = 12  # of 255 levels; after compression the channels of a grey picture differ by up to this
 _COLOUR_NOTE = "a colour recording: its brightness is measured"
@@ -41,7 +45,11 @@ _FFMPEG = {  # without playlists, which would open other files
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
     "protocol_whitelist": "file",
 }
-_UM_PER_UNIT = {"micron": 1.0, "um": 1.0, "µm": 1.0, "\\u00B5m": 1.0, "mm": 1e3, "cm": 1e4, "nm": 1e-3}  # in um
+_UM_PER_UNIT = {"um": 1.0, "nm": 1e-3, "mm": 1e3, "cm": 1e4, "inch": 25_400.0}
+_UM_PER_UNIT |= dict.fromkeys(("micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres"), 1.0)
+_S_PER_UNIT = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "usec": 1e-6, "ns": 1e-9}
+_COARSEST = 20.0  # um; where a unit of print, inch or cm, gives larger pixels, the resolution is for printing
+_SLOWEST = 500.0  # frames per second; below it is how fast a stack is played
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +93,7 @@ def read(path: Path) -> Footage:
 def _reader(path: Path) -> Callable[[Path], Footage]:
     if path.is_dir():
         return _read_folder
-    if (ending := path.suffix.lower()) in (PIXELS_ENDING, HEADER_ENDING):
+    if (ending := path.suffix.lower()) in (PIXELS_ENDING, *HEADER_ENDINGS):
         return _read_mraw
     with path.open("rb") as file:
         head = file.read(4)
@@ -105,7 +113,7 @@ def _read_movie(path: Path) -> Footage:
     import av
 
     av.logging.set_level(av.logging.PANIC)
-    notes, warnings, damaged, stated = list[str](), list[Message](), list[bool](), 0.0
+    notes, warnings, damaged, stamps, stated = list[str](), list[Message](), list[bool](), list[int](), 0.0
 
     def decoded() -> Iterator[Pixels]:
         nonlocal stated
@@ -123,6 +131,7 @@ def _read_movie(path: Path) -> Footage:
                             notes.append(_COLOUR_NOTE)
                     image = frame.to_ndarray(format="gray16le" if deep else "gray")
                     damaged.append(bool(frame.is_corrupt))
+                    stamps.append(frame.pts or 0)
                     yield image
         except av.error.FFmpegError as error:
             require(bool(damaged), f"no frame of a video can be decoded ({error.strerror})", "video.undecodable")
@@ -131,6 +140,9 @@ def _read_movie(path: Path) -> Footage:
     frames = _join_frames(decoded())
     if not warnings and len(damaged) < stated:
         warnings.append(_cut_short_warning(len(damaged), stated, "about "))
+    steps = np.diff(stamps)
+    if len(steps) and np.max(steps) > 1.9 * np.median(steps) + 1.0:
+        warnings.append(Message("check_input.frames_uneven", {"steps": int(np.sum(steps > 1.9 * np.median(steps)))}))
     bad = np.array(damaged, bool)
     notes += [f"{bad.sum()} damaged frames are left out"] if bad.any() else []
     return Footage(frames, damaged=bad, notes=tuple(notes), warnings=tuple(warnings))
@@ -169,14 +181,16 @@ def _read_stack(path: Path) -> Footage:
     require_library("tifffile")
     from tifffile import TiffFile
 
+    logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what is wrong is said once, by the error
     with TiffFile(path) as file:
         pages, first = len(file.pages), file.pages[0]
         _check_size(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
         imagej = file.imagej_metadata or {}
-        # ImageJ stores the length of a pixel; the resolution in other files is for printing
-        per, tag = _UM_PER_UNIT.get(str(imagej.get("unit", ""))), first.tags.get("XResolution")  # type: ignore[union-attr]
-        scale = per * tag.value[1] / tag.value[0] if per and tag and tag.value[0] else None
-        notes = [f"{scale:.4g} um per pixel, as ImageJ stored it"] if scale else []
+        scale, rate, notes = _stated_by_stack(file, first, imagej)
+        axes = list[tuple[str, int]]()
+        with suppress(Exception):  # tifffile raises nearly anything for a damaged description
+            shape = zip(file.series[0].axes, file.series[0].shape, strict=True)
+            axes = [(axis, size) for axis, size in shape if axis not in "YXS"]
         notes += [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
         try:
             readable_whole = imagej.get("images", 1) > pages
@@ -184,7 +198,59 @@ def _read_stack(path: Path) -> Footage:
         except (ValueError, ImportError):  # a compression that needs another library
             images = _join_frames(_pillow_images(path))
     images = images.reshape(-1, *images.shape[-2:])
-    return Footage(_unsigned(images), um_per_px=scale, notes=tuple(notes))
+    sizes = [size for _, size in axes]
+    if sum(size > 1 for size in sizes) > 1 and prod(sizes) == len(images):  # the longest axis, or times, are frames
+        frames = max(range(len(axes)), key=lambda k: (axes[k][0] == "T" and sizes[k] > 1, sizes[k]))
+        images = images.reshape(*sizes, *images.shape[1:])[
+            tuple(slice(None) if k == frames else 0 for k in range(len(axes)))
+        ]
+        left = ", ".join(f"{size} of {axis}" for k, (axis, size) in enumerate(axes) if k != frames and size > 1)
+        notes.append(
+            f"frames along the axis {axes[frames][0]}; the first of {left} (C: channels, Z: depths) is measured"
+        )
+    return Footage(_unsigned(images), frame_rate=rate, um_per_px=scale, notes=tuple(notes))
+
+
+def _stated_by_stack(file: Any, first: Any, imagej: Mapping[str, Any]) -> tuple[float | None, float | None, list[str]]:
+    """Return (um per pixel, frames per second, notes) as OME's or ImageJ's description states them, else the tags."""
+    pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels") if file.ome_metadata else None
+    tag, unit_tag = first.tags.get("XResolution"), first.tags.get("ResolutionUnit")
+    per_unit = tag.value[0] / tag.value[1] if tag and tag.value[1] else 0.0
+    size, interval = (1.0 / per_unit if per_unit else 0.0), _positive(imagej.get("finterval"))
+    size_unit = imagej.get("unit") or {2: "inch", 3: "cm"}.get(unit_tag.value if unit_tag else 0, "")
+    interval_unit, who = imagej.get("tunit") or "s", "ImageJ" if imagej else "the tags of the file"
+    if not interval and (fps := _positive(imagej.get("fps"))):
+        interval = 1.0 / fps
+    if pixels is not None:
+        size, interval = (_positive(pixels.get(name)) for name in ("PhysicalSizeX", "TimeIncrement"))
+        size_unit, interval_unit = pixels.get("PhysicalSizeXUnit") or "um", pixels.get("TimeIncrementUnit") or "s"
+        who = "OME"
+    scale = size * _UM_PER_UNIT.get(_plain(size_unit), 0.0)
+    rate = 1.0 / interval / _S_PER_UNIT.get(_plain(interval_unit), np.inf) if interval > 0.0 else 0.0
+    notes = []
+    if scale > _COARSEST and _plain(size_unit) in ("inch", "cm"):
+        notes.append(f"the resolution, {1 / size:.4g} per {size_unit}, is for printing and not used")
+        scale = 0.0
+    elif size and not scale and _plain(size_unit) not in ("", "pixel", "pixels"):
+        notes.append(f"the length of a pixel, {size:.4g} {size_unit}, is not used: give --um-per-px")
+    if 0.0 < rate < _SLOWEST:
+        notes.append(f"{rate:.4g} frames per second are how fast the stack is played, and not used")
+        rate = 0.0
+    notes += [f"{scale:.4g} um per pixel, as {who} stored it"] if scale else []
+    notes += [f"{rate:.6g} frames per second, as {who} stored it"] if rate else []
+    return scale or None, rate or None, notes
+
+
+def _positive(text: object) -> float:
+    """Return a positive number; 0 for anything else."""
+    with suppress(TypeError, ValueError):
+        return max(float(text), 0.0)  # type: ignore[arg-type]
+    return 0.0
+
+
+def _plain(unit: str) -> str:
+    """Return a unit in plain letters, as ImageJ and OME write it: µ in two ways, or escaped."""
+    return re.sub("\\\\u00b5|[µμ]", "u", unit.strip().lower())
 
 
 def _pillow_images(path: Path, count: int | None = None) -> Iterator[Pixels]:
@@ -269,16 +335,22 @@ def _read_cine(path: Path) -> Footage:
     if len(blocks.get(1002, b"")) >= 8 * n and n > 1:
         parts, seconds = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64).T
         time = (seconds - seconds[0]) + (parts - parts[0]) / 2**32
-        if np.all(np.diff(time) > 0):
-            stamped = (n - 1) / max(float(time[-1]), 1e-12)
-            if np.all(np.abs(time * stamped - np.arange(n)) < _STAMP_TOLERANCE):  # stamps are rounded, often to 1 us
+        steps = np.diff(time)
+        right = (steps > 0) & (steps < _LONGEST_STEP * np.median(steps))
+        if np.mean(right) > 0.5:
+            stamped = 1.0 / float(np.mean(steps[right]))
+            even = np.abs(time * stamped - np.arange(n)) < _STAMP_TOLERANCE  # stamps are rounded, often to 1 us
+            if not right.all():
+                wrong = {"steps": int(np.sum(~right)), "frames": n, "rate": stamped}
+                warnings.append(Message("check_input.time_stamps", wrong))
+            if even.all() or not right.all():
                 time = np.arange(n) / stamped
             notes.append(f"{stamped:.6g} frames per second by the time stamps of the .cine file")
             if rate and abs(stamped / rate - 1.0) > 0.01:
                 warnings.append(Message("check_input.camera_clock", {"header": rate, "stamps": stamped}))
         else:
             time = None
-            warnings.append(Message("check_input.time_stamps"))
+            warnings.append(Message("check_input.time_stamps", {"steps": n - 1, "frames": n, "rate": rate}))
     if len(blocks.get(1003, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
     metadata: dict[str, Any] = {"notes": tuple(notes), "warnings": tuple(warnings)}
@@ -290,22 +362,20 @@ def _cut_short_warning(frames: int, stated: float, precision: str = "") -> Messa
 
 
 def _read_mraw(path: Path) -> Footage:
-    """Read a Photron film: raw pixels, described by a .cihx file (XML) of the same name."""
-    header, raw = path.with_suffix(HEADER_ENDING), path.with_suffix(PIXELS_ENDING)
+    """Read a Photron film: raw pixels, described by a file of the same name, .cihx (XML) or .cih (lines)."""
+    headers = [path] if path.suffix.lower() in HEADER_ENDINGS else [path.with_suffix(one) for one in HEADER_ENDINGS]
+    header, raw = next((one for one in headers if one.is_file()), headers[0]), path.with_suffix(PIXELS_ENDING)
     for each in (header, raw):
         require(each.is_file(), f"{each.name} is missing beside it: pixels and header are two files", "video.mraw_pair")
-    text = read_bytes(header, _LARGEST_HEADER)
-    require(b"<cih>" in text, f"{header.name} is no Photron header", "video.cihx")
-    tree = ElementTree.fromstring(text[text.index(b"<cih>") : text.rindex(b"</cih>") + 6])
+    values = _photron_values(header)
 
     def number(place: str) -> int:
-        text = tree.findtext(place)
-        require(bool(text) and str(text).isdigit(), f"{header.name} lacks {place}", "video.cihx")
-        return int(text or 0)
+        text = values.get(place, "")
+        require(text.isdecimal(), f"{header.name} lacks {place}", "video.cihx")
+        return int(text)
 
-    width, height = (number(f"imageDataInfo/resolution/{side}") for side in ("width", "height"))
-    bits, stated = number("imageDataInfo/colorInfo/bit"), number("frameInfo/totalFrame")
-    kind = tree.findtext("imageDataInfo/colorInfo/type") or ""
+    width, height, bits, stated = map(number, ("Image Width", "Image Height", "Color Bit", "Total Frame"))
+    kind = values.get("Color Type", "")
     fine = bits in (8, 12, 16) and kind in ("Mono", "Raw", "")
     require(fine, f"{bits} bits of kind {kind!r}; expected grey pixels of 8, 12 or 16 bits", "video.mraw_bits")
     size = width * height
@@ -319,6 +389,32 @@ def _read_mraw(path: Path) -> Footage:
         content = np.stack([a << 4 | b >> 4, (b & 15) << 8 | c], axis=1)
     frames = (content.view("<u2") if bits == 16 else content).reshape(-1, height, width)
     short = (_cut_short_warning(n, stated),) if n < stated else ()
-    rate, shutter = number("recordInfo/recordRate"), number("recordInfo/shutterSpeedNsec")
-    notes = (f"{rate} frames per second and an exposure of {shutter / 1e3:g} us by the camera's header",)
-    return Footage(frames, None, float(rate) or None, shutter * 1e-9 or None, notes=notes, warnings=short)
+    rate, shutter = number("Record Rate(fps)"), number("Shutter Type2(nsec)")
+    step = max(int(values.get("Save Step", "").strip() or 1), 1)
+    notes = [f"{rate} frames per second and an exposure of {shutter / 1e3:g} us by the camera's header"]
+    notes += [f"every {step}th frame was saved: {rate / step:.6g} per second"] if step > 1 else []
+    time = step * np.arange(n) / rate if step > 1 and rate else None
+    return Footage(frames, time, float(rate) or None, shutter * 1e-9 or None, notes=tuple(notes), warnings=short)
+
+
+_PHOTRON = {  # places in a .cihx file, by the keys of a .cih file
+    "Image Width": "imageDataInfo/resolution/width",
+    "Image Height": "imageDataInfo/resolution/height",
+    "Color Bit": "imageDataInfo/colorInfo/bit",
+    "Color Type": "imageDataInfo/colorInfo/type",
+    "Total Frame": "frameInfo/totalFrame",
+    "Save Step": "frameInfo/skipFrame",
+    "Record Rate(fps)": "recordInfo/recordRate",
+    "Shutter Type2(nsec)": "recordInfo/shutterSpeedNsec",
+}
+
+
+def _photron_values(header: Path) -> dict[str, str]:
+    """Return the values of a Photron header by the keys of a .cih file. Raises InputError: it is none."""
+    content = read_bytes(header, _LARGEST_HEADER)
+    if content.startswith(b"#Camera Information Header"):
+        pairs = (line.partition(" : ") for line in content.decode("latin-1").partition("\n\n")[0].splitlines())
+        return {key.strip(): value.strip() for key, _, value in pairs}
+    require(b"<cih>" in content, f"{header.name} is no Photron header", "video.cihx")
+    tree = ElementTree.fromstring(content[content.index(b"<cih>") : content.rindex(b"</cih>") + 6])
+    return {key: (tree.findtext(place) or "").strip() for key, place in _PHOTRON.items()}

@@ -164,14 +164,15 @@ def measure(
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
     whole = frames.read(path)
-    camera_rate = whole.frame_rate, "the camera's header"
+    metadata = "the camera's header" if path.suffix.lower() in frames.CAMERA_ENDINGS else "the metadata of the file"
+    camera_rate = whole.frame_rate, metadata
     if whole.time is not None:
         camera_rate = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"
     warnings, numbers = [*whole.warnings], list[StatedNumber]()
     for quantity, stated, value, origin in (
         ("frames per second", frame_rate, *camera_rate),
-        ("seconds of exposure", exposure, whole.exposure, "the camera's header"),
-        ("um per pixel", um_per_px, whole.um_per_px, "the resolution stored by ImageJ"),
+        ("seconds of exposure", exposure, whole.exposure, metadata),
+        ("um per pixel", um_per_px, whole.um_per_px, metadata),
     ):
         if stated and value and abs(stated / value - 1.0) > _TOLERANCE:
             differ = {"given": stated, "what": quantity, "origin": origin, "value": value}

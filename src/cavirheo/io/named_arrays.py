@@ -1,0 +1,420 @@
+"""Recognise radius histories among named arrays: the variables of a .mat file, or the datasets of an HDF5 file.
+
+| names | content |
+|---|---|
+| R_nondim_All, t_nondim_All, RmaxList m, lambda_max_mean | BDT: cells of R/R_max and t/(R_max sqrt(rho/p)) |
+| shift_normRnew, Rmax um, t s | R/R_max over common frame times, one shot per row |
+| times and radii, named like columns of tables (`Rnew`, `t_us`, `R_exp`) | a shot, or one per row, cell or number |
+| deltat s, deltax m; fps, um_per_px | replace times; scale radii in pixels |
+| rho, Pinf, c, gamma, T; R_eq, lambda_max | constants of the medium, SI; radius at rest, stretch |
+| pIMR_array | collapse times, no radius histories: refused with advice |
+
+A folder (a group, a struct) may be a shot; what is stated outside the shots counts for each. What is not used is named
+in a note.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, require
+from cavirheo.io.curves import CURVES, RADIUS_UNITS, check_units, make_curve, unusable_curve
+from cavirheo.io.tables import TIME_UNITS, Term, Vocabulary, unit_of
+from cavirheo.messages import Message
+from cavirheo.parameters import FRAME_RATE
+from cavirheo.physics.media import CONSTANTS
+
+_CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
+_LARGEST_RADIUS = 0.01  # m, largest radius of a bubble
+_LONGEST_TIME = 0.1  # s, of a recording
+_LISTED = 12  # most names in a note
+_EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)$", re.I)
+_STATED = Vocabulary(
+    {
+        "density": Term("rho density rho0 rhoinf rhol", {"kgm3": 1.0, "kgm-3": 1.0, "gcm3": 1e3}),
+        "pressure": Term("pinf pressure pambient patm", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5}),
+        "sound_speed": Term("c cinf soundspeed speedofsound clong", {"ms": 1.0, "ms-1": 1.0}),
+        "surface_tension": Term("gamma sigma surfacetension", {"Nm": 1.0, "Nm-1": 1.0, "mNm": 1e-3}),
+        "temperature": Term("t tinf temperature tambient", {"K": 1.0}),
+        "radius at rest": Term("req rinf requilibrium equilibriumradius restradius", RADIUS_UNITS),
+        "stretch": Term("stretch lambda lambdamax lambdamaxmean"),
+        "stretch_std": Term("stretchstd lambdastd lambdamaxstd"),
+        "frame rate": Term("fps framerate framespersecond", {"Hz": 1.0}),
+        "frame interval": Term("deltat dt frameinterval", TIME_UNITS),
+        "pixel": Term("deltax", RADIUS_UNITS),
+        "um per pixel": Term("umperpx umperpixel micronsperpixel micronperpixel"),
+    },
+    "",
+    (),
+)
+_RANGES: dict[str, tuple[float, float]] = {name: one[:2] for name, one in CONSTANTS.items()}
+_RANGES |= {
+    "density": (0.0, np.inf),
+    "pressure": (0.0, np.inf),
+    "surface_tension": (1e-3, 1.0),
+    "stretch": (1.0, 100.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """An array of real numbers that is not read yet. unit: its attribute, or ""."""
+
+    shape: tuple[int, ...]
+    read: Callable[[], Floats]
+    unit: str = ""
+
+    @property
+    def size(self) -> int:
+        return prod(self.shape)
+
+
+class Other(NamedTuple):
+    """What holds no real numbers. code: of the error where it should be times or radii."""
+
+    what: str
+    code: str = "matlab.variables"
+
+
+Leaf = Any  # Numbers, Other, or a list of them, the cells of an array
+Arrays = Mapping[str, Leaf]  # by their paths: radius, group/radius, structs(2)/R, group@attribute
+
+
+class Camera(NamedTuple):
+    """What the user gives: frames per second, and um per pixel."""
+
+    frame_rate: float | None = None
+    um_per_px: float | None = None
+
+
+class _Series(NamedTuple):
+    """An array of times or radii. rank: IMR's Rnew is 0, an experiment's R_exp 1, any other 2."""
+
+    path: str
+    kind: str
+    number: str
+    unit: str | None
+    rank: int
+    leaf: Leaf
+
+
+class _Stated(NamedTuple):
+    """A number and the array that states it; in SI, but a radius at rest without a unit is as the radii are."""
+
+    path: str
+    value: float
+    unit: str = ""
+
+
+def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, si: bool = False) -> list[RadiusCurve]:
+    """Build the curves. si: times and radii without a unit are in s and m; else their sizes tell. density and pressure
+    make seconds of BDT's times. Raises InputError: no radius history, or two in a folder."""
+    if arrays.keys() >= {*_CELL_ARRAYS}:
+        return _bdt(arrays, density, pressure)
+    if arrays.keys() >= {"shift_normRnew", "Rmax", "t"}:
+        return _shifted(arrays)
+    folders: dict[str, list[_Series]] = {}
+    for one in filter(None, map(_series, arrays, arrays.values())):
+        folders.setdefault(folder_of(one.path), []).append(one)
+    kinds = {folder: {one.kind for one in members} for folder, members in folders.items()}
+    with_radii = [folder for folder in folders if kinds[folder] & {"radius", "diameter"}]
+    shots = [folder for folder in with_radii if "time" in kinds[folder]] or with_radii
+    if not shots:
+        raise _no_history(arrays, si)
+    inside: dict[str, list[str]] = {folder: [] for folder in ["", *shots]}  # "": outside all others
+    for path in arrays:
+        folder = folder_of(path)
+        while folder not in inside:
+            folder = folder_of(folder)
+        inside[folder].append(path)
+    outside = {one.path for one in folders.get("", [])} if "" in shots else set()
+    found = []
+    for folder in shots:
+        around = [path for path in inside[""] if path not in outside] if folder else []
+        paths, members = inside[folder] + around, folders[folder]
+        numbered = {one.number: one.path for one in members if one.kind in ("radius", "diameter")}
+        for number in [""] if "" in numbered else sorted(numbered, key=int):
+            others = {one.path for one in members if number and one.number not in ("", number)}
+            mine = [one for one in members if one.path not in others]
+            label = numbered[number] if number else folder
+            found += _shot(arrays, [path for path in paths if path not in others], mine, label, camera, si)
+    return found
+
+
+def cells_of(path: str, leaves: Arrays) -> dict[str, Leaf]:
+    """Return the cells of an array, `leaves` by their paths, as one leaf; but the fields of structs as they are."""
+    if any("}/" in one for one in leaves):
+        return dict(leaves)
+    return {path: [Other("cells within cells") if isinstance(leaf, list) else leaf for leaf in leaves.values()]}
+
+
+def folder_of(path: str) -> str:
+    """Return the folder of an array, an attribute or a folder; "" is the outermost one."""
+    return path[: max(path.rfind("/"), path.rfind("@"), 0)]
+
+
+def _series(path: str, leaf: Leaf) -> _Series | None:
+    """Return what an array is, if it may be times or radii: several numbers, cells of them, or what cannot be read."""
+    plain = re.split("[/@]", path)[-1]
+    word = _EXPERIMENT.sub("", plain)
+    kind, unit, number = CURVES.name("radius" if word.lower() == "roft" else word)
+    several = any(map(_several, leaf)) if isinstance(leaf, list) else _several(leaf)
+    if "@" in path or not several or kind not in ("time", "radius", "diameter", "radius_std"):
+        return None
+    attribute = leaf.unit if isinstance(leaf, Numbers) else ""
+    unit = unit or unit_of(attribute, CURVES.terms["time"].units) or attribute or None
+    return _Series(path, kind, number, unit, 0 if plain == "Rnew" else 1 if word != plain else 2, leaf)
+
+
+def _several(leaf: Leaf) -> bool:
+    return isinstance(leaf, Other) or leaf.size > 2
+
+
+def _no_history(arrays: Arrays, si: bool) -> InputError:
+    if "pIMR_array" in arrays:
+        message = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): there is no "
+        message += "curve in it to infer from; use cavirheo collapse-time"
+        return InputError(message, "matlab.collapse_times")
+    names = [f"{path} ({leaf.what})" if isinstance(leaf, Other) else path for path, leaf in arrays.items()]
+    if si:
+        expected = (
+            "expected datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
+        )
+        return InputError(f"no group holds a radius history; found: {_listed(names)}; {expected}", "hdf5.datasets")
+    expected = "expected Rnew and t (IMR), or R_nondim_All, t_nondim_All and RmaxList (BDT); in MATLAB: "
+    expected += "save('shot.mat', 'Rnew', 't') with Rnew in m and t in s"
+    return InputError(f"no radius history; variables found: {_listed(names)}; {expected}", "matlab.variables")
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return (", ".join(names[:_LISTED]) or "none") + more
+
+
+def _pick(members: Iterable[_Series], kind: str) -> _Series | None:
+    """Return the array of a kind with a number before one without, then with the lowest rank. Raises InputError: there
+    are two, or it has no real numbers."""
+    found = sorted((one for one in members if one.kind == kind), key=lambda one: (not one.number, one.rank))
+    if not found:
+        return None
+    best, *others = found
+    equal = [one.path for one in others if (not one.number, one.rank) == (not best.number, best.rank)]
+    twice = f"two arrays for {kind}: {best.path} and {', '.join(equal)}; keep the one that counts"
+    require(not equal, twice, "hdf5.twice")
+    if isinstance(best.leaf, Other):
+        raise InputError(f"{best.path} is {best.leaf.what}", best.leaf.code)
+    return best
+
+
+def _read_stated(arrays: Arrays, paths: Iterable[str]) -> dict[str, _Stated]:
+    """Return what single numbers state, by quantity; the first of each that is possible."""
+    found: dict[str, _Stated] = {}
+    for path in paths:
+        leaf, (kind, unit, _) = arrays[path], _STATED.name(re.split("[/@]", path)[-1])
+        if not kind or kind in found or not isinstance(leaf, Numbers) or leaf.size != 1:
+            continue
+        units = _STATED.terms[kind].units or {"": 1.0}
+        unit = unit or unit_of(leaf.unit, units) or leaf.unit
+        value = float(leaf.read().ravel()[0]) * (units.get(unit, np.nan) if unit else 1.0)
+        low, high = _RANGES.get(kind, (0.0, np.inf))
+        if 0.0 < value < np.inf and low <= value <= high:
+            found[kind] = _Stated(path, value, unit)
+    return found
+
+
+def _shot(
+    arrays: Arrays, paths: Sequence[str], members: Sequence[_Series], label: str, camera: Camera, si: bool
+) -> list[RadiusCurve]:
+    """Return the curves of the times and radii among `members`. paths: of all that is in the shot or around it."""
+    radius, time, std = (_pick(members, kind) for kind in ("radius", "time", "radius_std"))
+    diameter = None if radius else _pick(members, "diameter")
+    radius = radius or diameter
+    assert radius is not None  # it makes the folder a shot
+    stated, notes, factor = _read_stated(arrays, paths), list[str](), 0.5 if diameter else 1.0
+    notes += ["diameters halved"] if diameter else []
+    used = {one.path for one in (radius, time, std) if one}
+    scale, interval = _scale(stated, camera), _interval(stated, camera)
+    pairs = _histories(radius, time, interval.value if interval else np.nan)
+    largest = max(float(np.nanmax(r, initial=0.0)) for _, r in pairs)
+    plain = si or radius.rank == 0  # in s and m if the numbers allow it
+    unit = radius.unit or ("m" if plain and largest < _LARGEST_RADIUS else None)
+    in_pixels = unit == "px" or (unit is None and largest > 1.0 and (time is None or scale is not None))
+    missing = ["--fps 1e6 (in Python frame_rate_hz=1e6)"] if time is None and interval is None else []
+    missing += ["--um-per-px 3.2 (um_per_px=3.2)"] if in_pixels and time is None and scale is None else []
+    lacks = f"{radius.path} has no times" + (" and no unit" if len(missing) > 1 else "")
+    require(not missing, f"{lacks}: give {' and '.join(missing)}", "table.frame_rate")
+    hints: tuple[str, ...] = ()
+    if in_pixels and scale:
+        hints = (f"radii in pixels: scaled by {scale.path} = {1e6 * scale.value:.5g} um",)
+        notes += hints
+        factor, unit = factor * scale.value, "m"
+        used.add(scale.path)
+    if time is None and interval:
+        notes.append(f"frame times from {interval.path}: {1e6 * interval.value:.6g} us between frames")
+        used.add(interval.path)
+    longest = max(float(np.ptp(t)) if t.size else 0.0 for t, _ in pairs)
+    time_unit = time.unit or ("s" if plain and longest < _LONGEST_TIME else None) if time else "s"
+    check_units(f"the group {label or '/'}", time_unit, unit, (std.unit or unit) if std else None)
+    meta = _meta(stated)
+    used |= {stated[name].path for name in (*meta.get("medium", ()), *meta) if name in stated}
+    notes += meta.pop("notes")
+    made = []
+    for k, (t, r) in enumerate(pairs, 1):
+        deviation = std.leaf.read().ravel() * factor if std and len(pairs) == 1 else None
+        about = {**meta, "notes": notes, "hints": hints} | (
+            {"label": f"{label}[{k}]" if pairs[1:] else label} if label else {}
+        )
+        curve = make_curve(t, factor * r, deviation, time_unit, unit, about)
+        rest = stated.get("radius at rest")
+        if rest and not curve.stretch:
+            per_number = float(np.nanmax(curve.radius, initial=0.0)) / max(float(np.nanmax(r, initial=0.0)), 1e-300)
+            with suppress(InputError):  # no scale, or no maximum
+                stretch = curve.max_radius / (rest.value * (1.0 if rest.unit else per_number))
+                if 1.0 < stretch < 100.0:
+                    note = f"the file states the stretch {stretch:.4g}: R_max over {rest.path}"
+                    curve, used = curve.labelled(stretch=stretch).with_notes(note), used | {rest.path}
+        made.append(curve.with_notes(*_left_out(path for path in paths if path not in used)))
+    return made
+
+
+def _meta(stated: Mapping[str, _Stated]) -> dict[str, Any]:
+    """Return the `meta` of a curve with what is stated of medium and stretch, and its notes."""
+    medium = {name: one.value for name, one in stated.items() if name in CONSTANTS}
+    meta: dict[str, Any] = {name: stated[name].value for name in ("stretch", "stretch_std") if name in stated}
+    units = {name: constant.unit for name, constant in CONSTANTS.items()} | dict.fromkeys(meta, "")
+    words = ((name, f"{stated[name].value:.6g} {unit}".strip()) for name, unit in units.items() if name in stated)
+    notes = [f"the file states the {name.replace('_', ' ')}: {stated[name].path} = {value}" for name, value in words]
+    return meta | ({"medium": medium} if medium else {}) | {"notes": notes}
+
+
+def _left_out(paths: Iterable[str]) -> list[str]:
+    """Return a note, in a list, on arrays that are not used, if there are any."""
+    names = list(paths)
+    return [f"not used: {_listed(names)}"] if names else []
+
+
+def _interval(stated: Mapping[str, _Stated], camera: Camera) -> _Stated | None:
+    """Return the time between frames, s: of the user, else of the file."""
+    if camera.frame_rate:
+        FRAME_RATE.check("the frame rate", camera.frame_rate, "table.frame_rate")
+        return _Stated("the frame rate that is given", 1.0 / camera.frame_rate)
+    rate = stated.get("frame rate")
+    return stated.get("frame interval") or (_Stated(rate.path, 1.0 / rate.value) if rate else None)
+
+
+def _scale(stated: Mapping[str, _Stated], camera: Camera) -> _Stated | None:
+    """Return the size of a pixel, m: of the user, else of the file."""
+    if camera.um_per_px:
+        return _Stated("the um per pixel that are given", 1e-6 * camera.um_per_px)
+    um = stated.get("um per pixel")
+    return stated.get("pixel") or (_Stated(um.path, 1e-6 * um.value) if um else None)
+
+
+def _histories(radius: _Series, time: _Series | None, interval: float) -> list[tuple[Floats, Floats]]:
+    """Return (times, radii) of each shot: the cells, or the rows (columns) of a matrix as long as the times; without
+    times by the interval between frames. Raises InputError: cells that do not match."""
+    if isinstance(radius.leaf, list) or (time and isinstance(time.leaf, list)):
+        radii, times = ([one.leaf] if isinstance(one.leaf, Numbers) else one.leaf for one in (radius, time or radius))
+        times = times * len(radii) if len(times) == 1 else times
+        sizes = [
+            (t.size, r.size)
+            for t, r in zip(times, radii, strict=False)
+            if isinstance(t, Numbers) and isinstance(r, Numbers)
+        ]
+        fits = len(sizes) == len(radii) == len(times) and all(one == other for one, other in sizes)
+        message = (
+            f"{radius.path} and {time.path if time else ''} are cells that do not match; expected as many times as "
+        )
+        require(fits, f"{message}radii in each, or arrays of numbers, as cell2mat makes them", "matlab.cells")
+        read = [r.read().ravel() for r in radii]
+        return [
+            (t.read().ravel() if time else interval * np.arange(r.size), r) for t, r in zip(times, read, strict=True)
+        ]
+    r = radius.leaf.read()
+    if r.ndim != 2 or min(r.shape) <= 1:
+        r = r.reshape(1, -1)
+    t = time.leaf.read() if time else interval * np.arange(max(r.shape))
+    if min(t.shape) > 1 and t.shape == r.shape:  # the times of each shot
+        r, t = (r, t) if (np.diff(t, axis=1) > 0).all() else (r.T, t.T)
+        return list(zip(t, r, strict=True))
+    return [(t.ravel(), shot) for shot in (r if r.shape[1] == t.size else r.T if r.shape[0] == t.size else r)]
+
+
+def _bdt(arrays: Arrays, density: float, pressure: float) -> list[RadiusCurve]:
+    radii, times = ([leaf] if isinstance(leaf, Numbers) else leaf for leaf in (arrays[name] for name in _CELL_ARRAYS))
+    lists = isinstance(radii, list) and isinstance(times, list)
+    fine = lists and all(not isinstance(leaf, Other) or leaf.code != "matlab.cells" for leaf in [*radii, *times])
+    require(fine, "R_nondim_All and t_nondim_All are no cells of arrays", "matlab.cells")
+    count, stated = len(radii), _read_stated(arrays, arrays)
+    require(count == len(times), f"R_nondim_All has {count} cells but t_nondim_All {len(times)}", "matlab.cells")
+    require(count > 0, "R_nondim_All has no cells: no curve", "matlab.cells")
+    pressure, density = (
+        stated[name].value if name in stated else given
+        for name, given in (("pressure", pressure), ("density", density))
+    )
+    meta, list_of_maxima = _meta(stated), arrays.get("RmaxList")
+    max_radii = list_of_maxima.read().ravel() if isinstance(list_of_maxima, Numbers) else np.empty(0)
+    used = {
+        *_CELL_ARRAYS,
+        "RmaxList",
+        *(stated[name].path for name in (*meta.get("medium", ()), *meta) if name in stated),
+    }
+    notes = [*meta.pop("notes"), *_left_out(path for path in arrays if path not in used)]
+    per_radius = float(np.sqrt(density / pressure))  # s/m: seconds per metre of R_max and unit of t*
+
+    def curve(k: int, radius: Floats, time: Floats) -> RadiusCurve:
+        cell, max_radius = f"cell {k + 1} of {count}", float(max_radii[k]) if k < len(max_radii) else np.nan
+        fields: dict[str, Any] = {"stated_time_of_max": 0.0}
+        if radius.size == 0 or time.size == 0:
+            return unusable_curve(f"{cell} is empty", meta, **fields)
+        si: dict[str, Any] = {"time_unit": "s", "radius_unit": "m"} | fields
+        if not len(max_radii):  # the user's R_max will scale both time and radius
+            reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
+            unscaled = make_curve(time * per_radius, radius, meta=meta, time_unscaled=True, unscaled=reason, **si)
+            return unscaled.labelled(notes=(*notes, reason))
+        if not max_radius > 0:
+            return unusable_curve(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", meta, **fields)
+        scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
+        with_notes = {**meta, "notes": (f"seconds from t* with {scale}", *notes)}
+        scaled = make_curve(time * (max_radius * per_radius), radius * max_radius, meta=with_notes, **si)
+        return scaled.labelled(warnings=(*scaled.warnings, *_density_warning(scaled.frame_rate, density)))
+
+    def numbers(leaf: Leaf) -> Floats:
+        return leaf.read().ravel(order="F") if isinstance(leaf, Numbers) else np.empty(0)
+
+    return [curve(k, numbers(r), numbers(t)) for k, (r, t) in enumerate(zip(radii, times, strict=True))]
+
+
+def _density_warning(rate: float | None, density: float) -> list[Message]:
+    """Return a warning if the density seems wrong: the rate is slightly off a round one, at which cameras run."""
+    if rate is None:
+        return []
+    rounds = np.array([1.0, 2.0, 5.0])[:, None] * 10.0 ** np.arange(4, 8)
+    nearest = float(rounds.flat[np.argmin(np.abs(np.log(rounds / rate)))])
+    if not 5e-3 < abs(rate / nearest - 1.0) < 0.035:
+        return []
+    meant = density * (rate / nearest) ** 2
+    return [Message("check_input.density", {"density": density, "rate": rate, "usual": nearest, "meant": meant})]
+
+
+def _shifted(arrays: Arrays) -> list[RadiusCurve]:
+    """Read rows of R/R_max over the frame times t; shift_normTnew = t/(R_max sqrt(rho/p)), rho = 1060, is not used."""
+    names = ("shift_normRnew", "Rmax", "t")
+    numbers = all(isinstance(arrays[name], Numbers) for name in names)
+    require(numbers, f"{', '.join(names)} are no arrays of numbers", "matlab.variables")
+    normal, largest, time = (arrays[name].read() for name in names)
+    fits = normal.ndim == 2 and len(normal) == largest.size
+    require(fits, f"Rmax has {largest.size} values but shift_normRnew the shape {normal.shape}")
+    note = "R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew"
+    meta = {"notes": (note, *_left_out(path for path in arrays if path not in names))}
+    radii = normal * largest.reshape(-1, 1)
+    return [make_curve(time.ravel(), row, time_unit="s", meta=meta) for row in radii]
