@@ -287,6 +287,12 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "misfit.systematic": ("the simulation differs from the frames by more than noise explains", _systematic),
     # the interval
     "bound": (_bound_title, _bound),
+    "traded": (
+        lambda name: f"{parameter_of(name).symbol} is only bounded: it trades against a parameter at its end",
+        lambda name, other, bound, **_: (
+            f": {parameter_of(other).symbol}, of whose larger or smaller values nothing is known"
+        ),
+    ),
     "prior_end": (_prior_end, ""),
     "interval.distrusted": ("the interval is not to be trusted and left out", _distrusted),
     "interval.of_network": "the interval is the network's own: it is not verified by simulations",

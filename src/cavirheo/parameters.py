@@ -68,7 +68,7 @@ RADIUS = PlausibleRange(1e-8, 0.05, 2.5e-4, "m", {"um": (1e-6, 0.0), "mm": (1e-3
 INTERVAL = PlausibleRange(1e-12, 2e-3, 1e-6, "s", _SECONDS)  # between frames
 FRAME_RATE = PlausibleRange(500.0, 1e10, 1e6, "frames per second", {"kHz": (1e3, 0.0), "MHz": (1e6, 0.0)})
 DURATION = PlausibleRange(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
-STRETCH_RANGE = (1.2, 16.0)  # searched range of R_max/R_0
+STRETCH_RANGE = (1.05, 40.0)  # searched range of R_max/R_0
 
 
 PARAMETERS: dict[str, Parameter] = {
@@ -148,8 +148,9 @@ def is_law_parameter(name: str) -> bool:
 def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None:
     """What an interval tells if it reaches an end of a range, in the same scale: that end is due to the range, not to
     the curve. None: the interval lies within the range."""
+    low, high = max(low, ends[0]), max(high, ends[0])  # a value of exactly 0 lies at the lower end
     room = END_SHARE * (high - low)
-    below, above = low - ends[0] < room, ends[1] - high < room
+    below, above = low - ends[0] <= room, ends[1] - high <= room
     return "undetermined" if below and above else "upper" if below else "lower" if above else None
 
 

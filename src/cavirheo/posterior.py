@@ -216,6 +216,7 @@ class Posterior:
             deviation) if normal; parameters with an unknown prior are missing.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
         laws: for an average over laws, the answer of each law in it, by its name.
+        traded: bounds of parameters that trade against another one, which is at the end of its range, by natural name.
         switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening", "field_bubble".
     """
 
@@ -241,6 +242,7 @@ class Posterior:
     stretch_prior: tuple[float, float] | None = None
     laws: Mapping[str, Posterior] = field(default_factory=dict)
     switches: Mapping[str, float] = field(default_factory=dict)
+    traded: Mapping[str, Bound] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
@@ -297,8 +299,10 @@ class Posterior:
         low, high = weighted_quantile(values, [0.05, 0.95], self.log_weight).tolist()
         if prior_name in self.prior:
             least, largest, *_ = self.prior[prior_name]
-            return bound_of(to_prior_scale(prior_name, low), to_prior_scale(prior_name, high), (least, largest))
-        return searched_bound(name, low, high)
+            own = bound_of(to_prior_scale(prior_name, low), to_prior_scale(prior_name, high), (least, largest))
+        else:
+            own = searched_bound(name, low, high)
+        return own or self.traded.get(name)
 
     def quantity(self, name: str) -> Quantity:
         """Median, interval and bound in natural units; empty if the answer failed. Raises InputError: as `draws`."""

@@ -16,8 +16,8 @@ from cavirheo.inference.sample import EMULATED, climb, effective_size
 from cavirheo.inference.weigh import ENOUGH, Weighed, posterior
 from cavirheo.messages import Message
 from cavirheo.parallel import run_jobs
-from cavirheo.parameters import CAMERA, units
-from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict
+from cavirheo.parameters import CAMERA, Bound, bound_of, units
+from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
 from cavirheo.prior import Prior
 
 REPLICATES = 2000  # of the predictive check
@@ -25,6 +25,10 @@ REJECTED = 0.01  # probability under a right law at which the predictive check r
 LARGE_MISFIT = 0.03  # misfit over R_max beyond noise that rejects the law
 SEEN_MISFIT = 5e-4  # a misfit over R_max that is smaller is not stated
 PRIOR_END = 2.3  # a nuisance so far from the middle of its prior has 1 % of it beyond
+OPEN_ENDS: dict[str, Bound] = {"stretch": "lower", "accommodation": "upper", "confinement_damping": "lower"}
+"""Ends of nuisances beyond which there is physics: a larger stretch, a smaller accommodation, a larger damping."""
+TRADED = 0.3  # correlation of a parameter with a nuisance at its end, above which it is only bounded
+FEWEST = 10  # draws that tell a correlation
 SCALED = 0.002  # relative change of R_max, for the slope of G
 
 
@@ -82,6 +86,13 @@ def sampled_answer(
         limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
         chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
         messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
+    traded = trades(prior, x, weighed.log_weight, shot.family.parameters)
+    if traded:
+        verdict = "undetermined" if verdict == "ok" else verdict
+        messages += [
+            Message(f"traded.{name}", {"name": name, "other": other, "bound": bound})
+            for name, (other, bound) in traded.items()
+        ]
     pulled = _pulled(shot, prior, at)
     messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
     messages += shot.messages
@@ -109,7 +120,7 @@ def sampled_answer(
         checks=shot.checks(x[best], verdict, messages), log_weight=weighed.log_weight if len(theta) > 1 else None,
         best=values, stretch=values["stretch"], evidence=Evidence(weighed.log_evidence, weighed.error),
         diagnostics=diagnostics, medium=shot.medium, prior=shot.law_prior(prior), stretch_prior=shot.stretch_prior,
-        switches=switches,
+        switches=switches, traded={name: bound for name, (_, bound) in traded.items()},
     )  # fmt: skip
 
 
@@ -142,6 +153,30 @@ def _switches(prior: Prior, x: Floats, weight: Floats) -> dict[str, float]:
         if name == "accommodation" and infinite:
             probabilities["field_bubble"] = float(weight @ np.isposinf(columns[name]))
     return probabilities
+
+
+def trades(prior: Prior, x: Floats, log_weight: Floats, law: Sequence[str]) -> dict[str, tuple[str, Bound]]:
+    """The parameters of a law that trade against a nuisance at an end of its range, with this nuisance and the bound
+    that is left: a value on the side to which the nuisance would move it is not excluded."""
+    columns = dict(zip(prior.names, x.T, strict=True))
+    found: dict[str, tuple[str, Bound]] = {}
+    for other, open_end in OPEN_ENDS.items():
+        if other not in columns or len(x) < 2:
+            continue
+        low, high = prior.bounds(other)
+        ends = weighted_quantile(columns[other], [0.05, 0.95], log_weight).tolist()
+        if bound_of(min(ends[0], high), min(ends[1], high), (low, high)) != open_end:
+            continue
+        outwards = 1.0 if open_end == "lower" else -1.0
+        for name in law:
+            good = np.isfinite(columns[name]) & np.isfinite(columns[other]) & np.isfinite(log_weight)
+            if np.count_nonzero(good) < FEWEST:
+                continue
+            pair = np.cov(columns[name][good], columns[other][good], aweights=relative_weights(log_weight[good]))
+            correlation = pair[0, 1] / np.sqrt(pair[0, 0] * pair[1, 1] + 1e-300)
+            if abs(correlation) > TRADED:
+                found[name] = other, "lower" if outwards * correlation > 0.0 else "upper"
+    return found
 
 
 def _pulled(shot: Experiment, prior: Prior, x: Floats) -> dict[str, str]:
