@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, relative_weights
 from cavirheo.inference.emulator import emulator, outside
@@ -53,6 +54,12 @@ class Target:
         frames = [self.shot.emulated(self.prior.to_x(part), emulator(), scale) for part in parts]
         return self.measured - np.concatenate(frames)
 
+    def groups(self, u: Floats) -> NDArray[np.int64]:
+        """(k,) 1 for the field's bubble, else 0, at u (k, d)."""
+        if "accommodation" not in self.prior.names:
+            return np.zeros(len(u), dtype=np.int64)
+        return np.isposinf(self.prior.to_x(u)[:, self.prior.names.index("accommodation")]).astype(np.int64)
+
     def jacobian(self, u: Floats) -> Floats:
         """(n, d) derivatives of the frames at u (d,)."""
         step = 1e-3
@@ -72,7 +79,7 @@ def sampled_answer(
     bubbles can be simulated."""
     target, noise = Target(shot, workers), shot.noise(discrepancy)
     prior, budget = target.prior, SIMULATED if target.unknown else EMULATED
-    weighed = posterior(target.quick, target.simulated, noise, len(prior.names), seed, budget)
+    weighed = posterior(target.quick, target.simulated, noise, len(prior.names), seed, budget, target.groups)
     x = prior.to_x(weighed.u)
     best = int(np.argmax(weighed.log_posterior))
     residual = weighed.residuals[best]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
     EMULATED,
+    NEVER,
     Budget,
     Density,
     Draws,
@@ -26,20 +29,20 @@ from cavirheo.inference.sample import (
 from cavirheo.prior import log_normal
 
 CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
-WEIGHED = 128  # draws that are simulated at a time
+NEAR_MAXIMUM, REACH = 6, 30.0  # simulations about the maximum of a group, if it is not so far below the best
+REJECTED = 12.0  # log evidence by which a group is too unlikely to be drawn from
+LEAST_WEIGHED = 24  # draws of a group at least
+WEIGHED = 150  # draws that are simulated at a time
 ENOUGH = 100.0  # effective draws of an answer
 MOST = 1800  # simulations of an answer
 
 
-Correction = Callable[[Floats], Floats]  # of residuals (k, n), or of one (n,), at u (k, d)
-Part = tuple[Floats, Floats, Floats, Floats, float, float]  # the first four fields of `Weighed`, evidence and error
+Correction = Callable[[Floats], Floats]  # of residuals (k, n) or (n,), at u (k, d)
+Groups = Callable[[Floats], NDArray[np.int64]]  # (k,) at u (k, d)
 
 
-@dataclass(frozen=True, eq=False)
-class Weighed:
-    """Draws u (k, d) that were simulated, their residuals (k, n), and log weights (k,) and evidence.
-
-    share: effective part of the draws. emulator_error: (before, after) the correction, RMS over R_max."""
+class Part(NamedTuple):
+    """Some draws, as in `Weighed`, and how many of them are effective."""
 
     u: Floats
     residuals: Floats
@@ -47,73 +50,191 @@ class Weighed:
     log_weight: Floats
     log_evidence: float
     error: float
-    share: float
+    effective: float
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Draws that were simulated.
+
+    Attributes:
+        u: (k, d) places, in random order in each group.
+        residuals: (k, n) of the simulations there.
+        log_posterior: (k,) by these.
+        log_weight: (k,) whose exponentials sum to 1.
+        log_evidence, error: of the whole, and its standard error.
+        emulator_error: RMS over R_max of the quick frames, before and after their correction.
+        evaluations: number of quick frames.
+    """
+
+    u: Floats
+    residuals: Floats
+    log_posterior: Floats
+    log_weight: Floats
+    log_evidence: float
+    error: float
     emulator_error: tuple[float, float]
-    evaluations: int
+    evaluations: int = 0
+
+    @property
+    def share(self) -> float:
+        """Effective part of the draws."""
+        return effective_size(self.log_weight) / len(self.u)
 
 
 def posterior(
-    emulated: Frames, simulated: Frames, noise: Noise, dimension: int, seed: int, budget: Budget = EMULATED
+    quick: Frames,
+    simulated: Frames,
+    noise: Noise,
+    dimension: int,
+    seed: int,
+    budget: Budget = EMULATED,
+    groups: Groups = lambda u: np.zeros(len(u), dtype=np.int64),
 ) -> Weighed:
-    """The posterior of u (d,): scan, climb and sample by the emulator, then weigh by simulations. emulated, simulated:
-    residuals (k, n) at u (k, d), NaN where there is no bubble."""
-    streams = iter(np.random.SeedSequence(seed).spawn(8))
-    rng = np.random.default_rng(next(streams))
-    count = [0]
+    """The posterior of u (d,): scan, climb and sample by a quick source of frames, then weigh by simulations.
+
+    quick, simulated: residuals (k, n) at u (k, d), NaN where there is no bubble. groups: (k,) of u (k, d): where the
+    physics jumps. Each group is sampled and corrected by itself, and counts by its evidence from simulations."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    evaluations = [0]
 
     def counted(u: Floats) -> Floats:
-        count[0] += len(u)
-        return emulated(u)
+        evaluations[0] += len(u)
+        return quick(u)
 
-    maxima = climb(counted, noise, scan(counted, noise, dimension, budget, rng), budget)
+    u, value, curvature = climb(counted, noise, scan(counted, noise, dimension, budget, rng), budget)
+    of, runs = groups(u), list[Group]()
+    for g in np.unique(of):
+        if np.max(value[of == g]) > np.max(value) - REACH:
+            maxima = u[of == g], value[of == g], curvature[of == g]
+            runs.append(Group(counted, simulated, noise, maxima, partial(_is_in, groups, int(g)), budget, rng))
+    first = max(run.expected for run in runs)
+    runs = sorted((run for run in runs if run.expected > first - REJECTED), key=lambda run: -run.expected)
+    found: list[Weighed] = []
+    for run in runs:
+        best = max((other.log_evidence for other in found), default=-np.inf)
+        found.append(run.weigh(float(np.exp(min(run.estimate() - best, 0.0)))))
+    return joined(found, evaluations[0])
 
-    def density(correct: Correction) -> Density:
-        return lambda u: noise.log_density(counted(u) + correct(u)) + log_normal(u)
 
-    target = density(lambda u: np.zeros(1))
-    u, value = settle(target, about(*maxima), budget, rng)
-    draws, u, _ = sample(target, u, value, replace(budget, rounds=1), rng)
-    first = spread(draws, CORRECTING, rng)
-    exact = simulated(draws.u[first])
-    difference = exact - counted(draws.u[first])
-    good = np.isfinite(difference).all(axis=1)
-    shift = difference[good].mean(axis=0)
-    errors = float(np.sqrt(np.mean(difference[good] ** 2))), float(np.sqrt(np.mean((difference[good] - shift) ** 2)))
-    known = [(draws.u[first][good], difference[good])]
+def _is_in(groups: Groups, group: int, u: Floats) -> NDArray[np.bool_]:
+    return np.asarray(groups(u) == group)
 
-    def mean_shift(u: Floats) -> Floats:
-        return np.asarray(shift)
 
-    correction: Correction = mean_shift
-    parts: list[Part] = []
-    total = CORRECTING
-    while True:
-        target = density(correction)
-        draws, u, _ = sample(target, u, np.maximum(target(u), -1e9), budget, rng, settling=2)
-        chosen = spread(draws, WEIGHED, rng)
-        at = draws.u[chosen]
-        residuals = simulated(at)
-        total += len(at)
-        log_posterior = noise.log_density(residuals) + log_normal(at)
-        log_weight = log_posterior - draws.log_density[chosen]
-        parts.append((at, residuals, log_posterior, log_weight, draws.log_evidence, draws.error))
-        effective = sum(effective_size(part[3]) for part in parts)
-        if effective >= ENOUGH or total + WEIGHED > MOST:
-            break
+class Group:
+    """The posterior in one group of places. expected: log of Laplace's integral about its highest maximum, corrected by
+    simulations there."""
+
+    def __init__(
+        self,
+        quick: Frames,
+        simulated: Frames,
+        noise: Noise,
+        maxima: tuple[Floats, Floats, Floats],
+        inside: Callable[[Floats], NDArray[np.bool_]],
+        budget: Budget,
+        rng: np.random.Generator,
+    ) -> None:
+        self.noise, self.maxima, self.inside, self.budget, self.rng = noise, maxima, inside, budget, rng
+        self.known = Known(quick, simulated)
+        u, value, curvature = maxima
+        best = int(np.argmax(value))
+        root = np.linalg.cholesky(np.linalg.inv(curvature[best]))
+        near = u[best] + 0.7 * rng.standard_normal((NEAR_MAXIMUM, u.shape[1])) @ root.T
+        near = np.concatenate([u[best : best + 1], near[inside(near)]])
+        self.errors = self.known.add(near), 0.0
+        heights = self.target()(near)
+        self.expected = float(np.max(heights) + np.sum(np.log(np.diag(root))))
+
+    def target(self) -> Density:
+        """The log posterior by corrected quick frames; -inf outside the group."""
+        known, noise, correction, inside = self.known, self.noise, self.known.correction(), self.inside
+
+        def log_posterior(u: Floats) -> Floats:
+            log_density = noise.log_density(known.quick(u) + correction(u)) + log_normal(u)
+            return np.where(inside(u), log_density, -np.inf)
+
+        return log_posterior
+
+    def estimate(self) -> float:
+        """The log evidence by quick frames, of walkers that have settled; their correction is that of likely places."""
+        target = self.target()
+        u, value = settle(target, about(*self.maxima), self.budget, self.rng)
+        draws, self.u, _ = sample(target, u, value, replace(self.budget, rounds=2), self.rng)
+        self.known.add(draws.u[spread(draws, CORRECTING, self.rng)])
+        return draws.log_evidence
+
+    def weigh(self, share: float) -> Weighed:
+        """Draws that are simulated until they are worth ENOUGH times the share of this group in the answer."""
+        parts: list[Part] = []
+        wanted = int(np.clip(WEIGHED * share, LEAST_WEIGHED, WEIGHED))
+        while True:
+            target = self.target()
+            start = np.maximum(target(self.u), NEVER)
+            draws, self.u, _ = sample(target, self.u, start, self.budget, self.rng, settling=2)
+            at, count = np.unique(draws.u[spread(draws, wanted, self.rng)], axis=0, return_counts=True)
+            order = self.rng.permutation(len(at))
+            at, count = at[order], count[order]
+            log_quick, correction = target(at), self.known.correction()(at)
+            residuals = self.known.simulate(at)
+            self.errors = self.errors[0], self.known.rms(correction)
+            log_posterior = self.noise.log_density(residuals) + log_normal(at)
+            log_weight = np.log(count) + log_posterior - log_quick
+            log_mean = float(log_sum(log_weight) - np.log(np.sum(count)))
+            scatter = float(np.std(np.exp(log_weight - np.log(count) - log_mean)) / np.sqrt(np.sum(count)))
+            evidence = draws.log_evidence + log_mean, float(np.hypot(draws.error, scatter))
+            parts.append(Part(at, residuals, log_posterior, log_weight, *evidence, effective_size(log_weight)))
+            if sum(part.effective for part in parts) >= ENOUGH * wanted / WEIGHED or self.known.count + wanted > MOST:
+                return together(parts, self.errors)
+
+
+class Known:
+    """What simulations tell of the error of a quick source of frames. u (k, d), difference (k, n): simulated minus
+    quick residuals of those that succeeded. count: of all simulations."""
+
+    def __init__(self, quick: Frames, simulated: Frames) -> None:
+        self.quick, self.simulated, self.count = quick, simulated, 0
+        self.u: list[Floats] = []
+        self.difference: list[Floats] = []
+
+    def simulate(self, u: Floats) -> Floats:
+        """Simulated residuals (k, n) at u (k, d), which are then known."""
+        residuals = self.simulated(u)
+        self.count += len(u)
         good = np.isfinite(residuals).all(axis=1)
-        known.append((at[good], (residuals - counted(at))[good]))
-        correction = linear(*(np.concatenate(each) for each in zip(*known, strict=True)))
-    return joined(parts, errors, count[0])
+        self.u.append(u[good])
+        self.difference.append((residuals - self.quick(u))[good])
+        return residuals
+
+    def add(self, u: Floats) -> float:
+        """Simulate u (k, d); the RMS error there."""
+        self.simulate(u)
+        return self.rms(np.zeros(1))
+
+    def rms(self, correction: Floats) -> float:
+        """RMS error that a correction (k, n) or (1,) leaves at the last simulations; NaN if one of them failed."""
+        last = self.difference[-1]
+        fits = correction.ndim == 1 or len(correction) == len(last)
+        return float(np.sqrt(np.mean((last - correction) ** 2))) if last.size and fits else float("nan")
+
+    def correction(self) -> Correction:
+        """The error as a function of u."""
+        u, difference = np.concatenate(self.u), np.concatenate(self.difference)
+        if not len(u):
+            return lambda at: np.zeros((len(at), 1))
+        return linear(u, difference)
 
 
 def linear(u: Floats, difference: Floats) -> Correction:
-    """The difference (k, n) of simulated and emulated frames at u (k, d), as a linear function of u, by ridge
-    regression over the scatter of u."""
-    middle, mean = u.mean(axis=0), difference.mean(axis=0)
-    whiten = np.linalg.inv(np.linalg.cholesky(np.cov(u.T) + 1e-8 * np.eye(u.shape[1]))).T
+    """The difference (k, n) of simulated and quick frames at u (k, d): its mean, or, of enough, a linear function of u
+    by ridge regression over the scatter of u."""
+    middle, mean, d = u.mean(axis=0), difference.mean(axis=0), u.shape[1]
+    if len(u) < 4 * d:
+        return lambda at: mean
+    whiten = np.linalg.inv(np.linalg.cholesky(np.cov(u.T) + 1e-8 * np.eye(d))).T
     z = (u - middle) @ whiten
-    slope = np.linalg.solve(z.T @ z + 3.0 * np.eye(z.shape[1]), z.T @ (difference - mean))
-    return lambda u: mean + np.clip((u - middle) @ whiten, -4.0, 4.0) @ slope
+    slope = np.linalg.solve(z.T @ z + 3.0 * np.eye(d), z.T @ (difference - mean))
+    return lambda at: mean + np.clip((at - middle) @ whiten, -4.0, 4.0) @ slope
 
 
 def spread(draws: Draws, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
@@ -131,23 +252,31 @@ def spread(draws: Draws, count: int, rng: np.random.Generator) -> NDArray[np.int
     return rng.permutation(picked)[:count]
 
 
-def joined(
-    parts: list[tuple[Floats, Floats, Floats, Floats, float, float]], errors: tuple[float, float], evaluations: int
-) -> Weighed:
-    """The draws of all parts, each part with the share of its effective draws."""
-    sizes = np.array([effective_size(part[3]) for part in parts])
-    weights, evidences, spreads = [], [], []
-    for (_, _, _, log_weight, log_evidence, error), size in zip(parts, sizes, strict=True):
-        mean = log_sum(log_weight) - np.log(len(log_weight))
-        relative = np.exp(log_weight - mean)
-        weights.append(log_weight - log_sum(log_weight) + np.log(max(size, 1e-12)))
-        evidences.append(log_evidence + mean)
-        spreads.append(np.hypot(error, np.std(relative) / np.sqrt(len(relative))))
-    share = sizes / np.sum(sizes)
+def together(parts: Sequence[Part], errors: tuple[float, float]) -> Weighed:
+    """The draws of several parts of one group, each part with the share of its effective draws."""
+    sizes = np.array([part.effective for part in parts])
+    share = sizes / max(np.sum(sizes), 1e-300)
+    evidences = np.array([part.log_evidence for part in parts])
+    top = np.max(evidences)
+    logs = [
+        part.log_weight - log_sum(part.log_weight) + np.log(max(size, 1e-300))
+        for part, size in zip(parts, share, strict=True)
+    ]
     u, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    log_weight = np.concatenate(weights)
-    log_evidence = float(np.log(np.sum(share * np.exp(np.array(evidences) - max(evidences)))) + max(evidences))
-    error = float(np.sqrt(np.sum((share * np.array(spreads)) ** 2)))
-    return Weighed(
-        u, residuals, log_posterior, log_weight, log_evidence, error, float(np.sum(sizes) / len(u)), errors, evaluations
+    log_evidence = float(top + np.log(np.sum(share * np.exp(evidences - top))))
+    error = float(np.sqrt(np.sum((share * np.array([part.error for part in parts])) ** 2)))
+    return Weighed(u, residuals, log_posterior, np.concatenate(logs), log_evidence, error, errors)
+
+
+def joined(groups: Sequence[Weighed], evaluations: int) -> Weighed:
+    """The draws of all groups, each with the share of its evidence."""
+    evidences = np.array([group.log_evidence for group in groups])
+    whole = float(log_sum(evidences))
+    share = np.exp(evidences - whole)
+    u, residuals, log_posterior = (
+        np.concatenate([getattr(group, name) for group in groups]) for name in ("u", "residuals", "log_posterior")
     )
+    log_weight = np.concatenate([group.log_weight + log - whole for group, log in zip(groups, evidences, strict=True)])
+    error = float(np.sqrt(np.sum((share * np.array([group.error for group in groups])) ** 2)))
+    errors = groups[int(np.argmax(share))].emulator_error
+    return Weighed(u, residuals, log_posterior, log_weight, whole, error, errors, evaluations)
