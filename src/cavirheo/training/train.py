@@ -460,8 +460,8 @@ def export(
         network = load_network(recipe, run / "best.safetensors")
     with damaged_as_input_error(run / "test.npz"), np.load(run / "test.npz", allow_pickle=False) as test:
         inputs = test["inputs"][:MOST_COMPARED]
-    stream = BytesIO()
-    np.savez(stream, **arrays_of(network))  # type: ignore[arg-type]  numpy: "allow_pickle" is no name of an array
+    stream, arrays = BytesIO(), dict[str, Any](arrays_of(network))
+    np.savez(stream, **arrays)
     content = stream.getvalue()
     if len(content) > MAX_BYTES:
         message = f"the weights take {len(content) / 1e6:.1f} MB, and {MAX_BYTES / 1e6:g} MB are read: train fewer"
