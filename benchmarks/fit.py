@@ -19,13 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from cavirheo.inference.search import LeastSquares
 
 from cavirheo import NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
 from cavirheo.arrays import even_points
 from cavirheo.inference import fit
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.search import LeastSquares
 from cavirheo.io.shots import read_shots
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.media import WATER

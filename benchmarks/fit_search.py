@@ -17,13 +17,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from cavirheo.inference.search import LeastSquares
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
 from cavirheo.arrays import even_points
 from cavirheo.inference import fit
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.search import LeastSquares
 from cavirheo.physics.accuracy import PRECISE
 
 NOISE, CLOSE_G, CLOSE_MU = 1e-3, 0.01, 0.03

@@ -23,9 +23,8 @@ from distributed import Client, LocalCluster
 
 from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
-from cavirheo.training.dataset import SHARD, fill_files, generate, layout_of
+from cavirheo.training.dataset import SHARD, Columns, fill_files, generate, layout_of
 from cavirheo.training.recipe import read_recipe
-from cavirheo.training.recordings import Columns
 from cavirheo.workflow.cluster import BATCHES_PER_THREAD, Workers, batch_duration, identity
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"

@@ -6,7 +6,7 @@ Draws the parameters from the model's training prior and R_max uniformly from 60
 the maximum on, and reports the bias of each output in three terciles of R_max: for the network's answer scaled at equal
 Cauchy and Reynolds numbers, and for the default answer of `infer` with the same law. First it shows what is at stake
 without any network: curves of one R_max fitted (least squares in all parameters of the prior, at equal Ca and Re) as if
-they were of the model's reference R_max. NAME is a shipped model or an .onnx file.
+they were of the model's reference R_max. NAME is a shipped model or the folder of a run of `cavirheo train`.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from scipy.optimize import least_squares
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference import infer_many
-from cavirheo.inference.network_answer import scaled_values, shot_values
-from cavirheo.inference.posterior_network import network_of
+from cavirheo.inference.bdt import network_of, scaled_values, shot_values
 from cavirheo.parameters import LOG10, natural_name, to_prior_scale
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.materials import MATERIALS

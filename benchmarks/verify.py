@@ -15,10 +15,10 @@ import time
 from pathlib import Path
 
 import numpy as np
+from cavirheo.inference.verify import verify
 from fit import cases, sets_below
 
 from cavirheo.inference import fit
-from cavirheo.inference.verify import verify
 
 
 def main() -> None:

@@ -33,7 +33,7 @@ from validation.numbers import Number, Run
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = {"calibration": calibration.SETTINGS, "challenge": challenge.PARTS, "times": times.PARTS}
 CLAIMS = (
-    "solver", "calibration", "network", "video", "population", "design", "evidence", "challenge", "open_sets", "times"
+    "solver", "calibration", "video", "population", "design", "evidence", "challenge", "open_sets", "times"
 )  # fmt: skip
 
 

@@ -27,7 +27,7 @@ UNMEASURED = re.compile(  # what is measured only where it is named, or with a p
 )
 AT_BEGINNING = re.compile(r"^\s*(?:[-*>]|\d+\.)?\s*<!--[a-z_]+\.", re.MULTILINE)  # Markdown would end the paragraph
 
-HEAD = """# Ten claims
+HEAD = """# Nine claims
 `make validate` measures them again; they stand in [results.json](../validation/results.json).
 ± is the standard error over n cases.
 [Validation](validation.md) explains the tests, and says what was not reached.
@@ -61,7 +61,6 @@ CLAIMS = (
         "90 % intervals of `infer` that hold the truth of simulated shots of the real bubble; the law is one of four",
         both("four_laws.{}.90", ".0%", "%"),
     ),
-    Claim("network", "90 % intervals of the network alone, over its whole prior", both("{}.90", ".0%", "%")),
     Claim(
         "video",
         "Bias of radii in rendered recordings, largest of 12 kinds of scene; threshold and circle fit, median",

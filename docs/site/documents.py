@@ -12,18 +12,18 @@ from inspect import cleandoc
 from pkgutil import resolve_name
 from typing import Any
 
+from cavirheo.inference.verify import evidence
 from markup import prose, table
 from pydantic import BaseModel
 
 from cavirheo import loading, posterior
-from cavirheo.inference.model import ModelCard, PosteriorCard
-from cavirheo.inference.verify import evidence
+from cavirheo.inference.cards import EmulatorCard, ModelCard
 from cavirheo.physics import bubble, media
 from cavirheo.reporting.record import Result
 from cavirheo.writing.document import Document
 
 Schema = dict[str, Any]
-CARDS = (ModelCard, PosteriorCard)
+CARDS = (ModelCard, EmulatorCard)
 RESULT = "../reference/result.md"  # the page of `result`, from that of `formats`
 
 MISSING = "A key that is not always there may be missing in a document of an older version, or where it is empty."

@@ -84,6 +84,6 @@ def commands() -> Iterator[str]:
 
 def models() -> Iterator[str]:
     """The networks that come with the package, each with its card."""
-    yield "# Shipped networks\nEach network is an `.onnx` file; its card says what it was trained on and how.\n\n"
+    yield "# Shipped networks\nEach network is a file of arrays; its card says what it was trained on and how.\n\n"
     for card in sorted(MODELS.glob("*.json")):
         yield f"## {card.stem}\n```json\n{card.read_text('utf-8').strip()}\n```\n\n"

@@ -25,8 +25,7 @@ KINDS = {
     ),
     "measure": ("cavirheo.video.measurement.Measured", "cavirheo.video.measurement.print_table"),
     "design": ("cavirheo.companions.design.Design", "cavirheo.companions.design.print_table"),
-    "metrics": ("cavirheo.training.evaluate.Metrics", "cavirheo.training.evaluate.print_metrics"),
-    "training": ("cavirheo.training.evaluate.TrainingRun", "cavirheo.training.evaluate.print_run"),
+    "training": ("cavirheo.training.scores.TrainingRun", "cavirheo.training.scores.print_run"),
 }
 NAMES = tuple(f"{kind}.json" for kind in KINDS)
 

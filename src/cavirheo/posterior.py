@@ -199,7 +199,7 @@ class Posterior:
             failed one none.
         checks: results of comparing the simulated answer with the measurement.
         material: name of the law: "nhkv", "newtonian", ...
-        method: name of the method: "bdt", "amortised", "verified", "laplace", "least_squares".
+        method: name of the method: "bdt", "verified", "laplace", "least_squares".
         provenance: model, settings, versions and hash of the source, as a record for users.
         log_q: (draws,) log density of the proposal.
         log_weight: (draws,) log of importance weights.

@@ -105,7 +105,7 @@ def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
 
 
 def test_bad_settings_are_told_to_programs(client):
-    wrong = {"secret": {"model": "../../secret.onnx"}, "density": {"density": -3.0}, "helium": {"bubble": "helium"}}
+    wrong = {"secret": {"model": "../../secret.npz"}, "density": {"density": -3.0}, "helium": {"bubble": "helium"}}
     wrong["auto compares models.*: choose one law"] = {"verify": "none", "material": "auto"}
     for named, settings in wrong.items():
         with told(named):

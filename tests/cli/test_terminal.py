@@ -12,12 +12,12 @@ from rich.text import Text
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
-from cavirheo.inference.model import card, path_of
+from cavirheo.inference.cards import card, path_of
 from cavirheo.io import write_csv
 from cavirheo.posterior import WindowAnswer
 from cavirheo.reporting import laws, result, table, write_report
 from cavirheo.reporting.group import PublishedValue
-from cavirheo.training import dataset, evaluate
+from cavirheo.training import dataset, scores
 from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import as_json, write_json
@@ -109,7 +109,7 @@ def test_documents_of_others_cannot_abuse_the_terminal(run, tmp_path, capsys):
     (tmp_path / "evil.json").write_text(plain.replace(r"\\x1b", r"\u001b").replace(r"\\u202e", "\u202e"))
     score = {"r2": 1.0, "median_absolute_error": 0.0}
     trained = {"epochs": 1, "seconds": 1.0, "device": EVIL, "best_epoch": 1, "metrics": {EVIL: score}, "command": ""}
-    evaluate.print_run(evaluate.TrainingRun.model_construct(**trained))
+    scores.print_run(scores.TrainingRun.model_construct(**trained))
     terminal.console().print(Text(EVIL))
     texts = [capsys.readouterr().out, done(run("cite", "evil.json")), done(run("show", "evil.json"))]
     assert [(clean(text), r"gel\x1b" in text) for text in texts] == [(True, True)] * 3
@@ -149,30 +149,33 @@ def test_show_a_measurement_a_training_set_and_networks(run, tmp_path):
         write_csv(tmp_path / "shots" / f"{name}.csv", each)
     write_csv(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
     dataset.generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 4, tmp_path / "set", seed=3)
-    cards = {name: card(path_of(name)) for name in ("posterior", "bdt-viscoelastic", "bdt-viscous")}
+    cards = {name: card(path_of(name)) for name in ("emulator", "bdt-viscoelastic", "bdt-viscous")}
     for name, parts in (
         ("shot.csv", ("shot", "267", "131 of 160", "1000")),
         ("shots", ("2 measured curves", "one", "two")),
         ("pixels.csv", ("check input: pixels: ",)),
         ("set", ("4 of 4 curves", "seed 3", "log10_viscosity")),
-        *((name, (of["onnx"]["sha256"], of["date"], str(of["network"]["parameters"]))) for name, of in cards.items()),
+        *(
+            (name, (of["weights"]["sha256"], of["date"], str(of["network"]["parameters"])))
+            for name, of in cards.items()
+        ),
     ):
         out = done(run("show", name))
         assert [part for part in parts if part not in out] == []
         assert "NOT the file" not in out
-    optional = ("network", "loss_by_kind", "coverage", "made_with", "history", "versions", "license", "date")
-    for name in ("posterior", "bdt-viscous"):
+    optional = ("made_with", "history", "versions", "license", "date")
+    for name in ("emulator", "bdt-viscous"):
         about = {key: value for key, value in card(path_of(name)).items() if key not in optional}
         (tmp_path / f"{name}.json").write_text(json.dumps(about), encoding="utf-8")
-        (tmp_path / f"{name}.onnx").write_bytes(b"another file")
-        assert "NOT the file that its card describes" in done(run("show", f"{name}.onnx"))
+        (tmp_path / f"{name}.npz").write_bytes(b"another file")
+        assert "NOT the file that its card describes" in done(run("show", f"{name}.npz"))
 
 
-@pytest.mark.parametrize("name", ["nothing", "other.json", "posterior", "alone.onnx", "wrong.onnx"])
+@pytest.mark.parametrize("name", ["nothing", "other.json", "emulator", "alone.npz", "wrong.npz"])
 def test_show_refuses_in_one_line(run, tmp_path, name):
-    (tmp_path / "posterior").mkdir()  # what is there comes before the network of that name
+    (tmp_path / "emulator").mkdir()  # what is there comes before the network of that name
     (tmp_path / "other.json").write_text('{"a": 1}')
-    for onnx in ("alone.onnx", "wrong.onnx"):
-        (tmp_path / onnx).write_bytes(b"onnx")
+    for file in ("alone.npz", "wrong.npz"):
+        (tmp_path / file).write_bytes(b"npz")
     (tmp_path / "wrong.json").write_text('{"kind": "point"}')
     refusal(run("show", name), *{"nothing": ["bdt-viscoelastic"], "posterior": ["no measurement"]}.get(name, []))

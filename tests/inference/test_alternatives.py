@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import NAMES, seen, simulated
+from cavirheo.inference.verify import verify
 from conftest import messages
 
 import cavirheo
@@ -12,7 +13,6 @@ from cavirheo import InputError, Newtonian, population, simulate
 from cavirheo.inference.alternatives import averaged_over_laws, contenders, judged, rival_messages
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.verify import verify
 from cavirheo.messages import Message
 from cavirheo.parameters import natural_name
 from cavirheo.physics.accuracy import DEFAULT

@@ -15,9 +15,9 @@ import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, predict_radius, read_curves
 from cavirheo.inference import checks
 from cavirheo.inference.assumptions import Family, Options
+from cavirheo.inference.bdt import network_of
+from cavirheo.inference.cards import path_of
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.model import path_of
-from cavirheo.inference.posterior_network import network_of
 from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
 from cavirheo.landmarks import RAYLEIGH
@@ -164,9 +164,9 @@ def test_a_point_answer_has_no_interval_and_a_full_record():
 
 
 def test_a_network_that_was_read_is_checked_again_when_its_file_changes(tmp_path):
-    for suffix in (".onnx", ".json"):
-        shutil.copy(path_of("posterior").with_suffix(suffix), tmp_path / f"copy{suffix}")
-    path = tmp_path / "copy.onnx"
+    for suffix in (".npz", ".json"):
+        shutil.copy(path_of("bdt-viscous").with_suffix(suffix), tmp_path / f"copy{suffix}")
+    path = tmp_path / "copy.npz"
     assert network_of(str(path)) is network_of(str(path))
     path.write_bytes(path.read_bytes() + b"x")
     for code in ("model.changed", "model.card"):

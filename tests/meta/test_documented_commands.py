@@ -28,7 +28,6 @@ pytestmark = [
 NOT_RUN = {  # what a line begins with: why
     "make ": "sets up an environment, or runs these tests",
     "pip install ": "changes the environment that the tests run in; tests/wheel.py installs into an empty one",
-    "cavirheo evaluate bdt-viscoelastic data ": "refused with fewer than its 100,000 curves: it saw some",
     "cavirheo infer SHOTS.mat -o result --scheduler slurm:": "needs a SLURM: tests/cli/test_cluster.py starts one",
 }
 FIRST = re.compile(r"(cavirheo|make|pip|python3?|cd|dask|AT=\S+)\b")  # word of a block that is a script
@@ -72,7 +71,7 @@ SCRIPTS = {
 # --- files of the names that the pages use, from what comes with the package
 
 SMALL = {"n": 240, "epochs": 2, "warmup_steps": 2, "dropout_epochs": 1}  # instead of hours
-SMALL_NETWORK = {"n": 400, "samples": 2048, "width": 32, "depth": 2, "hidden": 16, "parts": 2, "warm_up": 2}
+SMALL_EMULATOR = {"n": 64, "samples": 2048, "width": 16, "depth": 1, "components": 16}
 
 
 def shot(path: Path, curve: cavirheo.RadiusCurve, medium: cavirheo.Medium | None = None) -> None:
@@ -102,7 +101,7 @@ def write_recipes(folder: Path) -> None:
     shutil.copytree(ROOT / "recipes", folder / "recipes")
     for recipe in (folder / "recipes").glob("*.toml"):
         text = recipe.read_text("utf-8")
-        for key, value in (SMALL_NETWORK if "[posterior]" in text else SMALL).items():
+        for key, value in (SMALL_EMULATOR if "[emulator]" in text else SMALL).items():
             text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
         recipe.write_text(text, "utf-8")
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from answers import GEL, answer
+from cavirheo.inference.verify import verify
+from cavirheo.inference.verify.evidence import rank_laws
 from conftest import refused
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve
-from cavirheo.inference.verify import verify
-from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.media import MEDIA, medium
 from cavirheo.prior import Prior, TrainingProblem

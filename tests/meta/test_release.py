@@ -11,7 +11,7 @@ from conftest import ROOT
 
 import cavirheo
 from cavirheo import verbs
-from cavirheo.inference.model import card, shipped
+from cavirheo.inference.cards import card, shipped
 from cavirheo.reporting.citation import references
 from cavirheo.verbs import documents
 
@@ -49,7 +49,7 @@ def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch
     wanted = [cavirheo.__version__, sys.version.split()[0], "\nsolver ", "NUMBA_NUM_THREADS=1"]
     wanted += [f" {one.partition('>')[0]} " for one in PROJECT["dependencies"]]
     wanted += [f"\n[{extra}]" for extra in {*documents.required_libraries()} - {""}]
-    wanted += [f"{name}, sha256 {card(path)['onnx']['sha256']}\n" for name, path in shipped().items()]
+    wanted += [f"{name}, sha256 {card(path)['weights']['sha256']}\n" for name, path in shipped().items()]
     assert [text for text in wanted if text not in out] == []
     monkeypatch.setattr(documents, "requires", lambda _: ["numpy>=2", 'nonesuch>=1; extra == "plot"'])
     assert "[plot]    no nonesuch" in documents.installation_report()

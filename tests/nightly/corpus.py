@@ -78,7 +78,7 @@ add(
     unreadable=("unreadable.csv", unreadable),
     missing=("missing.csv", lambda path: None),
 )
-for _end in ("csv", "mat", "json", "toml", "onnx"):
+for _end in ("csv", "mat", "json", "toml", "npz"):
     add(**{
         f"fifo_{_end}": (f"pipe.{_end}", os.mkfifo),
         f"device_zero_{_end}": (f"zero.{_end}", link("/dev/zero")),
@@ -188,7 +188,7 @@ add(**{f"bomb_{name}": (f"bomb.{name.partition('_')[0]}", make) for name, (_, ma
 
 CUTS = {"empty_header": 0.02, "early": 0.3, "middle": 0.6, "late": 0.9, "end": 0.995}
 CUT = ["bdt.mat", "imr-packed.mat", "bdt-73.mat", "groups.h5", "packed.h5", "curve.xlsx", "curve.ods", "old.xls"]
-CUT += ["shard-00000.h5", "network.onnx"]
+CUT += ["shard-00000.h5", "network.npz"]
 
 
 def cut(name: str, share: float) -> Make:
@@ -202,7 +202,7 @@ def cut(name: str, share: float) -> Make:
 for _name in CUT:
     add(**{f"cut_{_name}_{where}": (_name, cut(_name, share)) for where, share in CUTS.items()})
 SWAPPED = {"bdt.mat": "csv", "groups.h5": "mat", "curve.xlsx": "mat", "imr-73.mat": "xlsx", "curve.ods": "h5"}
-for _name, _ending in (SWAPPED | {"network.onnx": "csv"}).items():
+for _name, _ending in (SWAPPED | {"network.npz": "csv"}).items():
     add(**{f"{_name}_called_{_ending}": (f"swapped.{_ending}", BINARIES[_name])})
 
 
@@ -218,8 +218,8 @@ add(
     json_escape=("a.json", document("result.json", command="\x1b[31mred\x07", notes=["[/]", "\u009b31m", "<script>"])),
     toml_deep=("a.toml", "a = " + "[" * 20_000 + "]" * 20_000),
     toml_escape=("a.toml", RECIPE.replace('"nhkv"', '"\\u001b[31m\\u0007"')),
-    onnx_of_noise=("a.onnx", np.random.default_rng(4).bytes(3000)),
-    onnx_without_card=("a.onnx", BINARIES["network.onnx"]),
+    npz_of_noise=("a.npz", np.random.default_rng(4).bytes(3000)),
+    npz_without_card=("a.npz", BINARIES["network.npz"]),
 )  # fmt: skip
 
 

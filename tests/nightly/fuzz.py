@@ -33,7 +33,7 @@ import cavirheo
 from cavirheo import InputError, SolverError
 from cavirheo.companions import collapse_times, published_values
 from cavirheo.companions.rheometer import read_sweeps
-from cavirheo.inference.model import Network
+from cavirheo.inference.bdt import Network
 from cavirheo.io import write_csv
 from cavirheo.io.curves import read_trace
 from cavirheo.physics.media import WATER
@@ -79,7 +79,7 @@ def network(path: Path) -> None:
 
 TABLES = (read_curves, times, read_sweeps, read_trace, published_values.read_references)
 READERS = dict.fromkeys(("csv", "txt", "xlsx"), TABLES) | dict.fromkeys(("ods", "xls", "mat", "h5"), TABLES[:3])
-READERS |= {"toml": (lambda path: read_recipe(path).settings(),), "json": (cavirheo.load,), "onnx": (network,)}
+READERS |= {"toml": (lambda path: read_recipe(path).settings(),), "json": (cavirheo.load,), "npz": (network,)}
 READERS |= {"shard-00000.h5": (load_folder,)}
 
 
@@ -205,7 +205,7 @@ def values(content: bytes, chance: random.Random) -> bytes:
     return json.dumps(tree[0]).encode()
 
 
-WAYS = {"mat": flat, "xls": flat, "onnx": flat, "h5": hdf5, "xlsx": archive, "ods": archive, "json": values}
+WAYS = {"mat": flat, "xls": flat, "npz": flat, "h5": hdf5, "xlsx": archive, "ods": archive, "json": values}
 
 
 # --- what is said of it

@@ -85,9 +85,9 @@ def shard(path: Path) -> None:
 
 def network(path: Path) -> None:
     """A tiny network without its card."""
-    from broken_models import graph
+    from broken_models import SOUND
 
-    path.write_bytes(graph().SerializeToString())
+    path.write_bytes(SOUND)
 
 
 BINARIES: dict[str, Make] = {
@@ -102,7 +102,7 @@ BINARIES: dict[str, Make] = {
     "curve.ods": lambda path: write_ods(path, "".join(map(ods_row, grid(TEXTS["curve.csv"])))),
     "old.xls": write_xls,
     "shard-00000.h5": shard,
-    "network.onnx": network,
+    "network.npz": network,
 }
 
 

@@ -17,13 +17,12 @@ from conftest import EXAMPLE, LIQUID, PROBLEM, ROOT, code_of, contents, refused
 from scipy.stats import kstest
 
 from cavirheo import Posterior, read_curves
-from cavirheo.inference.posterior_network import COORDINATES, END, SCALARS
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
 from cavirheo.posterior import Checks
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
-from cavirheo.training.dataset import generate, load, survey
-from cavirheo.training.recordings import COLUMNS, LARGEST_RADIUS, NODES, STEPS, film
+from cavirheo.training.dataset import generate, load, load_trajectories, survey
+from cavirheo.training.trajectories import BLOCK, DOMAIN, block, compared_end
 from cavirheo.workflow.store import Store, Unfinished
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
@@ -122,7 +121,7 @@ def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(instant, tmp_p
 
 def test_a_killed_run_goes_on_to_the_same_bytes(instant, tmp_path):
     def killed_in_the_third_file(theta):
-        if len(instant) == 22:
+        if len(instant) == 24:
             raise KeyboardInterrupt
         return np.zeros(len(theta), bool)
 
@@ -179,19 +178,47 @@ def test_a_set_grows_in_parts_to_the_same_bytes_and_is_surveyed(instant, tmp_pat
     assert whole.sha256 != half.sha256
 
 
-def test_an_exposure_does_not_move_the_clock():
-    """A frame's time is the middle of its exposure: R_max is read as often too early as too late."""
-    place = np.linspace(0, STEPS, NODES).astype(np.uint16)
-    t = place * (END / STEPS)
-    radius = np.where(t < 0.9, (1 - np.minimum(t / 0.93, 1) ** 2) ** 0.4, 0.2 + 0.4 * np.abs(np.sin(2.5 * (t - 0.9))))
-    n, kept = 4000, np.round(radius * 65535 / LARGEST_RADIUS).astype(np.uint16)
-    nothing = np.zeros((n, len(COORDINATES)), np.float32), np.zeros(n, np.uint8)
-    columns = np.tile(place, (n, 1)), np.tile(kept, (n, 1)), *nothing, np.full(n, 2.5e-4, np.float32)
-    seen = film(dict(zip(COLUMNS, columns, strict=True)), np.arange(n), seed=3)
-    exposure, late = seen.inputs[:, -SCALARS + 2], seen.inputs[:, -1]  # over the frame interval; 1 without growth
-    origin = seen.z[(late == 0) & (exposure > 0.3), COORDINATES.index("time_origin")]
-    assert len(origin) > 200
-    assert abs(np.mean(origin)) < 0.1  # 0.02 is its standard error
+def test_trajectories_are_of_whole_blocks_however_they_are_made(tmp_path):
+    """The two halves of each are R/R_max and t/T, which begin at rest at R_max."""
+    for name, n, parts in (("one", 2020, [(1, 1)]), ("two", 2020, [(2, 2), (1, 2)])):
+        for part in parts:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr("cavirheo.training.trajectories.block", lambda seed, number: few(seed, number))
+                generate(DOMAIN, n, tmp_path / name, seed=2, shard=part, progress=False)
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+    found = survey(tmp_path / "one")
+    assert (found.curves, found.files, found.missing_files) == (2020, 2, 0)
+    assert found.statuses["ok"] == 2020 - 2000 // BLOCK  # the last file is filled by its two blocks
+    columns, origin = load_trajectories(tmp_path / "one", tmp_path)
+    assert (len(columns["inputs"]), origin["n"], origin["seed"]) == (found.statuses["ok"], 2020, 2)
+    assert code_of(generate, DOMAIN, 2020, tmp_path / "one", seed=3, progress=False) == "dataset.another_seed"
+    (path,) = (tmp_path / "one").glob("*-00001.h5")
+    with h5py.File(path, "a") as file:
+        file.attrs["domain"] = file.attrs["domain"].replace('"field_share": 0.22', '"field_share": 0.5')
+    assert code_of(load_trajectories, tmp_path / "one", tmp_path) == "dataset.another_domain"
+
+
+def few(seed, number):
+    """A block of which one bubble was not solved, of numbers that its own number decides."""
+    nodes, inputs = DOMAIN["nodes"], DOMAIN["inputs"]
+    rows = np.full((BLOCK - 1, 1), float(number))
+    return SimpleNamespace(inputs=rows + np.zeros(inputs), time=rows + np.arange(nodes), radius=rows + np.ones(nodes))
+
+
+def test_a_block_of_bubbles_is_one_whatever_was_made_before():
+    bubbles = block(1, 3)
+    again = block(1, 3)
+    np.testing.assert_array_equal(bubbles.radius, again.radius)
+    assert np.isfinite(bubbles.inputs).all()
+    np.testing.assert_allclose(bubbles.radius[:, 0], 1.0, atol=1e-6)
+    np.testing.assert_allclose(bubbles.time[:, 0], 0.0, atol=1e-6)
+    assert (np.diff(bubbles.time, axis=1) > 0.0).all()
+
+
+def test_a_trajectory_counts_until_the_rebound_of_its_third_collapse():
+    s = np.linspace(0.0, 24.0, DOMAIN["nodes"])
+    oscillating, resting = 0.6 + 0.4 * np.cos(np.pi * s / 3.0), np.exp(-s)  # collapses at s = 3, 9, 15
+    assert compared_end(np.array([oscillating, resting])).tolist() == [186, DOMAIN["nodes"] - 1]
 
 
 def test_a_set_on_the_disk_is_the_set_in_memory_and_a_single_bit_that_changed_is_noticed(tmp_path):

@@ -1,65 +1,48 @@
-"""Models, recipes and training sets that are damaged or hostile: each is refused in one line, and nothing hangs."""
+"""Networks, recipes and training sets that are damaged or hostile: each is refused in one line, and nothing hangs."""
 
 import json
 import os
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
+from broken_models import BROKEN, FRAMES, sound
 from broken_recipes import RECIPES, RIGHT
 from conftest import PROBLEM, code_of, error_of, refusal
 
-from cavirheo import load
-from cavirheo.inference.model import Network, card, check_graph, shipped
-from cavirheo.inference.network_answer import check_outputs
-from cavirheo.inference.posterior_network import INPUTS, PosteriorModel
-from cavirheo.inference.session import try_out
-from cavirheo.physics.media import BU2026
-from cavirheo.prior import FrameGrid, Prior
+from cavirheo.inference.bdt import network_of
+from cavirheo.inference.cards import card, path_of, shipped
+from cavirheo.inference.emulator import emulator
 from cavirheo.training import dataset
-from cavirheo.training.evaluate import evaluate
 from cavirheo.training.recipe import read_recipe
 
-needs_onnx = pytest.mark.needs("onnx")  # which comes with the extra [train]
-made = import_module("broken_models") if find_spec("onnx") else None
-BROKEN = made.BROKEN if made else {}
 
-
-@needs_onnx
 @pytest.mark.parametrize("name", BROKEN)
 def test_broken_model(tmp_path, name):
     code, write = BROKEN[name]
-    assert code_of(Network, write(tmp_path)) == code
+    path = write(tmp_path)
+    assert code_of(lambda: network_of(str(path))(np.ones((1, FRAMES)))) == code
 
 
-@needs_onnx
-def test_a_model_that_takes_long_is_refused():
-    assert code_of(try_out, made.slow().SerializeToString(), made.FRAMES, 2, seconds=1.0) == "model.time"
+def test_a_model_is_named_by_its_file_or_its_folder(tmp_path):
+    path = sound(tmp_path)
+    np.savez(tmp_path / "test.npz", inputs=np.ones(3))  # without a card: it is none
+    assert path_of(str(tmp_path)) == path_of(str(path)) == path
+    assert np.isfinite(network_of(str(tmp_path))(np.ones((2, FRAMES)))).all()
+    for name in ("honey", "network.onnx", str(tmp_path / "nowhere"), ""):
+        assert code_of(path_of, name) == "model.unknown"
+    assert code_of(network_of, "emulator") == code_of(emulator, str(path)) == "model.kind"
 
 
-@needs_onnx
-def test_a_model_of_a_part_of_its_law_does_not_answer_shots(tmp_path):
-    tensors = [made.numbers("zero", [0], np.int64), made.numbers("one", [1], np.int64)]
-    graph = made.then("Slice", "linear zero one one", tensors, {"outputs": [made.shown("theta", made.FLOAT, 1)]})
-    about = made.card(graph.SerializeToString())
-    network = Network(made.put(tmp_path, graph, about | {"outputs": about["outputs"][:1]}))
-    assert code_of(check_outputs, network) == "model.outputs"
-
-
-def test_shipped_models_are_of_the_allowed_parts(monkeypatch):
-    monkeypatch.setattr("cavirheo.inference.model.try_out", lambda *_: pytest.fail("a shipped model was tried out"))
+def test_shipped_networks_are_those_of_their_cards():
     for name, path in shipped().items():
-        kind, inputs = (Network, ["radius"]) if card(path)["kind"] == "point" else (PosteriorModel, INPUTS)
-        check_graph(path.read_bytes(), inputs)
-        assert kind(path).name == name
+        read = emulator if card(path)["kind"] == "emulator" else network_of
+        assert read(name).sha256 == card(path)["weights"]["sha256"]
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -156,43 +139,6 @@ def test_a_set_that_does_not_fit_is_refused_before_it_is_made(instant, tmp_path,
     assert code_of(dataset.load, tmp_path / "small") == "dataset.size"
 
 
-@needs_onnx
-def test_a_model_is_judged_on_its_own_problem_only(instant, tmp_path):
-    path, problem = made.sound(tmp_path), Network(made.sound(tmp_path)).problem
-    linear = {"shear_modulus" if "modulus" in name else name: ends for name, ends in made.PRIOR.items()}
-    others = {
-        "medium": replace(problem, medium=BU2026),
-        "camera": replace(problem, grid=FrameGrid(frames=21)),
-        "reference_max_radius": replace(problem, reference_max_radius=100e-6),
-        "prior": replace(problem, prior=Prior.uniform(linear)),
-        "material": PROBLEM,
-    }
-    for what, other in others.items():
-        dataset.generate(other, 10, tmp_path / what, seed=7, progress=False)
-        said = error_of(evaluate, path, tmp_path / what)
-        assert (said.code, what in str(said)) == ("evaluate.problem", True)
-    narrow = Prior.uniform(made.PRIOR | {"log10_viscosity": [-2.0, 0.0]})
-    water = replace(problem.medium, name="ours")
-    for name, change, notes in (("ours", {"medium": water}, 0), ("narrow", {"prior": narrow}, 1)):
-        dataset.generate(replace(problem, **change), 10, tmp_path / name, seed=7, progress=False)
-        found = evaluate(path, tmp_path / name)
-        assert (found["curves"], len(found["notes"])) == (10, notes)
-
-
-@needs_onnx
-@pytest.mark.needs("matplotlib")
-def test_an_evaluation_draws_its_picture_where_matplotlib_is(instant, tmp_path, monkeypatch):
-    path = made.sound(tmp_path)
-    dataset.generate(Network(path).problem, 5, tmp_path / "set", seed=7, progress=False)
-    assert evaluate(path, tmp_path / "set", tmp_path / "drawn")["figures"] == ["predicted.png"]
-    assert (tmp_path / "drawn" / "predicted.png").stat().st_size > 10_000
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    found = evaluate(path, tmp_path / "set", tmp_path / "out")
-    assert json.loads((tmp_path / "out" / "metrics.json").read_text()) == found
-    assert load(tmp_path / "out").metrics == found["metrics"]
-    assert "matplotlib" in (tmp_path / "out" / "evaluation.md").read_text()
-
-
 @pytest.fixture
 def small(tmp_path) -> Path:
     (tmp_path / "small.toml").write_text(RIGHT.replace("n = 100", "n = 20").replace("width = 16", "width = 8"))
@@ -217,7 +163,7 @@ def test_wrong_words_and_places_of_generate_and_train(instant, small, run, tmp_p
 @pytest.mark.train
 @pytest.mark.slow
 def test_a_damaged_run_is_named(instant, small, run, tmp_path):
-    pytest.importorskip("onnxscript")
+    pytest.importorskip("torch")
     assert run("generate", small, "-o", "data")[0] == 0
     words = ("train", small, "data", "-o", "run", "--threads", 1)
     assert run(*words)[0] == 0
@@ -227,7 +173,7 @@ def test_a_damaged_run_is_named(instant, small, run, tmp_path):
     damage = {
         "result.json": [b"", b"{", b"[]", b"{}", b"\xff", json.dumps(result | {"data": 5, "metrics": []}).encode()],
         "last.safetensors": [b"", b"\xff" * 100, (whole / "best.safetensors").read_bytes()],
-        "test.npz": [b"", b"PK\x03\x04", (whole / "tiny.onnx").read_bytes()],
+        "test.npz": [b"", b"PK\x03\x04", (whole / "tiny.npz").read_bytes()],
         "best.safetensors": [b"", (whole / "last.safetensors").read_bytes()],
     }
     for name, bad in ((name, bad) for name, contents in damage.items() for bad in contents):

@@ -4,7 +4,6 @@ import json
 from datetime import date
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,17 +11,34 @@ from broken_recipes import RIGHT
 from conftest import ROOT, code_of, error_of
 
 import cavirheo
-from cavirheo.inference.model import card as read_card
-from cavirheo.inference.model import predict
-from cavirheo.prior import Prior, TrainingProblem
-from cavirheo.training import evaluate as judge
+from cavirheo.inference.bdt import network_of
+from cavirheo.inference.cards import card as read_card
+from cavirheo.inference.emulator import INPUTS, emulator
+from cavirheo.prior import TrainingProblem
 from cavirheo.training.dataset import generate, load
-from cavirheo.training.evaluate import breakdown, metrics
 from cavirheo.training.recipe import Recipe, read_recipe
+from cavirheo.training.scores import metrics
 
 CPU, UNITS = {"device": "cpu", "threads": 1}, ("Pa", "Pa s")
 SMALL = "width = 16\nposition = 8\nheads = 2\nfeed_forward = 16\nlayers = 1\ndropout = 0.1"
 TINY = RIGHT.replace("width = 16", SMALL).replace("lr = 0.01", "lr = 0.01\nseed = 5")
+
+EMULATOR = """
+[emulator]
+[data]
+n = 64
+seed = 1
+[network]
+width = 16
+depth = 1
+components = 12
+[training]
+samples = 2400
+batch = 40
+rate = 0.02
+[export]
+name = "tiny"
+"""
 
 
 @pytest.fixture
@@ -66,18 +82,6 @@ def test_metrics_of_known_errors():
     far = metrics(["stretch"], np.arange(1.0, 12.0)[:, None], np.ones((11, 1)))["stretch"]
     assert far["p90_absolute_error"] == pytest.approx(9.0)
     assert code_of(metrics, ["stretch"], truth, truth) == "metrics.shape"
-
-
-def test_breakdown_finds_the_error_where_it_is():
-    prior = Prior.uniform({"log10_viscosity": (-3.0, 0.0), "stretch": (3.0, 11.0)})
-    theta = np.array([[-3.0, 3.0], [-2.9, 10.9], [-1.5, 4.0], [0.0, 11.0]])
-    error = np.array([[0.3], [-0.3], [0.1], [0.0]])
-    found = breakdown(["log10_viscosity"], prior, theta, error)["log10_viscosity"]
-    assert [[row["curves"] for row in rows] for rows in found.values()] == [[2, 1, 1], [2, 0, 0, 2]]
-    low, nothing = found["log10_viscosity"][0], found["stretch"][1]
-    assert (low["low"], low["high"]) == (-3.0, -2.0)
-    assert (low["rmse"], low["bias"], low["share"]) == pytest.approx((0.3, 0.0, 0.18 / 0.19))
-    assert (nothing["rmse"], nothing["bias"], nothing["share"]) == (None, None, 0.0)
 
 
 @pytest.mark.train
@@ -153,36 +157,20 @@ class TestTorch:
         assert (rates[0], rates[20], np.argmax(rates)) == (pytest.approx(0.001), pytest.approx(0.005), 9)
         assert rates[-1] < 1e-4
 
-    def answers(self, run, radius):
+    def answers(self, recipe, run, inputs):
         with self.torch.inference_mode():
-            return self.export.load_model(run / "best.safetensors")(self.torch.from_numpy(radius)).numpy()
+            return self.export.load_network(recipe, run / "best.safetensors")(self.torch.from_numpy(inputs)).numpy()
 
-    def test_a_posterior_network_that_answers_otherwise_is_not_exported(self, tmp_path, monkeypatch):
-        recipe = read_recipe(ROOT / "recipes" / "posterior.toml")
-        network = self.networks.PosteriorNetwork(len(recipe.problem.kinds), recipe.network)
-        self.export.write_tensors(tmp_path / "best.safetensors", network.state_dict(), {"loss": np.nan})
-        assert self.export.read_tensors(tmp_path / "best.safetensors")[1] == {"loss": None}  # JSON has no NaN
-        monkeypatch.setattr(self.networks, "write_posterior", lambda network, path: path.write_bytes(b"weights"))
-        other = SimpleNamespace(run=lambda *_: (None, np.full(64, 1e3), None))
-        monkeypatch.setattr(self.export, "onnx_session", lambda _: other)
-        result = recipe.settings() | {"kind": "training"}
-        (tmp_path / "result.json").write_text(json.dumps(result))
-        with pytest.raises(RuntimeError, match="differ"):
-            self.export.export(recipe, tmp_path, tmp_path / "models")
-        assert list((tmp_path / "models").iterdir()) == []
-
-    def test_exported_model_is_the_trained_one(self, recipe, data, instant, tmp_path, monkeypatch):
-        """And is judged on what it was not trained on."""
-        pytest.importorskip("onnxscript")
+    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
         run, models = tmp_path / "run", tmp_path / "models"
         assert code_of(self.export.export, recipe, run, models) == "export.unfinished"
         result = self.train(recipe, data, run, **CPU)
         with monkeypatch.context() as patch:
-            patch.setattr(self.networks, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
-            patch.setattr(self.export, "predict", lambda path, radius: self.answers(run, radius) + 2e-3)
+            forward = self.export.Forward.__call__
+            patch.setattr(self.export.Forward, "__call__", lambda *given: forward(*given) + 2e-3)
             with pytest.raises(RuntimeError, match=r"0\.002"):
                 self.export.export(recipe, run, models)
-        assert list(models.iterdir()) == []  # of a model that answers otherwise
+        assert not models.exists()  # no file of a network that answers otherwise
         other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
         other.__dict__.pop("problem", None)
         assert code_of(self.train, other, data, tmp_path / "other", **CPU) == "training.another_problem"
@@ -191,10 +179,8 @@ class TestTorch:
         assert "training.lr" in str(error_of(self.export.export, another, run, models))
         path = self.export.export(recipe, run, models, card_date=date(2026, 1, 2))
         radius = np.random.default_rng(0).random((600, 20), dtype=np.float32)
-        expected = self.answers(run, radius)
-        np.testing.assert_allclose(predict(path, radius), expected, atol=1e-4)  # 512 and 88 at a time
-        np.testing.assert_allclose(predict(path, radius[:1]), expected[:1], atol=1e-4)
-        assert str(Path(judge.__file__).parent).encode() not in path.read_bytes()
+        expected = self.answers(recipe, run, radius)
+        np.testing.assert_allclose(network_of(str(path))(radius), expected, atol=1e-4)
         card = read_card(path)
         assert TrainingProblem.from_dict(card["problem"]).id == card["problem_id"] == recipe.problem.id
         assert {one["name"]: one["unit"] for one in card["outputs"]} == dict(zip(recipe.outputs, UNITS, strict=True))
@@ -203,15 +189,47 @@ class TestTorch:
         assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
         trained = cavirheo.load(run)
         assert (trained.kind, trained.metrics, trained.outputs) == ("training", result["metrics"], list(recipe.outputs))
-        found = judge.evaluate(path, data)
-        assert (found["part"], found["curves"]) == ("test", result["data"]["test"])
-        for name, values in result["metrics"].items():
-            assert found["metrics"][name] == pytest.approx(values, abs=1e-4)
-        earlier = instant.curves  # of a later solver: other bytes, the same bubbles
-        later = lambda run: SimpleNamespace(radius=run.radius * 1.001, status=run.status)  # noqa: E731
-        instant.curves = lambda *given: list(map(later, earlier(*given)))
-        for name, n, seed, part in (("fresh", 50, 9, "all"), ("again", 100, 0, "test")):
-            generate(recipe.problem, n, tmp_path / name, seed=seed, progress=False)
-            assert judge.evaluate(path, tmp_path / name)["part"] == part
-        generate(recipe.problem, 60, tmp_path / "fewer", progress=False)
-        assert code_of(judge.evaluate, path, tmp_path / "fewer") == "evaluate.trained_on"
+
+    @pytest.fixture
+    def bubbles(self, tmp_path):
+        """A recipe for an emulator, and 64 bubbles."""
+        path = tmp_path / "emulator.toml"
+        path.write_text(EMULATOR)
+        recipe = read_recipe(path)
+        generate(recipe.problem, recipe.data.n, tmp_path / "bubbles", seed=1, progress=False)
+        return recipe, tmp_path / "bubbles"
+
+    def test_an_emulator_is_trained_resumed_and_exported(self, bubbles, tmp_path, monkeypatch):
+        recipe, data = bubbles
+        kind = self.export.EmulatorTraining
+        monkeypatch.setattr(kind, "validation_interval", 20)
+        whole = self.train(recipe, data, tmp_path / "whole", **CPU)
+        assert whole["history"]["train"][-1] < 0.7 * whole["history"]["train"][0]
+        loss_of = kind.loss
+
+        def cut(training, step):
+            if step == 30:
+                raise KeyboardInterrupt
+            return loss_of(training, step)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(kind, "loss", cut)
+            with pytest.raises(KeyboardInterrupt):
+                self.train(recipe, data, tmp_path / "cut", **CPU)
+        self.torch.manual_seed(99)
+        resumed = self.train(recipe, data, tmp_path / "cut", **CPU)
+        assert resumed["errors"] == whole["errors"]
+        ours, theirs = (self.export.read_tensors(tmp_path / run / "last.safetensors")[0] for run in ("whole", "cut"))
+        assert all(self.torch.equal(ours[key], theirs[key]) for key in ours)
+        path = self.export.export(recipe, tmp_path / "whole", tmp_path / "models")
+        card, inputs = read_card(path), np.random.default_rng(0).standard_normal((5, INPUTS)).astype(np.float32)
+        expected = self.answers(recipe, tmp_path / "whole", inputs)
+        np.testing.assert_allclose(emulator(str(path)).trajectories(inputs), expected, atol=1e-3)
+        assert (card["kind"], card["errors"]) == ("emulator", whole["errors"])
+        errors = card["errors"]
+        assert 0.0 < errors["median"] <= errors["p90"] <= errors["p95"] <= errors["p99"] < 1.0
+        assert card["data"]["train"] + card["data"]["test"] == 64
+        wide = recipe.model_copy(update={"network": recipe.network.model_copy(update={"components": 60})})
+        self.export.write_tensors(tmp_path / "nan.safetensors", {}, {"loss": np.nan})
+        assert self.export.read_tensors(tmp_path / "nan.safetensors")[1] == {"loss": None}  # JSON has no NaN
+        assert code_of(self.train, wide, data, tmp_path / "wide", **CPU) == "training.few"

@@ -8,6 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from answers import GEL, bubble, fit, simulated
+from cavirheo.inference.posterior_network import CAMERA, COORDINATES, damping, damping_to_latent, network_of
+from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, verification
+from cavirheo.inference.verify.mode import Simulated, Target, climb
+from cavirheo.inference.verify.sampler import Coordinates, Mixture, Sample, markov_sample
+from cavirheo.inference.verify.surrogate import AdaptiveProposal, climb_by_surrogates
+from cavirheo.inference.verify.tuning import TUNING
 from conftest import ROOT, done, messages, refused
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
@@ -21,12 +27,6 @@ from cavirheo.inference.assumptions import FREE, Family, Options
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.frames import MOST_FRAMES, compared_frames
 from cavirheo.inference.noise import GAMMA_A, Noise
-from cavirheo.inference.posterior_network import CAMERA, COORDINATES, damping, damping_to_latent, network_of
-from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, verification
-from cavirheo.inference.verify.mode import Simulated, Target, climb
-from cavirheo.inference.verify.sampler import Coordinates, Mixture, Sample, markov_sample
-from cavirheo.inference.verify.surrogate import AdaptiveProposal, climb_by_surrogates
-from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.materials import Zener

@@ -19,13 +19,13 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from cavirheo.inference.posterior_network import network_of
+from cavirheo.inference.verify import verify
 from scipy.stats import truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.experiment import BOUND_SCALES, ZETA, Experiment
-from cavirheo.inference.posterior_network import network_of
-from cavirheo.inference.verify import verify
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import BUBBLES, FIELD, Bubble
 from cavirheo.physics.materials import Material

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
+from cavirheo.inference.verify.evidence import rank_laws
 from scipy.special import softmax
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVoigt, RadiusCurve, infer_many
@@ -25,7 +26,6 @@ from cavirheo.errors import SolverError
 from cavirheo.inference import AUTO_LAWS
 from cavirheo.inference.alternatives import DECISIVE
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.materials import Zener
 from validation.claims.calibration import film
 from validation.numbers import Number, Run, share

@@ -23,7 +23,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import check_stretch
-from cavirheo.inference.model import shipped
+from cavirheo.inference.cards import shipped
 from cavirheo.io.files import without_headers
 from cavirheo.io.shots import check_max_radius, with_maximum_notes
 from cavirheo.io.subprocess_reader import Reader
@@ -87,9 +87,11 @@ class PageSettings:
         object.__setattr__(self, "trust_input", bool(self.trust_input))
         if self.stretch != "free":
             check_stretch(self.stretch)
-        unknown = f"unknown model {self.model!r}; known here: {', '.join(shipped())}"
-        require(self.model in shipped(), unknown, "app.unknown_model")
-        if self.model in shipped("point"):
+        networks = shipped("point")
+        if self.model not in (DEFAULT, *networks):
+            message = f"unknown model {self.model!r}; known here: {', '.join((DEFAULT, *networks))}"
+            raise InputError(message, "app.unknown_model")
+        if self.model in networks:
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
         _ = self.analysis

@@ -14,7 +14,7 @@ from cavirheo.app.session import UPLOAD_FOLDER, Answers, Clip, PageSettings, Ses
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference import AUTO_LAWS, DEFAULT
-from cavirheo.inference.model import card, shipped
+from cavirheo.inference.cards import card, shipped
 from cavirheo.inference.what_if import compared_window, predict_radius
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key

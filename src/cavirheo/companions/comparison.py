@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from cavirheo.companions.published_values import ReferenceSet, by_group, read_references
 from cavirheo.errors import InputError, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
-from cavirheo.inference.model import card, path_of
+from cavirheo.inference.cards import card, path_of
 from cavirheo.io.files import expand, measurement_files
 from cavirheo.io.shots import CurveSet, read_shots, shot_numbers
 from cavirheo.physics.bubble import Requested

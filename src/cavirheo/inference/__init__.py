@@ -35,7 +35,8 @@ def infer(
     Args:
         curve: R(t), in s and m.
         model: "posterior" (the default: draws of an emulator, each weighed by a simulation), or "bdt-viscoelastic" or
-            "bdt-viscous", the paper's networks, which give one value without an interval.
+            "bdt-viscous", the paper's networks, which give one value without an interval; a network of one's own is
+            named by the folder of its run of `cavirheo train`, or by its .npz file.
         material: a law of `cavirheo laws`. Default "auto": a neo-Hookean spring beside a dashpot, in which G may be
             exactly 0 (a liquid) and the spring may stiffen; `Posterior.switches` has the probabilities.
         medium: constants of the liquid or gel, or the name of a set. Default: water, with the constants that the file

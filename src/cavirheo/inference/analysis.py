@@ -17,11 +17,11 @@ from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
+from cavirheo.inference.bdt import Network, network_of, read_values
+from cavirheo.inference.cards import named
 from cavirheo.inference.checks import ANALYSIS_ERRORS, curve_warnings, failed_checks, wall_warnings, warned
 from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.model import Network, card, path_of
-from cavirheo.inference.network_answer import check_outputs, read_values
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread, run_jobs
 from cavirheo.parameters import LOG10, units
@@ -77,15 +77,13 @@ class Analysis:
         expect_whole(self.seed, "seed", 0, "option.seed")
         name = str(self.model)
         point = self.method != "fit" and name != DEFAULT
-        # other processes have other folders
-        model = str(Path(name).absolute()) if name.endswith(".onnx") else name
-        settings: dict[str, Any] = {"model": model, "medium": WATER, "given": self.given or ()}
+        settings: dict[str, Any] = {"model": named(name) if point else name, "medium": WATER, "given": self.given or ()}
         if self.medium is not None:
             settings["medium"] = medium_of(self.medium)
             settings["given"] = tuple(CONSTANTS if self.given is None else self.given)
         usual = AUTO if self.method == "infer" else "nhkv"
         if point:
-            usual = str(card(path_of(name))["material"])
+            usual = network_of(name).problem.material_name
             settings["method"] = "bdt"
             message = f"the model {name} answers {usual}: leave out material {self.material!r}, or the model"
             require(self.material in (None, usual), message, "option.material")
@@ -129,7 +127,7 @@ class Analysis:
     @property
     def network(self) -> Network:
         """The network of bdt. Raises InputError."""
-        return Network(path_of(str(self.model)))
+        return network_of(str(self.model))
 
     def medium_for(self, curve: RadiusCurve) -> Medium:
         """The medium of a curve: with the plausible constants that its file states, but those that the user gave.
@@ -186,8 +184,6 @@ class Analysis:
     def answer(self, curve: RadiusCurve, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason."""
         began, network = perf_counter(), self.network if self.method == "bdt" else None
-        if network:
-            check_outputs(network)
         empty = self._empty_answer(curve, network)
         try:
             medium = self.medium_for(curve)

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, sha256
+from cavirheo.errors import InputError
+from cavirheo.inference.cards import Arrays, card, path_of, read_weights
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Material, Newtonian, Viscous
@@ -31,6 +31,8 @@ RAYLEIGH = 0.9147  # collapse time of an empty bubble in an inviscid liquid, t_c
 RADII = np.array([1.0, 0.85, 0.7, 0.55, 0.42, 0.32, 0.24, 0.17, 0.11, 0.07, 0.04])  # R/R_max of the stresses S_el
 RATES = 10.0 ** np.linspace(-1.0, 3.5, 8)  # t_c |U/R| of the viscosities
 LARGEST_STRESS = 1e3  # S_el/p beyond which a bubble feels no difference
+FARTHEST = 8.0  # standard deviations from the mean at which an input is cut
+INPUTS = 2 * len(RADII) + 3 * len(RATES) + 23  # numbers that the network is told of a bubble
 _X, _W = np.polynomial.legendre.leggauss(6)
 _X, _W = (_X + 1.0) / 2.0, _W / 2.0  # quadrature on (0, 1)
 
@@ -175,33 +177,34 @@ def mean_viscosity(law: Viscous, rate: Floats) -> Floats:
 
 
 class Emulator:
-    """The trained network. folder of weights: one .npz file of arrays, read without pickle.
+    """The trained network, from its arrays (`cards.read_weights`). Raises InputError: they are of no emulator.
 
-    Raises:
-        InputError: the file is missing, damaged, or of another version.
-    """
+    sha256: of their file."""
 
-    def __init__(self, path: str | Path) -> None:
-        path = Path(path)
+    def __init__(self, arrays: Arrays, sha256: str = "") -> None:
+        self.sha256 = sha256
         try:
-            self.sha256: str = sha256(path)
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
             self._mean, self._std = arrays["mean"].astype(float), arrays["std"].astype(float)
-            self._first = arrays["first.weight"].T.astype(np.float32).copy(), arrays["first.bias"].astype(np.float32)
-            blocks = range(int(arrays["blocks"]))
+            self._first = np.ascontiguousarray(arrays["first.weight"].T), arrays["first.bias"]
             names = ("norm.weight", "norm.bias", "in.weight", "in.bias", "out.weight", "out.bias")
-            self._blocks = [tuple(arrays[f"{i}.{name}"].T.astype(np.float32).copy() for name in names) for i in blocks]
-            decoder, offset = arrays["decoder"].astype(np.float32), arrays["offset"].astype(np.float32)
-            last, bias = arrays["last.weight"].T.astype(np.float32), arrays["last.bias"].astype(np.float32)
-            self._last = np.ascontiguousarray(last @ decoder), bias @ decoder + offset
-        except (OSError, ValueError, KeyError) as error:
-            message = f"{path} is no emulator of this version of cavirheo ({error}): make it by `cavirheo train`"
-            raise InputError(message, "emulator.file") from error
+            blocks = sum(name.endswith(".norm.weight") for name in arrays)
+            self._blocks = [[np.ascontiguousarray(arrays[f"{i}.{name}"].T) for name in names] for i in range(blocks)]
+            decoder, offset = arrays["decoder"], arrays["offset"]
+            last, bias = arrays["last.weight"].T @ decoder, arrays["last.bias"] @ decoder + offset
+            self._last = np.ascontiguousarray(last), bias
+            shape = self.trajectories(np.zeros((1, INPUTS))).shape
+        except (KeyError, ValueError, IndexError) as error:
+            message = f"these weights are of no emulator of this version ({error}): make it by `cavirheo train`"
+            raise InputError(message, "model.weights") from error
+        if shape != (1, 2 * NODES):
+            message = (
+                f"an emulator gives {2 * NODES} numbers of a bubble, this one {shape}: make it by `cavirheo train`"
+            )
+            raise InputError(message, "model.weights")
 
     def trajectories(self, inputs: Floats) -> Floats:
         """(k, 2 NODES) R/R_max and t/T at the nodes of s, of inputs (k, inputs)."""
-        scaled = np.clip((inputs - self._mean) / self._std, -8.0, 8.0).astype(np.float32)
+        scaled = np.clip((inputs - self._mean) / self._std, -FARTHEST, FARTHEST).astype(np.float32)
         x = scaled @ self._first[0] + self._first[1]
         for gain, shift, w_in, b_in, w_out, b_out in self._blocks:
             centred = x - x.mean(axis=1, keepdims=True)
@@ -218,13 +221,13 @@ class Emulator:
         holds = np.all(np.isfinite(made.inputs), axis=1)
         curves = self.trajectories(np.where(holds[:, None], made.inputs, 0.0))
         out = np.empty(instants.shape)
-        _at_instants(curves, instants / made.unit[:, None], out)
+        at_instants(curves, instants / made.unit[:, None], out)
         out[~holds] = np.nan
         return out
 
 
 @compiled
-def _at_instants(curves: Any, instants: Floats, out: Floats) -> None:
+def at_instants(curves: Any, instants: Floats, out: Floats) -> None:
     """Write R (k, n) at instants (k, n) into `out`, from R and t (k, 2 NODES) at equal steps of s: cubics in s, on
     which the instant is found by Newton's method."""
     half = curves.shape[1] // 2
@@ -268,10 +271,12 @@ def _at_instants(curves: Any, instants: Floats, out: Floats) -> None:
             out[a, b] = r0 + x * (sr0 + x * (3 * (r1 - r0) - 2 * sr0 - sr1 + x * (2 * (r0 - r1) + sr0 + sr1)))
 
 
-SHIPPED = Path(__file__).parent.parent / "models" / "emulator.npz"
-
-
-@lru_cache(maxsize=1)
-def emulator() -> Emulator:
-    """The emulator that ships with the package."""
-    return Emulator(SHIPPED)
+@lru_cache(maxsize=2)
+def emulator(name: str = "emulator") -> Emulator:
+    """The emulator of this name or place (`cards.path_of`). Raises InputError."""
+    path = path_of(name)
+    about = card(path)
+    if about["kind"] != "emulator":
+        raise InputError(f"{path} is no emulator, but a network for {about['material']}", "model.kind")
+    sha256 = str(about["weights"]["sha256"])
+    return Emulator(read_weights(path, sha256), sha256)

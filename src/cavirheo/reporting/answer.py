@@ -142,7 +142,7 @@ class CurveRecord(Record, Answer):
         strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
         medium: constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older
             version.
-        method: method of the answer: "bdt", "amortised", "verified", "laplace" or "least_squares".
+        method: method of the answer: "bdt", "verified", "laplace" or "least_squares".
         other_parameters: further parameters by natural name, SI: those inferred besides G, mu and the stretch, those
             given for the bubble, and the viscosity at a shear rate of 1e5 1/s if the law has no constant viscosity.
         best: parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the

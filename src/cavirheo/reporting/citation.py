@@ -40,7 +40,6 @@ _METHODS = {  # the sentence with its citations, by method of the answer
         "The parameters were fitted by least squares on the simulation; intervals, where given, are of draws weighed "
         "by the likelihood."
     ),
-    "amortised": "The answer is that of a trained posterior network, not verified by simulations.",
     "bdt": "A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.",
 }
 _POPULATION = (
@@ -167,7 +166,7 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
         verdicts = verdicts or "it prefers none of these to the given values"
         yield f"The evidence [Kass1995] compares this with {', '.join(sorted(rivals))}: {verdicts}."
 
-    if any(curve.method in ("verified", "laplace", "amortised") for curve in answers):
+    if any(curve.method in ("verified", "laplace") for curve in answers):
         names = [name for curve in answers for name in KEYS if curve.value(name).median]
         names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
         ranges = []

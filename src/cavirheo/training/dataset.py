@@ -36,15 +36,16 @@ from cavirheo.errors import InputError, require, sha256
 from cavirheo.io import hdf5
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import TrainingProblem, uniforms
-from cavirheo.training.recipe import PosteriorTable, difference
-from cavirheo.training.recordings import COLUMNS, Columns, simulated_curves
+from cavirheo.training import trajectories
+from cavirheo.training.recipe import difference
 from cavirheo.writing.document import atomic_file, writable_folder
 from cavirheo.writing.terminal import progress_bar
 
 Indices = NDArray[np.int64]
+Columns = Mapping[str, Any]  # arrays by name, a row per curve
 
-SHARD, CURVES_PER_FILE = 500, 1000  # curves in a file of a set on a grid, and of a posterior network
-UNIT_SIZE = 50  # curves of a unit of work, which takes about half a second
+SHARD, TRAJECTORIES = 500, 2000  # curves in a file of a set on a grid, and of a set for an emulator
+UNIT_SIZE = 3 * trajectories.BLOCK  # curves of a unit of work, which takes about half a second
 SPLIT_STREAM = 1  # not the stream of the prior: with equal seeds, a parameter would decide the split
 DISK_COLUMNS = ("time", "radius")  # columns whose values may stay on the disk
 FILTERS: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
@@ -81,7 +82,7 @@ class Layout:
             name: np.concatenate([np.asarray(part[name], kind) for part in parts])
             for name, (kind, _) in self.columns.items()
         }
-        failed = {} if "status" in values else {"failed": len(block) - len(values["kind"])}
+        failed = {} if "status" in values else {"failed": len(block) - len(values["inputs"])}
         with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
             file.attrs.update({**head, "start": block.start, **failed})
             for name, column in values.items():
@@ -93,9 +94,9 @@ class Layout:
             temporary.write_bytes(content)
 
 
-def layout_of(problem: TrainingProblem | PosteriorTable) -> Layout:
+def layout_of(problem: TrainingProblem | Mapping[str, Any]) -> Layout:
     """Layout of curves on the problem's grid of times (theta: in the prior's scale, radius: over the reference R_max),
-    or of the curves of a posterior network (recordings.py): without failed ones, 1.2 kB each, uncompressed 2.1 kB."""
+    or of the trajectories for an emulator, without failed ones, 2.2 kB each."""
     if isinstance(problem, TrainingProblem):
         prior, frames = problem.prior, problem.grid.frames
         ranges = zip(prior.names, prior.low, prior.high, strict=True)
@@ -103,13 +104,22 @@ def layout_of(problem: TrainingProblem | PosteriorTable) -> Layout:
         summary += [f"{name}: {low:g} to {high:g}" for name, low, high in ranges]
         radius = (np.float32, (frames,))
         columns = {"theta": (np.float64, (len(prior.names),)), "radius": radius, "status": (object, ())}
-        simulate, text = partial(_simulated, problem), json.dumps(problem.to_dict())
-        return Layout("shard", "problem", text, SHARD, columns, simulate, summary)
-    text = json.dumps(problem.model_dump(mode="json", exclude_none=True), sort_keys=True)
-    summary = [f"{law}: {share:.0%} of the curves" for law, share in sorted(problem.laws.items())]
-    summary += [f"bubble {name}: {share:.0%}" for name, share in sorted(problem.bubbles.items())]
-    summary.append("R_max {:g} to {:g} um".format(*problem.max_radius_um))
-    return Layout("curves", "posterior", text, CURVES_PER_FILE, COLUMNS, partial(simulated_curves, problem), summary)
+        text = json.dumps(problem.to_dict())
+        return Layout("shard", "problem", text, SHARD, columns, partial(_simulated, problem), summary)
+    summary = [f"trajectories for an emulator, at {problem['nodes']} nodes each"]
+    for kind in ("elastic", "viscous"):
+        shares = ", ".join(f"{law or 'none'} {share:.0%}" for law, share in problem[kind].items())
+        summary.append(f"{kind} part: {shares}")
+    text, simulate = json.dumps(problem, sort_keys=True), trajectories.simulated
+    return Layout("trajectories", "domain", text, TRAJECTORIES, trajectories.COLUMNS, simulate, summary)
+
+
+def _own_domain(domain: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The domain of a file. Raises InputError: it is not that of this version."""
+    change = difference(domain, trajectories.DOMAIN)
+    if change:
+        raise InputError(f"made with another domain ({change}); use an empty folder", "dataset.another_domain")
+    return trajectories.DOMAIN
 
 
 def _simulated(problem: TrainingProblem, seed: int, block: range) -> Columns:
@@ -208,7 +218,7 @@ class Dataset:
 
 
 def generate(
-    problem: TrainingProblem | PosteriorTable,
+    problem: TrainingProblem | Mapping[str, Any],
     n: int,
     out_dir: str | Path,
     *,
@@ -257,26 +267,27 @@ def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
     return Dataset(problem, first.head["seed"], first.head["made_by"], **columns)
 
 
-def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) -> Columns:
-    """Load the curves of a posterior network from a folder, unpacked in unnamed files in the folder `scratch`.
+def load_trajectories(data_dir: str | Path, scratch: Path) -> tuple[Columns, dict[str, Any]]:
+    """Load the trajectories for an emulator from a folder, unpacked in unnamed files in the folder `scratch`; and the
+    origin of the set.
 
-    Raises InputError: no files, a missing or damaged one, another recipe or version, or too little disk (2 kB a curve).
+    Raises InputError: no files, a missing or damaged one, another domain or version, or too little disk (2.2 kB each).
     """
-    expected = {"posterior": layout_of(problem).problem, "made_by": version("cavirheo")}
-    return _load(data_dir, "curves", expected, scratch)[1]
+    first, columns = _load(data_dir, "trajectories", {"made_by": version("cavirheo")}, scratch)
+    origin = {"n": first.head["total"], "seed": first.head["seed"]}
+    return columns, {**origin, "sha256": _digest(_paths(data_dir, "trajectories"))}
 
 
 def survey(data_dir: str | Path) -> Survey:
     """Survey of a set that may be incomplete. Raises InputError: no files, damaged files, or files of several sets."""
-    paths = _paths(data_dir, "curves" if any(Path(data_dir).glob("curves-*.h5")) else "shard")
-    statuses, digest = Counter[str](), hashlib.sha256()
-    for path, shard in zip(paths, _shards(paths, {}), strict=True):
+    paths = _paths(data_dir, "trajectories" if any(Path(data_dir).glob("trajectories-*.h5")) else "shard")
+    statuses = Counter[str]()
+    for shard in _shards(paths, {}):
         statuses.update(shard.statuses)
-        digest.update(bytes.fromhex(sha256(path)))
     head, size = shard.head, sum(path.stat().st_size for path in paths)
     missing_files = -(-head["total"] // shard.layout.per_file) - len(paths)
     origin = head["made_by"], head["seed"], head["total"], shard.layout.summary
-    return Survey(*origin, dict(statuses), len(paths), missing_files, size, digest.hexdigest())
+    return Survey(*origin, dict(statuses), len(paths), missing_files, size, _digest(paths))
 
 
 def _load(
@@ -315,6 +326,11 @@ def _load(
     return first, columns
 
 
+def _digest(paths: Sequence[Path]) -> str:
+    """SHA-256 of the SHA-256 digests of files, in their order."""
+    return hashlib.sha256(b"".join(bytes.fromhex(sha256(path)) for path in paths)).hexdigest()
+
+
 def _paths(data_dir: str | Path, prefix: str) -> list[Path]:
     """The files of a set in their order. Raises InputError: there is none, or a name is not that of a file of a set."""
     paths = sorted(Path(data_dir).glob(f"{prefix}-*.h5"))
@@ -347,7 +363,7 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
     try:
         require(path.is_file(), "it is no file", "dataset.unreadable")  # reading a pipe would wait for ever
         with h5py.File(path, "r") as file:
-            attribute = "posterior" if "posterior" in file.attrs else "problem"
+            attribute = "domain" if "domain" in file.attrs else "problem"
             types = {attribute: str, "seed": int, "total": int, "made_by": str}
             head: dict[str, Any] = {key: np.asarray(file.attrs[key]).item() for key in (*types, "start")}
             for key, kind in types.items():
@@ -357,7 +373,7 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
                     both = [json.loads(text) if key == attribute else {key: text} for text in (head[key], value)]
                     message = f"made with another {key} ({difference(*both) or 'other keys'})"
                     raise InputError(f"{message}; use an empty folder or its settings", f"dataset.another_{key}")
-            problem_of = PosteriorTable.model_validate if attribute == "posterior" else TrainingProblem.from_dict
+            problem_of: Callable[[Any], Any] = _own_domain if attribute == "domain" else TrainingProblem.from_dict
             layout, start = layout_of(problem_of(json.loads(head[attribute]))), head["start"]
             failed = 0 if "status" in layout.columns else int(file.attrs["failed"])
             count = min(layout.per_file, head["total"] - start) - failed
@@ -369,6 +385,11 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
             require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
             columns = {name: np.array((item.asstr() if name == "status" else item)[:]) for name, item in items.items()}
         if "status" not in columns:
+            require(
+                all(np.isfinite(column).all() for column in columns.values()),
+                "its values are not finite",
+                "dataset.values",
+            )
             return Shard(head, layout, columns, +Counter({"ok": count, "failed, left out": failed}))
         columns["status"] = columns["status"].astype(str)
         ok = columns["status"] == "ok"

@@ -1,9 +1,9 @@
 """Recipe: one TOML file that states how a model is made, from the problem to the name of the export.
 
-A recipe with the section [posterior] is for a posterior network (`PosteriorRecipe`), any other for a network that gives
-one value (`Recipe`); its sections are the fields. [prior] holds one [low, high] for each parameter of the material and
-for the stretch. `medium` is a name, or a table with a `name` and the values that replace those of this medium
-(`unusual = true` accepts values that no liquid or gel has). [network] may be left out.
+A recipe with the section [emulator] is for an emulator (`EmulatorRecipe`), any other for a network that gives one value
+for each parameter (`Recipe`); its sections are the fields. [prior] holds one [low, high] for each parameter of the
+material and for the stretch. `medium` is a name, or a table with a `name` and the values that replace those of this
+medium (`unusual = true` accepts values that no liquid or gel has). [network] may be left out.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, read_bytes, require, validation_message
-from cavirheo.inference.assumptions import Family
-from cavirheo.inference.posterior_network import BUBBLE_NAMES, CAMERA, COORDINATES, coordinate_indices
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem
+from cavirheo.training.trajectories import DOMAIN
 
 LARGEST = 50_000  # bytes of a recipe
+WARM_UP, CONSTANT = 300, 0.3  # of the training of an emulator: steps, and share of them, with the full learning rate
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Size = Annotated[int, Field(gt=0, le=4096)]  # of a dimension of a network
 Range = Annotated[tuple[float, float], Field(strict=False)]  # [low, high] in the file
@@ -52,8 +52,6 @@ class DataTable(Section):
 class NetworkTable(Section):
     """Sizes of the Bubble Dynamics Transformer; one choice that its description leaves open is marked."""
 
-    # names in the prior's scale; empty: all parameters but the stretch
-    outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
     position: Size = 64  # width of the learned embedding of a sample's place in the curve
     width: Size = 64
     heads: Size = 8
@@ -112,58 +110,38 @@ class Recipe(Section):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of the network's outputs in their order. Raises InputError: one is repeated or has no prior."""
-        names = self.network.outputs
-        fine = len({*names}) == len(names) and {*names} <= {*self.prior}
-        message = f"[network] outputs: each once and of the prior ({', '.join(self.prior)}), got {', '.join(names)}"
-        require(fine, message, "recipe.outputs")
-        return names or tuple(name for name in self.prior if name != "stretch")
+        """Names of the network's outputs in their order: all of the prior but the stretch."""
+        return tuple(name for name in self.prior if name != "stretch")
 
     def settings(self) -> dict[str, Any]:
         """All settings that decide the trained weights, apart from the data, in types that JSON can hold."""
         return {
             "problem": self.problem.to_dict(),
             "outputs": list(self.outputs),
-            "network": self.network.model_dump(mode="json", exclude={"outputs"}),
+            "network": self.network.model_dump(mode="json"),
             "training": self.training.model_dump(mode="json", exclude_none=True),
         }
 
-    def check(self) -> None:
-        """Raises InputError: the physics does not accept the problem, or an output is repeated or has no prior."""
-        _ = self.problem, self.outputs
+
+class DomainTable(Section):
+    """It has no keys: what the bubbles are drawn from are constants (training/trajectories.py)."""
 
 
-class PosteriorTable(Section):
-    """What the curves of a posterior network are drawn from; laws and bubbles are shares of the curves by name."""
+class EmulatorNetworkTable(Section):
+    """width: of the residual blocks, of which there are `depth`. components: principal ones of the trajectories."""
 
-    laws: dict[str, PositiveFloat] = Field(min_length=1)
-    bubbles: dict[Literal["field", "real"], PositiveFloat] = Field({"field": 0.35, "real": 0.65}, min_length=1)
-    max_radius_um: Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False)] = (25.0, 650.0)
-
-    @property
-    def kinds(self) -> list[tuple[str, str, float]]:
-        """(law, bubble, share) of each kind, in the network's order."""
-        laws, bubbles = self.laws.items(), self.bubbles.items()
-        return [(law, bubble, share * bubble_share) for law, share in laws for bubble, bubble_share in bubbles]
+    width: Annotated[int, Field(ge=8, le=1024)] = 256
+    depth: Annotated[int, Field(ge=1, le=100)] = 4
+    components: Annotated[int, Field(ge=1, le=400)] = 128
 
 
-class PosteriorNetworkTable(Section):
-    width: Annotated[int, Field(ge=8, le=4096)] = 384
-    depth: Annotated[int, Field(ge=1, le=100)] = 5
-    hidden: Annotated[int, Field(ge=4, le=1024)] = 64
-    parts: Annotated[int, Field(ge=1, le=100)] = 8
-
-
-class PosteriorTrainingTable(Section):
-    """samples: recordings of the whole training, `batch` at a step. rate: learning rate of AdamW after `warm_up` steps;
-    it falls to 0.3 % of this in the last part `falling` of all steps."""
+class EmulatorTrainingTable(Section):
+    """samples: trajectories that are shown in the whole training, `batch` at a step. rate: learning rate of AdamW after
+    WARM_UP steps; it is constant in the first 30 % of all steps and then falls to nearly 0 as half a cosine."""
 
     samples: PositiveInt
-    batch: PositiveInt = 256
-    rate: PositiveFloat = 7e-4
-    warm_up: PositiveInt = 600
-    falling: Annotated[float, Field(gt=0, le=1)] = 0.2
-    decay: Annotated[float, Field(ge=0)] = 0.01
+    batch: Annotated[int, Field(gt=0, le=1_000_000)] = 512
+    rate: PositiveFloat = 1.5e-3
     seed: Seed = 1
 
     @property
@@ -171,48 +149,42 @@ class PosteriorTrainingTable(Section):
         return max(self.samples // self.batch, 1)
 
     def learning_rate(self, step: int, steps: int) -> float:
-        """Learning rate at `step` (from 0) of `steps`. It falls late: an unfinished training can be lengthened."""
-        left = (steps - step) / max(self.falling * steps, 1.0)
-        return self.rate * min(1.0, (step + 1) / self.warm_up) * min(1.0, max(left, 0.0) + 0.003)
+        """Learning rate at `step` (from 0) of `steps`."""
+        falling = max(step / steps - CONSTANT, 0.0) / (1.0 - CONSTANT)
+        share = min(1.0, (step + 1) / WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * falling))
+        return self.rate * (share + 1e-3)
 
 
-class PosteriorRecipe(Section):
-    problem: PosteriorTable = Field(alias="posterior")
+class EmulatorRecipe(Section):
+    domain: DomainTable = Field(alias="emulator")
     data: DataTable
-    network: PosteriorNetworkTable = PosteriorNetworkTable()
-    training: PosteriorTrainingTable
+    network: EmulatorNetworkTable = EmulatorNetworkTable()
+    training: EmulatorTrainingTable
     export: ExportTable
 
+    @property
+    def problem(self) -> dict[str, Any]:
+        """What the bubbles are drawn from."""
+        return DOMAIN
+
     def settings(self) -> dict[str, Any]:
-        """All settings of the curves and of the network, without the number of curves and the training."""
-        return self.problem.model_dump(mode="json", exclude_none=True) | self.network.model_dump()
-
-    def check(self) -> None:
-        """Raises InputError: a range without width, or a law that the coordinates cannot hold."""
-        low, high = self.problem.max_radius_um
-        require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
-        for law, bubble, _ in self.problem.kinds:
-            try:
-                names = {*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA}
-                fits = len({*coordinate_indices(law, bubble)}) == len(names)
-            except ValueError:
-                fits = False
-            message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(COORDINATES)})"
-            require(fits, message, "recipe.value")
+        """All settings that decide the trained weights, apart from the data, in types that JSON can hold."""
+        tables = {name: getattr(self, name).model_dump(mode="json") for name in ("network", "training")}
+        return {"domain": self.problem, **tables}
 
 
-def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
+def read_recipe(path: str | Path) -> Recipe | EmulatorRecipe:
     """Read the recipe in a TOML file.
 
     Raises InputError: the file is not readable or not TOML, has an unknown key, or a value is missing or not accepted.
     """
     content = read_bytes(path, LARGEST)
-    kind: type[Recipe | PosteriorRecipe] = Recipe
+    kind: type[Recipe | EmulatorRecipe] = Recipe
     try:
         sections = tomllib.loads(content.decode())
-        kind = PosteriorRecipe if "posterior" in sections else Recipe
+        kind = EmulatorRecipe if "emulator" in sections else Recipe
         recipe = kind.model_validate(sections)
-        recipe.check()
+        _ = recipe.problem  # the physics may refuse its values
         return recipe
     except ValidationError as error:
         raise InputError(f"{path} cannot be used: {validation_message(error, kind)}", "recipe.value") from error

@@ -1,13 +1,13 @@
-"""Training and export: from a recipe and a training set to a network's weights and one .onnx file with its card.
+"""Training and export: from a recipe and a training set to a network's weights and one file of weights with its card.
 
 All random numbers follow from (seed, step): a run that is interrupted and continued ends with the same weights.
 
 Files in the run's folder, each written completely or not at all; tensors have a JSON note, and nothing is pickled:
     last.safetensors   weights and optimiser at the last validation, settings, history
-    best.safetensors   weights to export: of the lowest validation loss; for a posterior network the averaged ones
+    best.safetensors   weights to export: of the lowest validation loss; for an emulator the averaged ones
     history.jsonl      one line per validation: losses of the training and the validation part, seconds
-    test.npz           curves, true values and predictions of the test part, which is used once, at the end
-    result.json        settings and results of the run, for the card of the exported model (inference/model.py)
+    test.npz           inputs of the test part, which is used once, at the end, and true values and predictions
+    result.json        settings and results of the run, for the card of the exported model (inference/cards.py)
 """
 
 from __future__ import annotations
@@ -22,48 +22,52 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
 from datetime import UTC, date, datetime
+from hashlib import sha256
 from importlib.metadata import version
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from pydantic_core import to_json
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 from torch.nn import functional
 
-from cavirheo.errors import InputError, read_object, require, sha256
-from cavirheo.inference.model import ModelCard, PosteriorCard, check_graph, predict
-from cavirheo.inference.posterior_network import COORDINATES, INPUTS, SIZE, coordinate_indices
-from cavirheo.inference.session import onnx_session
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError, read_object, require
+from cavirheo.inference.bdt import Forward
+from cavirheo.inference.cards import MAX_BYTES, EmulatorCard, Layers, ModelCard, unpack
+from cavirheo.inference.emulator import NODES, Emulator, at_instants
 from cavirheo.parameters import LOG10, parameter_of
-from cavirheo.physics.media import WATER
-from cavirheo.prior import TrainingProblem
-from cavirheo.training import networks
-from cavirheo.training.dataset import Dataset, Indices, load, load_curves
-from cavirheo.training.evaluate import metrics
-from cavirheo.training.networks import BubbleTransformer, PosteriorNetwork, Unstandardised, scaling
-from cavirheo.training.recipe import NetworkTable, PosteriorRecipe, Recipe, difference
-from cavirheo.training.recordings import MAX_FRAMES, MAX_INTERVAL, MIN_FRAMES, MIN_INTERVAL, Columns, FilmedBatch, film
+from cavirheo.training.dataset import Dataset, Indices, load, load_trajectories
+from cavirheo.training.networks import BubbleTransformer, EmulatorNetwork, Unstandardised, arrays_of, scaling
+from cavirheo.training.recipe import WARM_UP, EmulatorRecipe, Recipe, difference
+from cavirheo.training.scores import metrics
+from cavirheo.training.trajectories import compared_end
 from cavirheo.writing.document import atomic_file, writable_folder
 from cavirheo.writing.terminal import progress_bar
 
 Network = TypeVar("Network", bound=nn.Module)
-AVERAGE_DECAY = 0.999
+AVERAGE_DECAY = 0.998
 NOTE_KEY = "cavirheo"
 LARGEST = 200_000_000  # bytes of a result.json
 EVALUATION_BATCH = 512
-VALIDATION = 0.03  # part of the curves of a posterior network that is held out for validation
-MOST_HELD_OUT = 4000  # largest number of held-out curves, whose recordings are all in memory
-LEAST_VALIDATED = 100  # smallest number of their recordings, including some without a readable R_max
-KIND_LOSS_WEIGHT = 0.1  # weight of the loss of the classification of law and bubble
-COVERAGE_DRAWS = 300  # of each recording, from which the coverage is computed
-# Largest difference between the exported model and the trained one, in the prior's scale: rounding to single precision
-# alone moves an answer by up to 1e-4 of a decade
+MOST_COMPARED = 1000  # curves of the test part on which the exported network is compared with the trained one
+HELD_OUT = 0.03  # part of the trajectories of an emulator that is held out
+LEAST_HELD_OUT, MOST_HELD_OUT = 20, 4000
+MOST_FITTED = 12_000  # trajectories that give the principal components
+FIRST_FLOOR, LAST_FLOOR = -5.5, -7.5  # log10 of the floor of squared errors, which falls
+FALLING = 0.7  # share of the steps in which it does
+LATE_WEIGHT = 0.05  # of squared errors after the rebound of the third collapse
+FAST = 3.0  # velocity, in R_max/T, from which errors count less
+FRAMES = 100  # of a bubble, of which the errors on the card are
+# Largest difference between the exported network and the trained one: rounding to single precision alone moves an
+# answer by up to 1e-4 of a decade
 TOLERANCE = 5e-4
-POSTERIOR_TOLERANCE = 0.05  # the same of a log density per coordinate, for weights at half precision
 
 
 class Training(ABC, Generic[Network]):
@@ -77,7 +81,7 @@ class Training(ABC, Generic[Network]):
     clip: float = math.inf  # largest norm of a gradient
     identity: dict[str, Any]  # identifies the data, which must not change within a run, like the settings
 
-    def __init__(self, recipe: Recipe | PosteriorRecipe, folder: Path, device: torch.device) -> None:
+    def __init__(self, recipe: Recipe | EmulatorRecipe, folder: Path, device: torch.device) -> None:
         self.name, self.schedule, self.settings = recipe.export.name, recipe.training, recipe.settings()
         self.folder, self.device, self.step, self.history = folder, device, 0, list[dict[str, Any]]()
         torch.manual_seed(recipe.training.seed)
@@ -235,8 +239,8 @@ class PointTraining(Training[BubbleTransformer]):
         """Entries of result.json; the test part is used here alone."""
         data, (curves, target) = self.data, self.parts["test"]
         truth, predicted = ((t * self.std + self.mean).numpy() for t in (target.cpu(), self._predict("test").cpu()))
-        with atomic_file(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
-            np.savez(file, radius=data.radius[curves], truth=truth, predicted=predicted)
+        test = {"inputs": data.radius[curves], "truth": truth, "predicted": predicted}
+        write_arrays(self.folder / "test.npz", test)
         origin = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
         parts = {part: len(curves) for part, (curves, _) in self.parts.items()}
         return {
@@ -257,95 +261,98 @@ class PointTraining(Training[BubbleTransformer]):
         return torch.cat([self.network(self._radius(curves[start : start + EVALUATION_BATCH])) for start in starts])
 
 
-class PosteriorTraining(Training[PosteriorNetwork]):
-    """Training by the negative log density of the true values, on new recordings at each step; the weights are
-    averaged over the steps. All random numbers follow from (seed, step)."""
+class EmulatorTraining(Training[EmulatorNetwork]):
+    """Training on the trajectories of simulated bubbles; the weights are averaged over the steps. All random numbers
+    follow from (seed, step). The loss of a trajectory is the logarithm of its mean squared error above a floor, which
+    falls: bubbles that are hard do not decide alone. The error of a node is that of R at its time t, so what is wrong
+    in t counts by the velocity; it counts less where the wall is fast, and after the rebound of the third collapse."""
 
-    validation_interval, clip = 800, 2.0
+    validation_interval, clip = 500, 1.0
 
-    def __init__(self, recipe: PosteriorRecipe, curves: Columns, folder: Path) -> None:
-        super().__init__(recipe, folder, torch.device("cpu"))
-        schedule = recipe.training
-        self.curves, self.steps = curves, schedule.steps
-        self.kinds = [(law, bubble) for law, bubble, _ in recipe.problem.kinds]
-        self.network = PosteriorNetwork(len(self.kinds), recipe.network)
+    def __init__(self, recipe: EmulatorRecipe, data_dir: str | Path, folder: Path, device: torch.device) -> None:
+        super().__init__(recipe, folder, device)
+        self.curves, origin = load_trajectories(data_dir, folder)
+        self.steps = recipe.training.steps
+        n = len(self.curves["inputs"])
+        held_out = min(max(round(HELD_OUT * n), LEAST_HELD_OUT), MOST_HELD_OUT)
+        if n < held_out + recipe.network.components:
+            message = (
+                f"{recipe.network.components} components need {LEAST_HELD_OUT} trajectories more; the data have {n}"
+            )
+            raise InputError(message, "training.few")
+        self.train = n - held_out  # the others are the last: other laws in other media
+        self.held_out = np.arange(self.train, n)
+        self.origin = origin | {"train": self.train, "test": held_out}
+        self.identity = {"data": origin["sha256"]}
+        self.network = EmulatorNetwork(recipe.network)
+        first = slice(0, min(self.train, MOST_FITTED))
+        trajectories = np.hstack([self.curves["radius"][first], self.curves["time"][first]]).astype(float)
+        self.network.fit(self.curves["inputs"][: self.train].astype(float), trajectories)
+        self.network.to(device)
         self.average = deepcopy(self.network).requires_grad_(False)
-        weights, decay = self.network.parameters(), schedule.decay
-        self.optimiser = torch.optim.AdamW(weights, schedule.rate, weight_decay=decay, fused=True)
-        self.mask = torch.zeros(len(self.kinds), len(COORDINATES))  # which coordinates a kind has
-        for i, kind in enumerate(self.kinds):
-            self.mask[i, coordinate_indices(*kind)] = 1.0
-        n = len(curves["kind"])
-        require(n >= 2, f"a posterior network needs 2 curves or more, one of them for validation; the data have {n}")
-        self.identity = {"curves": n}
-        first_held_out = max(min(round((1.0 - VALIDATION) * n), n - 1), n - MOST_HELD_OUT)
-        self.train, self.held_out = np.arange(first_held_out), np.arange(first_held_out, n)
-        repeated = np.resize(self.held_out, max(len(self.held_out), LEAST_VALIDATED))  # each several times if few
-        self.validation = film(curves, repeated, 2**31 - 1)
+        weights = self.network.parameters()
+        self.optimiser = torch.optim.AdamW(weights, recipe.training.rate, weight_decay=1e-6)
 
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
-        batch = self._batch(step)
-        kind = torch.from_numpy(batch.kind)
-        encoded, kind_score = self.network.encode(torch.from_numpy(batch.inputs))
-        density = self.network.log_density(encoded, kind, torch.from_numpy(batch.z))
-        loss = -(density * self.mask[kind]).sum(dim=1).mean()
-        kind_loss = functional.cross_entropy(kind_score, kind)
-        return loss + KIND_LOSS_WEIGHT * kind_loss, torch.stack([loss, kind_loss]).double(), 1
-
-    def _batch(self, step: int) -> FilmedBatch:
-        """The recordings of a step."""
         rng = np.random.default_rng([self.schedule.seed, step])
-        size, parts = self.schedule.batch, list[FilmedBatch]()
-        while (count := sum(len(part.z) for part in parts)) < size:
-            index = rng.choice(self.train, int(1.8 * (size - count)) + 32)
-            parts.append(film(self.curves, index, int(rng.integers(2**31 - 1))))
-        return FilmedBatch(*(np.concatenate(column)[:size] for column in zip(*parts, strict=True)))
+        rows = rng.integers(self.train, size=self.schedule.batch)
+        inputs, truth, weight = self._batch(rows)
+        predicted = self.network(inputs)
+        squared = squared_errors(predicted, truth, weight)
+        reported = torch.median(torch.sqrt(squared))[None]
+        if step < WARM_UP:
+            return squared.mean() + functional.mse_loss(predicted, truth), reported, 1
+        floor = 10.0 ** (FIRST_FLOOR + (LAST_FLOOR - FIRST_FLOOR) * min(1.0, step / (FALLING * self.steps)))
+        return torch.log(squared + floor).mean(), reported, 1
+
+    def _batch(self, rows: Indices) -> tuple[Tensor, Tensor, Tensor]:
+        """Inputs (k, INPUTS), R/R_max and t/T (k, 2 NODES), and weights (k, NODES) of bubbles."""
+        radius = self.curves["radius"][rows]
+        counts = np.arange(NODES) <= compared_end(radius)[:, None]
+        arrays = self.curves["inputs"][rows], np.hstack([radius, self.curves["time"][rows]])
+        weight = np.where(counts, 1.0, LATE_WEIGHT).astype(np.float32)
+        inputs, truth, weights = (torch.from_numpy(array).to(self.device) for array in (*arrays, weight))
+        return inputs, truth, weights
 
     @torch.inference_mode()
     def history_line(self, losses: Sequence[float]) -> dict[str, Any]:
-        """A line of the history, with losses of the averaged weights on recordings of held-out curves."""
-        kind, inputs, z = (torch.from_numpy(getattr(self.validation, name)) for name in ("kind", "inputs", "z"))
-        encoded, kind_score = self.exported.encode(inputs)
-        density = self.exported.log_density(encoded, kind, z) * self.mask[kind]
-        by_slot = [float(-density[:, k][self.mask[kind][:, k] > 0].mean()) for k in range(len(COORDINATES))]
-        by_kind = [float(-density[kind == k].sum(dim=1).mean()) for k in range(len(self.kinds))]
-        return {
-            "step": self.step,
-            "samples": self.step * self.schedule.batch,
-            "train": losses[0],
-            "guess": losses[1],
-            "validation": float(-density.sum(dim=1).mean()),
-            "right_kind": float((kind_score.argmax(dim=1) == kind).float().mean()),
-            "slots": [round(loss, 3) for loss in by_slot],
-            "kinds": [round(loss, 3) for loss in by_kind],
-        }
+        """A line of the history, with quantiles of the error of the averaged weights on bubbles that are held out."""
+        inputs, truth, weight = self._batch(self.held_out)
+        errors = torch.sqrt(squared_errors(self.exported(inputs), truth, weight))
+        middle, p90, p99 = (float(torch.quantile(errors, level)) for level in (0.5, 0.9, 0.99))
+        samples = self.step * self.schedule.batch
+        line = {"step": self.step, "samples": samples, "train": losses[0], "validation": middle}
+        return line | {"p90": p90, "p99": p99}
 
     @torch.inference_mode()
     def result(self) -> dict[str, Any]:
-        """Entries of result.json, with the coverage by slot: the shares of recordings whose true value lies in the
-        central 50 and 90 % of the network's draws."""
-        recordings, one_hot, nothing = self.validation, torch.eye(len(self.kinds)), torch.zeros(len(COORDINATES))
-        rng, sequential = torch.Generator().manual_seed(0), networks.SequentialDraws(self.exported.eval())
-        below = np.full(recordings.z.shape, np.nan)
-        for i, kind in enumerate(recordings.kind.tolist()):
-            uniform = torch.rand((COVERAGE_DRAWS, len(COORDINATES), self.exported.parts), generator=rng).clamp(1e-9)
-            normal = torch.randn((COVERAGE_DRAWS, len(COORDINATES)), generator=rng)
-            inputs = torch.from_numpy(recordings.inputs[i : i + 1])
-            has, choice = self.mask[kind], -torch.log(-torch.log(uniform))
-            z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
-            places = coordinate_indices(*self.kinds[kind])
-            below[i, places] = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)[places]
-        by_slot = {}
-        for name, shares in zip(COORDINATES, below.T, strict=True):
-            if len(off := np.abs(2.0 * shares[np.isfinite(shares)] - 1.0)):
-                by_slot[name] = {str(level): round(float(np.mean(off < level / 100)), 4) for level in (50, 90)}
-        return {
-            "samples": self.history[-1]["samples"],
-            "curves": len(self.train),
-            "held_out": len(self.held_out),
-            "loss_by_kind": self.history[-1]["kinds"],
-            "coverage": {"recordings": len(recordings.kind), "by_slot": by_slot},
-        }
+        """Entries of result.json; the errors are of frames at equal times, on bubbles that are held out."""
+        inputs, truth, _ = self._batch(self.held_out)
+        predicted = self.exported(inputs)
+        write_arrays(self.folder / "test.npz", {"inputs": inputs[:MOST_COMPARED].cpu().numpy()})
+        errors = frame_errors(truth.cpu().numpy(), predicted.cpu().numpy())
+        quantiles = np.quantile(errors, (0.5, 0.9, 0.95, 0.99)).tolist()
+        names = ("median", "p90", "p95", "p99")
+        return {"data": self.origin, "errors": dict(zip(names, (float(f"{q:.3g}") for q in quantiles), strict=True))}
+
+
+def squared_errors(predicted: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
+    """(k,) mean squared error of R/R_max along trajectories (k, 2 NODES), with weights (k, NODES)."""
+    radius, time = truth.chunk(2, dim=1)
+    off_radius, off_time = (predicted - truth).chunk(2, dim=1)
+    velocity = torch.gradient(radius, dim=1)[0] / torch.gradient(time, dim=1)[0].clamp(min=1e-6)
+    return ((off_radius - velocity * off_time) ** 2 * weight / (1.0 + (velocity / FAST) ** 2)).mean(dim=1)
+
+
+def frame_errors(truth: NDArray[np.float32], emulated: NDArray[np.float32]) -> Floats:
+    """(k,) RMS error over R_max of FRAMES at equal times, up to the rebound that follows the third collapse."""
+    radius, time = np.hsplit(truth, 2)
+    end = np.take_along_axis(time, compared_end(radius)[:, None], axis=1)
+    instants = end.astype(float) * np.linspace(0.0, 1.0, FRAMES)
+    expected, found = np.empty(instants.shape), np.empty(instants.shape)
+    at_instants(truth, instants, expected)
+    at_instants(emulated, instants, found)
+    return np.asarray(np.sqrt(np.mean((found - expected) ** 2, axis=1)))
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, Any]) -> None:
@@ -401,8 +408,14 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write arrays into an .npz file, completely or not at all."""
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)
+
+
 def train(
-    recipe: Recipe | PosteriorRecipe,
+    recipe: Recipe | EmulatorRecipe,
     data_dir: str | Path,
     out_dir: str | Path,
     *,
@@ -412,7 +425,7 @@ def train(
 ) -> dict[str, Any]:
     """Train the recipe's network, or continue the run in `out_dir`; returns the content of its result.json.
 
-    `device` is torch's name ("cpu", "cuda"; default: cuda if there is one, and the processor for a posterior network).
+    `device` is torch's name ("cpu", "cuda"; default: cuda if there is one).
 
     Raises InputError: the data were made for another problem, or the folder holds another run.
     """
@@ -420,107 +433,92 @@ def train(
         torch.set_num_threads(threads)
     gpus = torch.cuda.device_count()
     devices = ["cpu", *["cuda"][:gpus], *(f"cuda:{k}" for k in range(gpus))]
-    message = f"there is no device {device!r} for torch {torch.__version__} here; there is {', '.join(devices)}"
-    require(device is None or device in devices, message, "training.device")
-    posterior = not isinstance(recipe, Recipe)
-    message = f"a posterior network is trained on the processor: leave out --device {device}"
-    require(not posterior or device in (None, "cpu"), message, "training.device")
-    chosen = torch.device(device or ("cuda" if gpus and not posterior else "cpu"))
+    if device is not None and device not in devices:
+        message = f"there is no device {device!r} for torch {torch.__version__} here; there is {', '.join(devices)}"
+        raise InputError(message, "training.device")
+    chosen = torch.device(device or ("cuda" if gpus else "cpu"))
     with writable_folder(out_dir) as folder, torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
         if isinstance(recipe, Recipe):
             return PointTraining(recipe, load(data_dir, folder), folder, chosen).run(progress)
-        return PosteriorTraining(recipe, load_curves(recipe.problem, data_dir, folder), folder).run(progress)
+        return EmulatorTraining(recipe, data_dir, folder, chosen).run(progress)
 
 
 def export(
-    recipe: Recipe | PosteriorRecipe, run_dir: str | Path, out_dir: str | Path, *, card_date: date | None = None
+    recipe: Recipe | EmulatorRecipe, run_dir: str | Path, out_dir: str | Path, *, card_date: date | None = None
 ) -> Path:
-    """Write NAME.onnx and NAME.json for a finished run; returns the path of NAME.onnx. card_date: date on the card.
+    """Write NAME.npz and NAME.json for a finished run; returns the path of NAME.npz. card_date: date on the card.
 
     Raises:
-        InputError: the run is not finished, or is not of this recipe.
-        RuntimeError: the exported model differs from the trained one by more than TOLERANCE.
+        InputError: the run is not finished, or is not of this recipe; or its weights take more than 8 MB.
+        RuntimeError: what numpy computes from the file differs from the trained network by more than TOLERANCE.
     """
     run = Path(run_dir)
     result = read_result(run)
     changed = difference(result, recipe.settings())
     require(not changed, f"{run} was not trained with this recipe: {changed}", "export.another_recipe")
-    point: Any = (_export_point, _point_card, ModelCard)
-    posterior: Any = (_export_posterior, _posterior_card, PosteriorCard)
-    write, describe, card = point if isinstance(recipe, Recipe) else posterior
-    with writable_folder(out_dir) as folder:
-        target = folder / f"{recipe.export.name}.onnx"
+    with damaged_as_input_error(run / "best.safetensors"):
+        network = load_network(recipe, run / "best.safetensors")
+    with damaged_as_input_error(run / "test.npz"), np.load(run / "test.npz", allow_pickle=False) as test:
+        inputs = test["inputs"][:MOST_COMPARED]
+    stream, arrays = BytesIO(), dict[str, Any](arrays_of(network))
+    np.savez(stream, **arrays)
+    content = stream.getvalue()
+    if len(content) > MAX_BYTES:
+        message = f"the weights take {len(content) / 1e6:.1f} MB, and {MAX_BYTES / 1e6:g} MB are read: train fewer"
+        raise InputError(message, "export.size")
+    deviation = largest_difference(recipe, network, content, inputs)
+    if not deviation <= TOLERANCE:
+        raise RuntimeError(f"exported and trained network differ by {deviation:.2g}, more than {TOLERANCE:g}")
+    packages = {package: version(package) for package in ("cavirheo", "numpy")}
+    with writable_folder(out_dir) as folder, damaged_as_input_error(run / "result.json"):
+        target = folder / f"{recipe.export.name}.npz"
+        about = {
+            "schema": 2,
+            "name": target.stem,
+            **(_point_entries(recipe, result) if isinstance(recipe, Recipe) else _emulator_entries(result)),
+            "weights": {"sha256": sha256(content).hexdigest(), "largest_difference_from_torch": deviation},
+            "versions": {"python": platform.python_version(), "torch": result["torch"], **packages},
+            "license": "MIT",
+            "date": (card_date or datetime.now(UTC).date()).isoformat(),
+        }
+        kind: Any = ModelCard if isinstance(recipe, Recipe) else EmulatorCard
+        kind.model_validate(about)
         with atomic_file(target) as temporary:
-            added = write(recipe, run, temporary)
-        with damaged_as_input_error(run / "result.json"):
-            packages = {package: version(package) for package in ("cavirheo", "numpy", "onnxruntime")}
-            content = {
-                "schema": 1,
-                "name": target.stem,
-                **describe(recipe, result),
-                "onnx": {"sha256": sha256(target), **added},
-                "versions": {"python": platform.python_version(), "torch": result["torch"], **packages},
-                "license": "MIT",
-                "date": (card_date or datetime.now(UTC).date()).isoformat(),
-            }
-            card.model_validate(content)
-        text = as_json(content, indent=2)
+            temporary.write_bytes(content)
+        text = as_json(about, indent=2)
         # put each list of numbers or words on one line
         text = re.sub(r"\[\s+([^][{}]+?)\s+\]", lambda match: f"[{' '.join(match[1].split())}]", text)
         write_text(target.with_suffix(".json"), text + "\n")
     return target
 
 
-def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
-    """Write the model; returns the card's entries on the file, with its largest difference from the trained network: in
-    the prior's scale, on the test curves as one batch and on the first of them alone."""
-    with damaged_as_input_error(run / "best.safetensors"):
-        model = load_model(run / "best.safetensors")
-    with damaged_as_input_error(run / "test.npz"), np.load(run / "test.npz") as test:
-        radius = test["radius"]
-    networks.write_onnx(model, recipe.problem.grid.frames, path)
-    with torch.inference_mode():
-        expected = model(torch.from_numpy(radius)).numpy()
-    together, single = predict(path, radius), predict(path, radius[:1])
-    deviation = float(max(np.abs(together - expected).max(), np.abs(single - expected[:1]).max()))
-    if not deviation <= TOLERANCE:
-        raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
-    check_graph(path.read_bytes())  # inference would refuse such a file
-    return {"opset": networks.OPSET, "largest_difference_from_torch": deviation}
-
-
-def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[str, Any]:
-    """Write the model; returns the card's entry on the file: the largest difference of its log density, per coordinate,
-    from that of the trained network, whose weights are not rounded to half precision."""
-    with damaged_as_input_error(run / "best.safetensors"):
-        network = PosteriorNetwork(len(recipe.problem.kinds), recipe.network)
-        network.load_state_dict(read_tensors(run / "best.safetensors")[0])
-    networks.write_posterior(network, path)
-    rng, count, d, kinds = np.random.default_rng(0), 64, len(COORDINATES), len(recipe.problem.kinds)
-    shapes = {"cells": (1, SIZE), "choice": (count, d, network.parts), "normal": (count, d), "given": (count, d)}
-    values: Any = {name: rng.standard_normal(shape).astype(np.float32) for name, shape in shapes.items()}
-    ones = dict.fromkeys(("has", "counted", "take"), np.ones(d, np.float32))
-    session, deviation = onnx_session(path.read_bytes()), 0.0
-    for kind in np.eye(kinds, dtype=np.float32)[:, None]:
-        feed = values | ones | {"kind": kind}
-        with torch.inference_mode():
-            expected = networks.SequentialDraws(network.eval())(*(torch.from_numpy(feed[name]) for name in INPUTS))[1]
-        deviation = max(deviation, float(np.abs(session.run(None, feed)[1] - expected.numpy()).max()) / d)
-    if not deviation <= POSTERIOR_TOLERANCE:
-        raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {POSTERIOR_TOLERANCE:g}")
-    return {"largest_difference_from_torch": deviation}
-
-
-def load_model(checkpoint: Path) -> Unstandardised:
-    """The network of a best.safetensors with its scaling, in evaluation mode."""
-    weights, note = read_tensors(checkpoint)
-    problem, outputs = TrainingProblem.from_dict(note["problem"]), tuple(note["outputs"])
-    network = BubbleTransformer(NetworkTable(**note["network"]), problem.grid.frames, len(outputs))
+def load_network(recipe: Recipe | EmulatorRecipe, checkpoint: Path) -> Unstandardised | EmulatorNetwork:
+    """The network of a best.safetensors, in evaluation mode; one of a `Recipe` with the scaling of its outputs."""
+    weights, _ = read_tensors(checkpoint)
+    if isinstance(recipe, Recipe):
+        transformer = BubbleTransformer(recipe.network, recipe.problem.grid.frames, len(recipe.outputs))
+        transformer.load_state_dict(weights)
+        return Unstandardised(transformer, *scaling(recipe.problem.prior, recipe.outputs)).eval()
+    network = EmulatorNetwork(recipe.network)
     network.load_state_dict(weights)
-    return Unstandardised(network, *scaling(problem.prior, outputs)).eval()
+    return network.eval()
 
 
-def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
+@torch.inference_mode()
+def largest_difference(
+    recipe: Recipe | EmulatorRecipe, network: Unstandardised | EmulatorNetwork, content: bytes, inputs: Any
+) -> float:
+    """Largest difference between what numpy computes from a file of weights and the trained network."""
+    arrays = unpack(content)
+    if isinstance(recipe, Recipe):
+        layers = Layers.model_validate(recipe.network.model_dump())
+        found = Forward(layers, len(recipe.outputs), arrays)(inputs.astype(float))
+    else:
+        found = Emulator(arrays).trajectories(inputs)
+    return float(np.abs(found - network(torch.from_numpy(inputs)).numpy()).max())
+
+
+def _point_entries(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
     """Entries of the card on a network that gives one value, and on its training."""
     problem = recipe.problem
     meaning = "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)"
@@ -531,7 +529,7 @@ def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
         "material": problem.material_name,
         "problem_id": problem.id,
         "problem": problem.to_dict(),
-        "input": {"name": "radius", "shape": ["batch", problem.grid.frames], "dtype": "float32", "meaning": meaning},
+        "input": {"name": "radius", "shape": ["batch", problem.grid.frames], "meaning": meaning},
         "outputs": [{"name": name, "unit": parameter_of(name).unit, "scale": scale} for name, scale in scales.items()],
         "network": result["network"] | {"parameters": result["parameters"]},
         "training": result["training"] | training,
@@ -542,24 +540,14 @@ def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _posterior_card(recipe: PosteriorRecipe, result: Mapping[str, Any]) -> dict[str, Any]:
-    """Entries of the card on a posterior network, and on its training."""
-    low, high = recipe.problem.max_radius_um
-    ranges = {
-        "max_radius_um": (1.2 * low, high / 1.08),
-        "frame_interval_us": (MIN_INTERVAL * 1e6, MAX_INTERVAL * 1e6),
-        "frames": (0.75 * MIN_FRAMES, MAX_FRAMES),
-        "noise_over_rmax": (0.0, 0.06),
-        "density": (0.89 * WATER.density, 1.11 * WATER.density),
-        "pressure": (0.89 * WATER.pressure, 1.11 * WATER.pressure),
-    }
-    training = {key: result[key] for key in ("samples", "curves", "held_out")} | {"seconds": round(result["seconds"])}
+def _emulator_entries(result: Mapping[str, Any]) -> dict[str, Any]:
+    """Entries of the card on an emulator, and on its training."""
+    training = {key: result[key] for key in ("seconds", "device")}
     return {
-        "kind": "posterior",
-        "kinds": [(law, bubble) for law, bubble, _ in recipe.problem.kinds],
-        "trained": {name: [float(f"{end:.3g}") for end in ends] for name, ends in ranges.items()},
-        "network": recipe.network.model_dump() | {"parameters": result["parameters"]},
-        "training": recipe.training.model_dump() | training | {"loss": result["best_validation_loss"]},
-        "loss_by_kind": result["loss_by_kind"],
-        "coverage": result["coverage"],
+        "kind": "emulator",
+        "domain": result["domain"],
+        "network": result["network"] | {"parameters": result["parameters"]},
+        "training": result["training"] | training,
+        "data": result["data"],
+        "errors": result["errors"],  # of the test part
     }

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import NODES, S_END, STRETCHING, Bubbles, features
+from cavirheo.inference.emulator import INPUTS, NODES, S_END, STRETCHING, Bubbles, features
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 from cavirheo.physics.bubble import Bubble, Damage
 from cavirheo.physics.laws import Material
@@ -30,6 +31,14 @@ ACCOMMODATIONS = (0.01, 1.0)
 FIELD_SHARE = 0.22  # of the bubbles have equilibrium contents
 DAMAGED_SHARE = 0.08  # of the blocks have damage by strain
 COARSE_INSTANTS, FINE_INSTANTS = 2400, 1200  # of a simulation: for the stretched time, and in it
+DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and where their trajectories are stored
+    "block": BLOCK, "elastic": ELASTIC, "viscous": VISCOUS, "arms": ARMS, "largest_stress": HARDEST,
+    "largest_viscosity": MOST_VISCOUS, "stretch": [*STRETCHES, *USUAL_STRETCHES],
+    "max_radius": [*RADII, *USUAL_RADII], "accommodation": [*ACCOMMODATIONS],
+    "field_share": FIELD_SHARE, "damaged_share": DAMAGED_SHARE, "inputs": INPUTS, "nodes": NODES, "s_end": S_END,
+}  # fmt: skip
+COLUMNS = {"inputs": (np.float32, (INPUTS,)), "time": (np.float32, (NODES,)), "radius": (np.float32, (NODES,))}
+THIRD = 3  # collapses until the trajectory counts less
 
 
 class Trajectories(NamedTuple):
@@ -169,6 +178,23 @@ def _stretched(tau: Floats, R: Floats, U: Floats) -> Floats:
     middle = np.maximum(0.5 * (R[1:] + R[:-1]) + step / 8.0 * (U[:-1] - U[1:]), 1e-3)
     pieces = step / 6.0 * (R[:-1] ** -STRETCHING + 4.0 * middle**-STRETCHING + R[1:] ** -STRETCHING)
     return np.concatenate([[0.0], np.cumsum(pieces)])
+
+
+def simulated(seed: int, rows: range) -> dict[str, Floats]:
+    """The columns (solved bubbles, ...) of bubbles `rows` of the set with this seed; rows starts at a whole block."""
+    parts = [block(seed, number) for number in range(rows.start // BLOCK, -(-rows.stop // BLOCK))]
+    return {name: np.concatenate([getattr(part, name) for part in parts])[: len(rows)] for name in COLUMNS}
+
+
+def compared_end(radius: NDArray[Any]) -> NDArray[np.int64]:
+    """(k,) index of the last node of trajectories (k, NODES) that counts in full: in the rebound that follows the third
+    collapse, or the last of all."""
+    inner = radius[:, 1:-1]
+    low = (inner < radius[:, :-2]) & (inner <= radius[:, 2:]) & (inner < 0.97)
+    collapses = np.cumsum(low, axis=1)
+    third, second = ((collapses >= count).argmax(axis=1) + 1 for count in (THIRD, THIRD - 1))
+    end = np.where(collapses[:, -1] >= THIRD, third + 0.6 * (third - second), NODES - 1)
+    return np.minimum(end, NODES - 1).astype(np.int64)
 
 
 def block(seed: int, number: int) -> Trajectories:

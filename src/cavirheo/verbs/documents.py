@@ -20,7 +20,9 @@ from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.writing import digits, terminal
 
-_FILE = "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped "
+_FILE = (
+    "a document, a folder of results, a training set, an .npz file of weights; a measurement; or the name of a shipped "
+)
 _FILE += "network"
 _VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # prefixes of variables that change speed or answers
 
@@ -39,21 +41,21 @@ def show(
     from cavirheo.loading import documents_in
 
     if len(file.parts) == 1 and not file.suffix and not exists(file):
-        from cavirheo.inference.model import shipped
+        from cavirheo.inference.cards import shipped
 
         networks = shipped()
         message = f"{file} does not exist, nor is it the name of a shipped network ({', '.join(networks)})"
         require(file.name in networks, message, "show.missing")
         file = networks[file.name]
-    network = file.suffix.lower() == ".onnx" or (file.suffix == ".json" and file.with_suffix(".onnx").is_file())
-    training_set = any(file.glob("shard-*.h5")) or any(file.glob("curves-*.h5"))
+    network = file.suffix.lower() == ".npz" or (file.suffix == ".json" and file.with_suffix(".npz").is_file())
+    training_set = any(file.glob("shard-*.h5")) or any(file.glob("trajectories-*.h5"))
     document = not network and (file.suffix.lower() == ".json" or training_set or bool(documents_in(file)))
     for name, value in {"shots": shots, "fps": fps, "um-per-px": um_per_px}.items():
         message = f"--{name} is for measurements, and {file} is none: leave it out"
         require(value is None or not (network or document), message, "show.measurement")
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
-        _show_network(file.with_suffix(".onnx"))
+        _show_network(file.with_suffix(".npz"))
     elif training_set:
         _show_training_set(file)
     elif document:
@@ -129,7 +131,7 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
 
 def models() -> None:
     """The shipped models: what they answer, for which materials and ranges, and how well."""
-    from cavirheo.inference.model import card, shipped
+    from cavirheo.inference.cards import card, shipped
 
     for name, path in shipped().items():
         terminal.write("\n".join(_summary(name, card(path))))
@@ -138,11 +140,16 @@ def models() -> None:
 def _summary(name: str, content: dict[str, Any]) -> list[str]:
     """Return lines on what a model answers, for which recordings, and how well, from its card. Raises KeyError,
     TypeError, ValueError: the card is incomplete or invalid."""
-    if content["kind"] == "posterior":
-        from cavirheo.inference.model import PosteriorCard
-        from cavirheo.inference.posterior_network import describe
+    trained = f"  trained on {content['data']['train']} simulated curves"
+    if content["kind"] == "emulator":
+        from cavirheo.training.scores import quantiles
 
-        return [f"{name}: draws of the parameters, for any camera", *describe(PosteriorCard.model_validate(content))]
+        seconds = content["training"]["seconds"]
+        return [
+            f"{name}: R(t) of a bubble, from which `infer` draws",
+            f"  error of the frames over R_max: {quantiles(content['errors'])} ({content['data']['test']} test curves)",
+            f"{trained}, in {seconds / 60:.0f} min",
+        ]
     lines = [f"{name}: {content['material']}, one value each without an interval"]
     for output in content["outputs"]:
         score = content["metrics"][output["name"]]["r2"]
@@ -151,13 +158,13 @@ def _summary(name: str, content: dict[str, Any]) -> list[str]:
             low, high = 10**low, 10**high
         values = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
         lines.append(f"  {values:40s} R2 {score:.4f} ({output['scale']} scale, {content['data']['test']} test curves)")
-    return [*lines, f"  trained on {content['data']['train']} simulated curves"]
+    return [*lines, trained]
 
 
 def _show_network(path: Path) -> None:
     """Print a model's summary, date, libraries, license, files and checksum. Raises InputError: no model, or an
     incomplete card."""
-    from cavirheo.inference.model import card
+    from cavirheo.inference.cards import card
 
     content = card(path)
     libraries = content.get("made_with") or content.get("versions") or {}
@@ -181,17 +188,17 @@ def _checksum(path: Path) -> str:
     import hashlib
 
     from cavirheo.errors import read_bytes
-    from cavirheo.inference.model import MAX_BYTES, card
+    from cavirheo.inference.cards import MAX_BYTES, card
 
     digest: str = hashlib.sha256(read_bytes(path, MAX_BYTES)).hexdigest()
-    same = card(path)["onnx"]["sha256"] == digest
+    same = card(path)["weights"]["sha256"] == digest
     return digest + ("" if same else ", which is NOT the file that its card describes")
 
 
 def installation_report() -> str:
     """Return lines on versions, machine, libraries, compiled solver, models and variables of this installation."""
     import cavirheo
-    from cavirheo.inference.model import shipped
+    from cavirheo.inference.cards import shipped
     from cavirheo.physics import cache, solver
 
     folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # does not compile it

@@ -1,8 +1,7 @@
-"""`cavirheo app`, `generate`, `train`, `evaluate` and `cluster`: long work, on this machine or on others."""
+"""`cavirheo app`, `generate`, `train` and `cluster`: long work, on this machine or on others."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -115,12 +114,13 @@ def train(
     device: Annotated[str | None, option("cpu or cuda; default: cuda if there is one")] = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Train a recipe's network (the same call resumes) and export it as NAME.onnx with its card NAME.json."""
+    """Train a recipe's network (the same call resumes) and write it as NAME.npz with its card NAME.json."""
     try:
         from cavirheo.training import train as training
     except ModuleNotFoundError as error:
         raise InputError(f'training needs {error.name}: pip install "cavirheo[train]"') from error
     from cavirheo.training.recipe import read_recipe
+    from cavirheo.training.scores import TrainingRun, print_run
 
     content = read_recipe(recipe)
     try:
@@ -130,27 +130,5 @@ def train(
         raise InputError(f"training stopped: {str(error).partition(chr(10))[0]}", "training.torch") from error
     if quiet:
         return
-    for name, score in result.get("metrics", {}).items():
-        terminal.write(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
-    if "coverage" in result:
-        terminal.write(f"loss {result['best_validation_loss']:.3f} on curves that were never shown")
-    terminal.say(f"model: {path}; use it with: cavirheo infer --model {path} FILE")
-
-
-@dataclass(kw_only=True)
-class Evaluate(options.Verb):
-    """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
-
-    model: Annotated[str, argument("MODEL", "a shipped model or an .onnx file", autocompletion=options.model_names)]
-    data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")]
-    out: options.Out = Path("cavirheo-evaluation")
-
-    def __call__(self, run: Run) -> None:
-        from cavirheo.inference.model import path_of
-        from cavirheo.training.evaluate import evaluate as judge
-        from cavirheo.training.evaluate import markdown
-
-        metrics = judge(path_of(self.model), self.data, self.out, command=run.command, date=run.date)
-        if not run.quiet:
-            terminal.write(markdown(metrics))
-        run.say(f"written to {self.out}")
+    print_run(TrainingRun.model_validate(result))
+    terminal.say(f"model: {path}")

@@ -96,7 +96,7 @@ def _fittable_laws() -> list[str]:
 bubble_names = _completer(lambda: ("real", "field"), ",")
 damage_names = _completer(lambda: ("none", "first-rebound", "strain"), ",")
 figure_names = _completer(lambda: ("png", "svg", "pdf"), ",")
-model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.onnx")))
+model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.npz")))
 medium_names = _completer(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
 any_law_names = _completer(lambda: resolve_name("cavirheo.physics.materials.LAWS"), "+")
 sum_names = _completer(_fittable_laws, "+")
@@ -111,7 +111,7 @@ def law_names(incomplete: str) -> list[str]:
 Out = Annotated[Path, folder("folder for the results")]  # for documents: a run locks it; --replace belongs to it
 ResumableOut = Annotated[Path, folder("folder, which may hold a part")]  # for work that a later call continues
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
-_MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
+_MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
 _LAW = "a law of `cavirheo laws`; auto: four laws, each by its evidence"
 Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]

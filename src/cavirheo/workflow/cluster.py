@@ -84,7 +84,7 @@ def code_hash(package: Path) -> str:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
-        if path.suffix in (".py", ".onnx") and name.parts[0] != "app":
+        if path.suffix in (".py", ".npz") and name.parts[0] != "app":
             digest.update(name.as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
@@ -103,7 +103,7 @@ class WorkerReport:
 
 def self_description() -> dict[str, Any]:
     """Fields of the `WorkerReport` of this process."""
-    libraries = [f"{name} {version(name)}" for name in ("cavirheo", "numpy", "scipy", "numba", "onnxruntime")]
+    libraries = [f"{name} {version(name)}" for name in ("cavirheo", "numpy", "scipy", "numba")]
     versions = ", ".join([*libraries, f"Python {platform.python_version()}"])
     return {"host": platform.node(), "identity": identity(), "versions": versions}
 

@@ -40,13 +40,11 @@ MATERIAL_TITLES = {
 }
 METHOD_TITLES = {
     "bdt": "Bubble Dynamics Transformer: a point answer, no interval",
-    "amortised": "posterior network",
     "verified": "posterior draws, weighted by the full physics",
     "least_squares": "least squares on the simulation",
     "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
 }
 SIMULATION_NAMES = {  # by method: which simulation is drawn over a measurement
-    "amortised": "best draw",
     "verified": "best draw",
     "least_squares": "best fit",
     "laplace": "maximum",

@@ -1,97 +1,160 @@
-"""What networks read off one curve: the fields of a Posterior.
+"""The paper's two networks, the Bubble Dynamics Transformers (Bu et al. 2025, arXiv:2506.11936), and their answers.
 
-The draws of a posterior network (posterior_network.py) are an answer by themselves, in milliseconds, and their interval
-is as good as the training. `infer` starts from them, and simulations weight the draws of its answer (inference/verify,
-level "auto"). If the network cannot read a recording, a search starts instead.
-
-The paper's networks are used as the paper uses them: a value is read off the curve at equal Cauchy and Reynolds numbers
-(`TrainingProblem.to_shot`). This is not exact: surface tension, heat and mass transfer do not scale, and a 60 um bubble
-read as a 245 um one looks 0.3 to 0.4 decades too viscous (docs/method/physics.md, section 1). Other sizes are therefore
-outside the network's range. The stretch is not an output of these networks; it is fitted.
+A network gives one value for each parameter, without an interval; its layers are described where it is trained
+(training/networks.py). It is used as the paper uses it: a value is read off the curve at equal Cauchy and Reynolds
+numbers (`TrainingProblem.to_shot`). This is not exact: surface tension, heat and mass transfer do not scale, and a
+60 um bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous (docs/method/physics.md, section 1). Other sizes
+are therefore outside the network's range. The stretch is not an output of these networks; it is fitted.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import InputError, SolverError
+from cavirheo.inference.cards import Arrays, Layers, ModelCard, card, path_of, read_weights
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, spike_warnings, window
-from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.model import Network
-from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.messages import Message
-from cavirheo.parameters import STRETCH_RANGE, natural_name, to_natural, to_prior_scale, units
-from cavirheo.physics.accuracy import ROUGH, Accuracy
+from cavirheo.parameters import STRETCH_RANGE, natural_name, to_natural, to_prior_scale
+from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import simulate_many
-from cavirheo.posterior import Checks, Diagnostics, Verdict
-from cavirheo.prior import log_normal, natural_values
+from cavirheo.posterior import Diagnostics, Verdict
+from cavirheo.prior import TrainingProblem, natural_values
 
-DRAWS = 1000
-START_DRAWS = 100  # draws if a verification follows
-SIMULATED_DRAWS = 8  # number of draws, the likeliest for the network, that are simulated to check the answer
 MODULUS = "shear_modulus"
 MIN_SAMPLES = 0.9  # least share of the network's samples inside the recording; the others repeat the last one
 SIZE_RANGE = (0.73, 1.35)  # R_max over that of the training, error of log10 mu up to 0.03 (docs/reproduction.md)
+ATTENTION = 2_000_000  # numbers in the attention weights of the curves that are computed together
 _ACCURACY = Accuracy(48, 1e-3)  # accuracy of simulations that are only compared with each other
 
 Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks` with a verdict, and input warnings
 
 
-def read_draws(
-    shot: Experiment, model: PosteriorModel, checks: Checks, discrepancy: bool, seed: int, verify: str
-) -> Answer:
-    """The answer of a posterior network, with these checks. discrepancy: whether frames and law may differ by more than
-    white noise. verify: level of the verification that starts from the answer. With "none" the likeliest draws are
-    simulated, and InputError is raised if the network cannot read the curve."""
-    checked, draws = verify == "none", DRAWS if verify in ("none", "map") else START_DRAWS
-    source = "given" if shot.stretch else "inferred with the other parameters"
-    fields: dict[str, Any] = {"checks": checks, "diagnostics": Diagnostics(stretch_source=source)}
+class Network:
+    """A network that reads R/R_max on the grid of its training problem and gives values in the prior's scale.
 
-    def network_draws(shot: Experiment) -> tuple[Any, Floats]:
-        proposal = model.proposal(shot, shot.prior(), discrepancy)
-        return proposal, proposal.draw(draws, np.random.Generator(np.random.Philox(seed)))
+    Attributes:
+        problem: its training problem.
+        outputs: names of its values.
+        sha256: of its weights.
 
-    def medians(curve: RadiusCurve) -> Floats:
-        shot_without_spikes = Experiment(curve, shot.family, shot.medium, shot.options)
-        proposal, u = network_draws(shot_without_spikes)
-        return np.asarray(np.median(shot_without_spikes.to_theta(proposal.prior.to_x(u))[1], axis=0))
+    Raises:
+        InputError: the file or its card is missing, damaged, of another kind or of another network.
+    """
 
-    try:
-        proposal, u = network_draws(shot)
-    except InputError as error:
-        if checked or not error.code.startswith("network"):
-            raise
-        middle = shot.starts(np.zeros((1, len(shot.names))))
-        middle[:, : shot.law_size] = np.mean(shot.family.bounds(started=True), axis=1)
-        names, theta = shot.to_theta(middle)
-        return fields | {"names": names, "units": units(names), "theta": theta}, []  # the verification gives the reason
-    x = proposal.prior.to_x(u)
-    names, theta = shot.to_theta(x)
-    log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
-    likeliest = np.argsort(-log_q)[:SIMULATED_DRAWS]
-    best = x[likeliest[0]]
-    if checked:
-        missed = [float(np.mean(shot.difference(x[i], ROUGH) ** 2)) for i in likeliest]
-        best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
-        unbounded = shot.bound_messages(x, proposal.prior.low, proposal.prior.high)
-        fields["checks"] = shot.checks(best, "unverified", [Message("interval.of_network"), *unbounded])
-    values, log_q = shot.all_values(best), log_q - shot.log_jacobian(theta)
-    fields |= {"names": names, "units": units(names), "theta": theta, "log_q": log_q, "best": values}
-    fields |= {"stretch": values["stretch"], "prior": shot.law_prior(shot.prior())}
-    return fields, spike_warnings(shot.curve, names, medians, np.median(theta, axis=0))
+    def __init__(self, path: Path) -> None:
+        content = card(path)
+        if content["kind"] != "point":
+            raise InputError(f"{path} is an emulator: a network that gives one value is needed here", "model.kind")
+        about = ModelCard.model_validate(content)
+        self.path, self.name, self.sha256 = path, path.stem, about.weights.sha256
+        self.problem: TrainingProblem = TrainingProblem.from_dict(about.problem)
+        self.outputs: tuple[str, ...] = tuple(output.name for output in about.outputs)
+        self._forward = Forward(about.network, len(about.outputs), read_weights(path, self.sha256))
+        try:
+            self._forward(np.ones((1, self.problem.grid.frames)))
+        except (KeyError, ValueError, IndexError) as error:
+            message = f"{path} has other arrays than its card says ({error}): train it anew"
+            raise InputError(message, "model.weights") from error
+
+    def __call__(self, radius: ArrayLike) -> Floats:
+        """Values (curves, outputs) in the prior's scale from R/R_max (curves, frames). Raises InputError: a value is
+        not finite ("model.not_finite")."""
+        theta = self._forward(np.asarray(radius, float))
+        with np.errstate(over="ignore"):
+            values = [to_natural(name, column) for name, column in zip(self.outputs, theta.T, strict=True)]
+        if not (np.isfinite(theta).all() and np.isfinite(values).all()):
+            message = f"the model {self.path} answers a curve with what is no number: train it anew"
+            raise InputError(message, "model.not_finite")
+        return theta
 
 
-def check_outputs(network: Network) -> None:
-    """Raises InputError: a network of one value that does not give all parameters of its law."""
-    needed, outputs = set(network.problem.prior.names) - {"stretch"}, ", ".join(network.outputs)
-    message = f"the model {network.name} answers only {outputs}; its law needs {', '.join(sorted(needed))}"
-    require(needed == {*network.outputs}, message, "model.outputs")
+class Forward:
+    """The layers of a network with so many outputs, from sizes of its layers and its arrays by name."""
+
+    def __init__(self, size: Layers, outputs: int, arrays: Arrays) -> None:
+        self.size, self.outputs = size, outputs
+        self.arrays: dict[str, Floats] = {name: array.astype(float) for name, array in arrays.items()}
+        self.activation: Callable[[Floats], Floats] = _ACTIVATIONS[self.size.activation]
+
+    def __call__(self, radius: Floats) -> Floats:
+        """Values (curves, outputs) from R/R_max (curves, frames)."""
+        at_once = max(ATTENTION // (self.size.heads * radius.shape[1] ** 2), 1)
+        parts = [self._values(radius[i : i + at_once]) for i in range(0, len(radius), at_once)]
+        return np.concatenate(parts) * self.arrays["std"] + self.arrays["mean"]
+
+    def _values(self, radius: Floats) -> Floats:
+        position = np.broadcast_to(self.arrays["position"], (len(radius), *self.arrays["position"].shape))
+        x = self._dense("dense", np.concatenate([radius[..., None], position], axis=2))
+        x = self._norm("norm", _softplus(x))  # (curves, frames, width)
+        return np.hstack([self._branch(f"branches.{i}", x) for i in range(self.outputs)])
+
+    def _branch(self, name: str, x: Floats) -> Floats:
+        for i in range(self.size.layers):
+            x = self._encoder(f"{name}.layers.{i}", x)
+        return self._dense(f"{name}.output", _softplus(self._dense(f"{name}.dense", x.mean(axis=1))))
+
+    def _encoder(self, name: str, x: Floats) -> Floats:
+        curves, frames, _ = x.shape
+        split = self._dense(f"{name}.query_key_value", x).reshape(curves, frames, 3, self.size.heads, -1)
+        query, key, value = split.transpose(2, 0, 3, 1, 4)  # each (curves, heads, frames, head_width)
+        score = query @ key.swapaxes(2, 3) / np.sqrt(key.shape[3])
+        weight = np.exp(score - score.max(axis=3, keepdims=True))
+        mixed = (weight / weight.sum(axis=3, keepdims=True)) @ value
+        mixed = mixed.swapaxes(1, 2).reshape(curves, frames, -1)
+        x = self._norm(f"{name}.norm_attention", x + self._dense(f"{name}.attended", mixed))
+        hidden = self.activation(self._dense(f"{name}.expand", x))
+        return self._norm(f"{name}.norm_feed_forward", x + self._dense(f"{name}.contract", hidden))
+
+    def _dense(self, name: str, x: Floats) -> Floats:
+        return x @ self.arrays[f"{name}.weight"].T + self.arrays[f"{name}.bias"]
+
+    def _norm(self, name: str, x: Floats) -> Floats:
+        centred = x - x.mean(axis=-1, keepdims=True)
+        deviation = np.sqrt(np.mean(centred**2, axis=-1, keepdims=True) + self.size.norm_epsilon)
+        return centred / deviation * self.arrays[f"{name}.weight"] + self.arrays[f"{name}.bias"]
+
+
+def _softplus(x: Floats) -> Floats:
+    return np.logaddexp(x, 0.0)
+
+
+def _relu(x: Floats) -> Floats:
+    return np.maximum(x, 0.0)
+
+
+def _gelu(x: Floats) -> Floats:
+    from scipy.special import ndtr
+
+    return np.asarray(x * ndtr(x))
+
+
+_ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {"relu": _relu, "softplus": _softplus, "gelu": _gelu}
+
+
+def network_of(name: str) -> Network:
+    """The network of this name or place (`cards.path_of`), read again if its file changes. Raises InputError."""
+    path, state = path_of(name), tuple[int, ...]()
+    with suppress(OSError):  # no file: `card` raises the error
+        state = path.stat().st_mtime_ns, path.stat().st_size
+    return _loaded(path, *state)
+
+
+@lru_cache(maxsize=8)
+def _loaded(path: Path, *_: int) -> Network:
+    """The network in a file; its time and size are arguments, so that a changed file is read again."""
+    return Network(path)
 
 
 def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None) -> Window:
@@ -113,7 +176,7 @@ def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[F
         last = curve.time[np.isfinite(curve.radius)][-1] - curve.time_of_max
         message = f"the recording ends {last * 1e6:.4g} us after R_max; the model reads {end * 1e6:.4g} us (t* = "
         message += f"{end / medium.time_scale(top):.2f}) and needs at least {MIN_SAMPLES:.0%} of them"
-        raise InputError(message, "amortised.too_short", curve.name)
+        raise InputError(message, "network.too_short", curve.name)
     theta = network(np.where(measured, features, features[measured][-1])[None])[0]
     values = problem.to_shot(natural_values(network.outputs, theta), top, medium)
     return theta, values, int(np.count_nonzero(~measured))
