@@ -12,12 +12,12 @@ from inspect import cleandoc
 from pkgutil import resolve_name
 from typing import Any
 
+from cavirheo.inference.verify import evidence
 from markup import prose, table
 from pydantic import BaseModel
 
 from cavirheo import loading, posterior
 from cavirheo.inference.model import ModelCard, PosteriorCard
-from cavirheo.inference.verify import evidence
 from cavirheo.physics import bubble, media
 from cavirheo.reporting.record import Result
 from cavirheo.writing.document import Document
