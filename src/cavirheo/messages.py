@@ -13,7 +13,12 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of, searched_bound
 from cavirheo.writing import digits
 
-_UNLIKELY = 0.05  # probability up to which the other position of a switch does not count
+_UNLIKELY = 0.05  # probability up to which a switch does not count
+_MATERIALS_IN_WORDS = {
+    "gel": "a gel that does not stiffen",
+    "liquid": "a liquid",
+    "stiffening_gel": "a gel that stiffens",
+}
 _Words = str | Callable[..., str]
 
 
@@ -53,17 +58,16 @@ def message_of_bound(name: str, bound: str, interval: tuple[float, float, float]
     return Message(f"bound.{name}.{bound}", {"name": name, "bound": bound, "median": median, "q05": low, "q95": high})
 
 
-def message_of_switches(liquid: float, stiffening: float, field_bubble: float = 0.0) -> Message | None:
-    """The message on the most probable kind of material and bubble, with these probabilities of the default family;
-    None if the material is a gel that does not stiffen, the bubble is real, and both are certain."""
-    kinds = {"gel": 1.0 - liquid - stiffening, "liquid": liquid, "stiffening_gel": stiffening}
-    kind = max(kinds, key=lambda name: kinds[name])
-    bubble = "field" if field_bubble > 0.5 else "real"
-    probabilities = {"liquid": liquid, "stiffening": stiffening, "field_bubble": field_bubble}
-    certain = all(not _UNLIKELY < value < 1.0 - _UNLIKELY for value in probabilities.values())
-    if certain and (kind, bubble) == ("gel", "real"):
+def message_of_switches(switches: Mapping[str, float]) -> Message | None:
+    """The message on the most probable kind of material and bubble, with these probabilities ("liquid", "stiffening",
+    "field_bubble"; those that an answer has); None if all are small."""
+    if all(probability <= _UNLIKELY for probability in switches.values()):
         return None
-    return Message(f"state.{kind}.{bubble}", probabilities)
+    liquid, stiffening = switches.get("liquid", 0.0), switches.get("stiffening", 0.0)
+    kinds = {"gel": 1.0 - liquid - stiffening, "liquid": liquid, "stiffening_gel": stiffening}
+    kind = max(kinds, key=lambda name: kinds[name]) if "liquid" in switches else "law"
+    bubble = "field" if switches.get("field_bubble", 0.0) > 0.5 else "real"
+    return Message(f"state.{kind}.{bubble}", switches)
 
 
 def message_of_error(error: Exception) -> Message:
@@ -122,9 +126,12 @@ def _moved(factors: Mapping[str, float], frames: int) -> str:
 
 
 def state_in_words(kind: str, bubble: str) -> str:
-    """'a liquid', 'a gel that stiffens, with the field's bubble'."""
-    material = {"liquid": "a liquid", "stiffening_gel": "a gel that stiffens"}.get(kind, "a gel that does not stiffen")
-    return f"{material}, with the field's bubble" if bubble == "field" else material
+    """'a liquid', 'a gel that stiffens, with the field's bubble'; 'the real bubble' of a law without switches."""
+    words = {"field": "the field's bubble", "real": "the real bubble"}[bubble]
+    if kind == "law":
+        return words
+    material = _MATERIALS_IN_WORDS[kind]
+    return f"{material}, with {words}" if bubble == "field" else material
 
 
 def _probabilities(**switches: float) -> str:
@@ -317,7 +324,7 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "network.liquid": "so soft a material may be a liquid: try --model bdt-viscous",
     "network.elastic": "the material may be elastic: try --model bdt-viscoelastic",
     # other models, and the switches of the default family
-    "state": (state_in_words, _probabilities),
+    "state": (lambda kind, bubble: f"most probably {state_in_words(kind, bubble)}", _probabilities),
     "model.rejected": (
         "the evidence prefers another model",
         lambda this, rival, gain, rough, **_: _gain_text(gain, rough) + _models_text(this, rival),

@@ -253,9 +253,8 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
     if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
-    messages = list(checks.messages)
-    if posterior.switches and (kind := message_of_switches(**posterior.switches)):
-        messages.append(kind)
+    kind = message_of_switches(posterior.switches)
+    messages = [*checks.messages, *([kind] if kind else [])]
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
         **{name: getattr(checks, name) for name in ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")},

@@ -12,6 +12,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.messages import state_in_words
 from cavirheo.parameters import VISCOSITY_AT_RATE
+from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, Spread
@@ -227,7 +228,8 @@ def population_record(
         return None
     fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "remarks", "outliers", "left_out")}
     if switched:
-        state = state_in_words(_KINDS.get(population.material, ""), population.bubble.name)
+        bubble = "field" if population.bubble == FIELD else "real"
+        state = state_in_words(_KINDS.get(population.material, "law"), bubble)
         fields["remarks"] = [f"all shots together: {state}", *population.remarks]
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
     if not len(population.centre):
