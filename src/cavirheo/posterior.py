@@ -213,9 +213,9 @@ class Posterior:
         lines = [f"Posterior({self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
         for name, unit in self.parameters.items():
             value = digits.quantity_with_unit(self.quantity(name), unit="" if unit == "1" else unit)
-            lines.append(f"  {name:<18}{value}")
+            lines.append(f"  {name:<20}{value}")
         if self.stretch is not None and "stretch" not in self.parameters:
-            lines.append(f"  {'stretch':<18}{digits.significant(self.stretch)}")
+            lines.append(f"  {'stretch':<20}{digits.significant(self.stretch)}")
         return "\n".join(lines)
 
     @property
