@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from cavirheo.inference.which_law import rank_laws
-
 import cavirheo
+from cavirheo.inference.which_law import rank_laws
 
 curves = cavirheo.read_curves(Path(__file__).parent / "soft_gel.csv")[:1]
 rankings, _ = rank_laws(curves, ["newtonian", "nhkv"], seed=1)

@@ -16,8 +16,8 @@ from markup import prose, table
 from pydantic import BaseModel
 
 from cavirheo import loading, posterior
-from cavirheo.inference.model import ModelCard, PosteriorCard
 from cavirheo.inference import which_law
+from cavirheo.inference.model import ModelCard, PosteriorCard
 from cavirheo.physics import bubble, media
 from cavirheo.reporting.record import Result
 from cavirheo.writing.document import Document

@@ -90,7 +90,7 @@ class GroupModel(Record):
 
     @property
     def words(self) -> str:
-        """Sentence: "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12"."""
+        """Sentence: "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers it to the answer by ..."."""
         from cavirheo.inference.alternatives import equal_odds
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
