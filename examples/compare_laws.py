@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import cavirheo
-from cavirheo.inference.verify.evidence import rank_laws
+from cavirheo.inference.which_law import rank_laws
 
 curves = cavirheo.read_curves(Path(__file__).parent / "soft_gel.csv")[:1]
 rankings, _ = rank_laws(curves, ["newtonian", "nhkv"], seed=1)

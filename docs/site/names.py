@@ -61,7 +61,7 @@ ANSWERS = Page(
         Group(
             "Parts of a Posterior",
             {
-                "cavirheo.posterior": "Checks Diagnostics Evidence Bubble WindowAnswer OtherAnswer",
+                "cavirheo.posterior": "Checks Diagnostics Evidence Bubble OtherAnswer",
                 "cavirheo.messages": "Message",
             },
         ),
@@ -120,13 +120,8 @@ MORE = Page(
     "Each is imported from the module that its name begins with.",
     (
         Group(
-            "Posterior by simulations",
-            {"cavirheo.inference.verify": "verify Verification"},
-            "[How](../docs/how-to/posterior.md).",
-        ),
-        Group(
             "Which law",
-            {"cavirheo.inference.verify.evidence": "rank_laws Ranking Pair"},
+            {"cavirheo.inference.which_law": "rank_laws Ranking Pair"},
             "[How](../docs/how-to/which-law.md).",
         ),
         Group(

@@ -51,7 +51,7 @@ run("cavirheo infer liquid.csv --shots 1 --material nhkv -o as-gel", shell=True,
 # The viscosity is the same within its interval.
 # The interval of G reaches the lower end of the range that was searched, so it is a bound and not a value, and the
 # verdict says so.
-# Without `--material`, the evidence compares four laws for every shot, and the answer is their average.
+# Without `--material` G may be exactly 0, and the answer says how probable a liquid is.
 
 # %% [markdown]
 # ## Look at the answer

@@ -68,7 +68,7 @@ PARAMETERS["softening"] = Parameter("c", "1", search_range=(-1.0, 4.0), start_ra
 # %%
 noise = 1e-6 * np.random.default_rng(1).standard_normal(time.size)  # m
 shot = cavirheo.RadiusCurve(time, bubble.radius + noise, stated_time_of_max=0.0)
-answers = {law: cavirheo.fit(shot, law, others=False) for law in ("neo-hookean + newtonian", "logarithmic + newtonian")}
+answers = {law: cavirheo.fit(shot, law) for law in ("neo-hookean + newtonian", "logarithmic + newtonian")}
 for law, answer in answers.items():
     print(f"{law}: RMSE {answer.checks.rmse_over_rmax:.2%} of R_max, log evidence {answer.evidence.log:.0f}")
 answers["logarithmic + newtonian"]

@@ -13,7 +13,12 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of, searched_bound
 from cavirheo.writing import digits
 
-_LEAST_SHARE = 0.005  # least share of a law in an average; a law with less is listed as rejected
+_UNLIKELY = 0.05  # probability up to which a switch does not count
+_MATERIALS_IN_WORDS = {
+    "gel": "a gel that does not stiffen",
+    "liquid": "a liquid",
+    "stiffening_gel": "a gel that stiffens",
+}
 _Words = str | Callable[..., str]
 
 
@@ -51,6 +56,18 @@ def message_of_bound(name: str, bound: str, interval: tuple[float, float, float]
     """The message that the range of a parameter, not the recording, limits its interval (5 %, 50 %, 95 %), SI."""
     low, median, high = interval
     return Message(f"bound.{name}.{bound}", {"name": name, "bound": bound, "median": median, "q05": low, "q95": high})
+
+
+def message_of_switches(switches: Mapping[str, float]) -> Message | None:
+    """The message on the most probable kind of material and bubble, with these probabilities ("liquid", "stiffening",
+    "field_bubble"; those that an answer has); None if all are small."""
+    if all(probability <= _UNLIKELY for probability in switches.values()):
+        return None
+    liquid, stiffening = switches.get("liquid", 0.0), switches.get("stiffening", 0.0)
+    kinds = {"gel": 1.0 - liquid - stiffening, "liquid": liquid, "stiffening_gel": stiffening}
+    kind = max(kinds, key=lambda name: kinds[name]) if "liquid" in switches else "law"
+    bubble = "field" if switches.get("field_bubble", 0.0) > 0.5 else "real"
+    return Message(f"state.{kind}.{bubble}", switches)
 
 
 def message_of_error(error: Exception) -> Message:
@@ -108,6 +125,21 @@ def _moved(factors: Mapping[str, float], frames: int) -> str:
     return f": without {'this frame' if frames == 1 else f'these {frames} frames'} it would be {words}"
 
 
+def state_in_words(kind: str, bubble: str) -> str:
+    """'a liquid', 'a gel that stiffens, with the field's bubble'; 'the real bubble' of a law without switches."""
+    words = {"field": "the field's bubble", "real": "the real bubble"}[bubble]
+    if kind == "law":
+        return words
+    material = _MATERIALS_IN_WORDS[kind]
+    return f"{material}, with {words}" if bubble == "field" else material
+
+
+def _probabilities(**switches: float) -> str:
+    words = {"liquid": "liquid", "stiffening": "stiffens", "field_bubble": "field's bubble"}
+    parts = (f"{words[name]}: {100.0 * value:.0f} %" for name, value in switches.items())
+    return f" ({', '.join(parts)})"
+
+
 def _bound_title(name: str, bound: str) -> str:
     words = {"undetermined": "does not determine {}", "upper": "gives an upper limit of {} alone"}
     return f"the recording {words.get(bound, 'gives a lower limit of {} alone').format(parameter_of(name).symbol)}"
@@ -148,14 +180,6 @@ def _systematic(excess: float, detectable: float, exact: bool, limit: float, **p
     if excess > limit:
         return f"{text} (limit {100 * limit:.0f} %)"
     return f"{text}, which the interval allows for" if large else text
-
-
-def _distrusted(draws: int, effective: float, needed: float, missing: float | None, tail: float) -> str:
-    text = f": {draws} weighted draws are worth {effective:.0f} independent ones, and {needed:.0f} are needed"
-    if missing is None:
-        return text
-    share = f"about {missing:.0%} of it" if missing < 1.0 else "more than was met"
-    return f"{text}, and a few of them carry the weight: {share} is still to be met (tail index {tail:.2f})"
 
 
 def _training_range(name: str, value: float, low: float, high: float, trained_at: float = 0.0) -> str:
@@ -211,13 +235,6 @@ def _chosen(this: _Model, rivals: Sequence[_Model]) -> str:
         parts["rejected" if rival["rejected"] else "also possible"].append(words)
     parts_in_words = (f"{words}: {', '.join(models)}" for words, models in parts.items() if models)
     return f": {', '.join([*(this[key] for key in keys), *parts_in_words])}"
-
-
-def _averaged(laws: Mapping[str, float]) -> str:
-    ordered = sorted(laws.items(), key=lambda item: -item[1])
-    counted = [f"{law} {100.0 * share:.0f} %" for law, share in ordered if share >= _LEAST_SHARE]
-    rejected = [law for law, share in ordered if share < _LEAST_SHARE]
-    return f": {', '.join(counted)}" + f"; rejected: {', '.join(rejected)}" * bool(rejected)
 
 
 # By code, or by its first part where several codes share a sentence: the part without values, "|", and a template for
@@ -295,10 +312,9 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     ),
     "sampled_by_solver": "the emulator does not know this bubble: it was sampled by the solver, more slowly|: {reason}",
     "prior_end": (_prior_end, ""),
-    "interval.distrusted": ("the interval is not to be trusted and left out", _distrusted),
-    "interval.of_network": "the interval is the network's own: it is not verified by simulations",
+    "interval.distrusted": "the interval is not to be trusted and left out|: {draws} weighted draws are worth "
+    "{effective:.0f} independent ones, and {needed:.0f} are needed",
     # networks
-    "search.over_ranges": "the search began all over the ranges|, for {reason}",
     "network.cut_short": "samples of the network lie after the recording's end and were taken to be its last one|: "
     "{missing} of the network's {samples} samples",
     "training_range": (
@@ -307,7 +323,8 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     ),
     "network.liquid": "so soft a material may be a liquid: try --model bdt-viscous",
     "network.elastic": "the material may be elastic: try --model bdt-viscoelastic",
-    # other models, other modes
+    # other models, and the switches of the default family
+    "state": (lambda kind, bubble: f"most probably {state_in_words(kind, bubble)}", _probabilities),
     "model.rejected": (
         "the evidence prefers another model",
         lambda this, rival, gain, rough, **_: _gain_text(gain, rough) + _models_text(this, rival),
@@ -317,17 +334,9 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
         lambda this, rival, **odds: _models_text(this, rival) + _preferred("the other", "this answer", **odds),
     ),
     "model.chosen": ("chosen by evidence", _chosen),
-    "model.averaged": ("the evidence weighs the laws", _averaged),
     "model.of_group": "chosen by the evidence of the group|: {material}",
     "model.failed": "a law has no answer, and does not count|: {material}, because {reason}",
-    "mode.other": (
-        "two solutions of the same model follow the recording",
-        lambda this, rival, **odds: (
-            f": {_values_text(this)}, or {_values_text(rival)}{_preferred('the second', 'the first', **odds)}"
-        ),
-    ),
     # no answer
-    "answer.unverified": "not verified|: {reason}",
     "answer.not_finite": "the method's answer is not a finite number|: {parameters}",
     "answer.none": "no parameters were found",
 }

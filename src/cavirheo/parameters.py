@@ -157,9 +157,10 @@ def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None
 def searched_bound(name: str, low: float, high: float) -> Bound | None:
     """`bound_of` for an interval in natural values, SI, and the searched range; None if there is no such range."""
     parameter = PARAMETERS.get(_base_name(name))
-    if parameter is None or parameter.search_range is None or not 0 < low < high:
+    if parameter is None or parameter.search_range is None or not 0 <= low < high:
         return None
-    return bound_of(float(np.log10(low)), float(np.log10(high)), parameter.search_range)
+    log_low, log_high = (to_prior_scale(LOG10 + name, end) for end in (low, high))
+    return bound_of(log_low, log_high, parameter.search_range)
 
 
 def units(names: tuple[str, ...]) -> tuple[str, ...]:

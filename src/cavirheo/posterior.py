@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Quantity
 
 Verdict = Literal[
-    "ok", "check_input", "model_does_not_fit", "other_model_preferred", "undetermined", "unverified",
-    "outside_training_range", "no_interval", "failed",
+    "ok", "check_input", "model_does_not_fit", "other_model_preferred", "undetermined", "outside_training_range",
+    "no_interval", "failed",
 ]  # fmt: skip
 TRUSTED: frozenset[Verdict] = frozenset(("ok", "undetermined", "other_model_preferred"))
 """Verdicts of answers that count for a material and, for the parameters that they determine, in a mean."""
@@ -94,29 +94,12 @@ class Checks:
 
 
 @dataclass(frozen=True)
-class WindowAnswer:
-    """The answer from another window of the same curve.
-
-    Attributes:
-        best: the law's parameters and the stretch by natural name, SI.
-        t_star_end: end of the window, t/t_c after R_max.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        at_bound: parameters with a best value at an end of the searched range.
-    """
-
-    best: Mapping[str, float]
-    t_star_end: float
-    rmse_over_rmax: float | None
-    at_bound: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class Evidence:
     """The evidence (marginal likelihood) of a law.
 
     Attributes:
         log: natural logarithm of p(frames | law).
-        error: standard error of `log`; None for Laplace's approximation, which has no estimate of its error.
+        error: standard error of `log`; None where it is not known.
     """
 
     log: float
@@ -125,7 +108,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class OtherAnswer:
-    """The answer of another model for the same frames, or of another mode of the same model.
+    """The answer of another model for the same frames.
 
     Attributes:
         material: the law.
@@ -134,7 +117,6 @@ class OtherAnswer:
         intervals: (5 %, 50 %, 95 %) of the parameters by natural name, SI.
         evidence: to compare with the evidence of the answer; None if it was not computed.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        weight: share of this model in the answer if that is an average over both models; else 0.
     """
 
     material: str
@@ -143,7 +125,6 @@ class OtherAnswer:
     intervals: Mapping[str, tuple[float, float, float]]
     evidence: Evidence | None
     rmse_over_rmax: float | None
-    weight: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -152,16 +133,10 @@ class Diagnostics:
 
     Attributes:
         stretch_source: origin of the stretch: "given", "fitted", ...
-        free: best values of the clock (s), scale and R_max factor, if they were free.
-        correlations: correlation coefficients of parameters, by "name, name".
-        frames: number of compared frames.
-        frames_per_independent_residual: number of frames that count as one independent frame.
-        at_bound: parameters with a best value at an end of the searched range; or clock, scale and R_max factor at an
-            end of their priors.
+        at_bound: clock, scale and R_max factor that are at an end of their priors.
         frames_left_out: number of frames that are not used: spikes, and a rise as by another bubble.
         draws: number of weighted draws.
         effective_sample_size: number of independent draws that they are worth.
-        tail_index: generalised Pareto shape of the largest weights.
         predictive: result of the posterior predictive check: "p_value" and its smallest possible value "least"; "p"
             and "observed" by statistic.
         systematic_misfit_over_rmax: root mean square misfit of the best simulation beyond the noise, over R_max.
@@ -172,15 +147,10 @@ class Diagnostics:
     """
 
     stretch_source: str = ""
-    free: Mapping[str, float] = field(default_factory=dict)
-    correlations: Mapping[str, float] = field(default_factory=dict)
-    frames: int | None = None
-    frames_per_independent_residual: float | None = None
     at_bound: tuple[str, ...] = ()
     frames_left_out: int | None = None
     draws: int | None = None
     effective_sample_size: float | None = None
-    tail_index: float | None = None
     predictive: Mapping[str, Any] | None = None
     systematic_misfit_over_rmax: float | None = None
     simulations: int | None = None
@@ -199,23 +169,20 @@ class Posterior:
             failed one none.
         checks: results of comparing the simulated answer with the measurement.
         material: name of the law: "nhkv", "newtonian", ...
-        method: name of the method: "bdt", "verified", "laplace", "least_squares".
+        method: name of the method: "bdt", "verified", "least_squares".
         provenance: model, settings, versions and hash of the source, as a record for users.
-        log_q: (draws,) log density of the proposal.
         log_weight: (draws,) log of importance weights.
         seconds: wall time of the computation.
         best: best value of every parameter by its natural name in SI, including the stretch and fixed parameters.
         stretch: R_max/R_0 of the answer, whether it was inferred or given.
-        windows: answers from windows of "1", "2", "3" and "all" collapses, if they were fitted.
         evidence: of the law, if it was computed.
         diagnostics: how the answer was computed.
         bubble: the model of the bubble itself.
         medium: the constants of the surroundings and of the contents of the bubble.
-        others: answers of other models and other modes, if they were computed.
+        others: answers of other models, if they were computed (`which_law`).
         prior: of the law's parameters, by name as in `names`: (low, high) if uniform, (low, high, mean, standard
             deviation) if normal; parameters with an unknown prior are missing.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
-        laws: for an average over laws, the answer of each law in it, by its name.
         traded: bounds of parameters that trade against another one, which is at the end of its range, by natural name.
         switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening", "field_bubble".
     """
@@ -227,12 +194,10 @@ class Posterior:
     material: str
     method: str
     provenance: dict[str, Any] = field(default_factory=dict)
-    log_q: Floats | None = None
     log_weight: Floats | None = None
     seconds: float = 0.0
     best: Mapping[str, float] = field(default_factory=dict)
     stretch: float | None = None
-    windows: Mapping[str, WindowAnswer] = field(default_factory=dict)
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
     bubble: Bubble = FIELD
@@ -240,7 +205,6 @@ class Posterior:
     others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     stretch_prior: tuple[float, float] | None = None
-    laws: Mapping[str, Posterior] = field(default_factory=dict)
     switches: Mapping[str, float] = field(default_factory=dict)
     traded: Mapping[str, Bound] = field(default_factory=dict)
 
@@ -249,9 +213,9 @@ class Posterior:
         lines = [f"Posterior({self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
         for name, unit in self.parameters.items():
             value = digits.quantity_with_unit(self.quantity(name), unit="" if unit == "1" else unit)
-            lines.append(f"  {name:<18}{value}")
+            lines.append(f"  {name:<20}{value}")
         if self.stretch is not None and "stretch" not in self.parameters:
-            lines.append(f"  {'stretch':<18}{digits.significant(self.stretch)}")
+            lines.append(f"  {'stretch':<20}{digits.significant(self.stretch)}")
         return "\n".join(lines)
 
     @property
@@ -320,8 +284,8 @@ class Posterior:
         """The failed answer to the same question, without draws and values, for the reasons in its messages and in
         these."""
         checks = Checks("failed", (*messages, *self.checks.messages))
-        nothing: dict[str, Any] = dict.fromkeys(("log_q", "log_weight", "evidence", "stretch", "stretch_prior"))
-        nothing |= {"best": {}, "windows": {}, "laws": {}, "others": ()}
+        nothing: dict[str, Any] = dict.fromkeys(("log_weight", "evidence", "stretch", "stretch_prior"))
+        nothing |= {"best": {}, "switches": {}, "others": ()}
         return replace(self, theta=self.theta[:0], checks=checks, **nothing)
 
     def to_dataframe(self) -> Any:
@@ -332,15 +296,13 @@ class Posterior:
 
     def to_arviz(self) -> Any:
         """The draws as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on): "posterior" holds the
-        parameters in natural units (attribute "units"), one chain; "sample_stats" holds "weight", which sums to 1, and
-        "log_weight" and "log_q" where they are known. ArviZ's own summaries do not use weights. Raises InputError
-        without arviz."""
-        stats = {"weight": self.weights, "log_weight": self.log_weight, "log_q": self.log_q}
-        groups = {
-            "posterior": {name: self.draws(name) for name in self.parameters},
-            "sample_stats": {name: values for name, values in stats.items() if values is not None},
-        }
-        return export.inference_data(groups, self.parameters, self._attributes)
+        parameters in natural units (attribute "units"), one chain of draws of equal weight, which are resampled
+        systematically by their weights. Raises InputError without arviz."""
+        count = len(self.theta)
+        levels = (np.arange(count) + 0.5) / max(count, 1)
+        equal = np.searchsorted(np.cumsum(self.weights), levels).clip(max=count - 1)
+        draws = {name: self.draws(name)[equal] for name in self.parameters}
+        return export.inference_data({"posterior": draws}, self.parameters, self._attributes)
 
     def plot(self) -> Figure:
         """Plot the marginals of the draws and of their pairs (library corner), with the median and the central 90 %.
@@ -371,19 +333,6 @@ def intervals(
     ends = weighted_quantile(theta, [0.05, 0.5, 0.95], log_weight)
     return {
         natural_name(name): tuple(to_natural(name, column).tolist()) for name, column in zip(names, ends.T, strict=True)
-    }
-
-
-def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None = None) -> dict[str, float]:
-    """Correlations by "name, name" of draws (draws, parameters) in the prior's scale; empty for a single draw."""
-    if len(theta) < 2:
-        return {}
-    covariance = np.cov(theta.T, aweights=None if log_weight is None else relative_weights(log_weight))
-    sigma = np.sqrt(np.diag(covariance))
-    return {
-        f"{natural_name(earlier)}, {natural_name(name)}": float(covariance[i, j] / (sigma[i] * sigma[j]))
-        for i, name in enumerate(names)
-        for j, earlier in enumerate(names[:i])
     }
 
 

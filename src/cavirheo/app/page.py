@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,6 @@ from cavirheo.physics.media import MEDIA
 _CLICK = "() => document.querySelector('#{}').click()"
 _FOCUS = "() => setTimeout(() => document.querySelector('#{}')?.focus(), 100)"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
-_PREVIEWS: dict[str, Any] = {"concurrency_id": "previews", "concurrency_limit": 2, "show_progress": "hidden"}
 _RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # limit over all visitors
 _UNQUEUED: dict[str, Any] = {"queue": False, "show_progress": "hidden"}
 _LATEST: dict[str, Any] = {"trigger_mode": "always_last", "show_progress": "hidden"}
@@ -152,10 +151,11 @@ class Page:
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.model_choices(), value=DEFAULT, label="Model")
             self.fields["bubble"] = gr.Radio(words.BUBBLES, value="real", label="Bubble")
-            self.fields["verify"] = gr.Radio(words.VERIFY_LEVELS, value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = _button("Infer all chosen shots"), _stop_button()
-        self.auto_law = gr.Button("Most shots ask for another law: let the evidence choose it", visible=False)
+        self.auto_law = gr.Button(
+            "Most shots ask for another law: try a liquid, or a gel that may stiffen", visible=False
+        )
         self.answers = _html(
             words.render("hint", words.NO_ANSWERS), min_height=120, js_on_load=words.read_file("table.js")
         )
@@ -309,14 +309,13 @@ class Page:
         return parts
 
     def _wire_runs(self, inputs: list[Any], check: list[Any]) -> None:
-        """Bind the handlers of runs: previews of the chosen shots come first, then each answer once it is ready."""
+        """Bind the handlers of runs: each answer is shown once it is ready."""
         chosen, run_outputs = [self.chosen_shots], [self.checked_shot, *self.state_outputs]
         auto = self.auto_law.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **_UNQUEUED)
         auto.then(None, js=_CLICK.format("infer"), api_visibility="private")
         starts, out = [self.infer_now.click, self.infer.click], [self.steps, self.timer, self.answers]
         begin = self._bind(starts, self._begin_run, inputs, out, **_UNQUEUED)
-        begin = self._bind(begin.success, self._preview, chosen, [self.answers], slow=True, **_PREVIEWS)
-        run = self._bind(begin.then, self._answer, chosen, run_outputs, slow=True, show_progress="hidden", **_RUNS)
+        run = self._bind(begin.success, self._answer, chosen, run_outputs, slow=True, show_progress="hidden", **_RUNS)
         self._bind(run.success, self._show_check, [self.checked_shot], check, show_progress="hidden")
         self._bind(self.timer.tick, self._refresh_answers, [], [self.timer, self.answers], **_UNQUEUED)
         self._bind(self.checked_shot.select, self._show_check, [self.checked_shot], check, show_progress="hidden")
@@ -459,16 +458,11 @@ class Page:
     def _begin_run(self, session: Session, chosen: list[str], *settings: Any) -> _Updates:
         session.apply_settings(_settings(settings))
         if session.runs.ready():
-            session.previews = dict.fromkeys(chosen)
+            session.so_far = dict.fromkeys(chosen)
         return {self.steps: gr.Tabs(selected=3), **self._refresh_answers(session)}
 
     def _refresh_answers(self, session: Session) -> _Updates:
-        return {self.timer: gr.Timer(active=bool(session.previews)), self.answers: words.answers(session)}
-
-    def _preview(self, session: Session, chosen: list[str], **_: Any) -> _Updates:
-        with suppress(InputError):  # the run shows the same error
-            steps.preview(session, chosen)
-        return {self.answers: words.answers(session)}
+        return {self.timer: gr.Timer(active=bool(session.so_far)), self.answers: words.answers(session)}
 
     def _answer(self, session: Session, chosen: list[str], **_: Any) -> _Updates:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
@@ -558,7 +552,6 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
         rmax_um: float | None = None,
         stretch: float | str | None = None,
         window: int | None = None,
-        verify: str = "auto",
         material: str | None = None,
         bubble: str = "real",
         trust_input: bool = False,

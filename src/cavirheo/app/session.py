@@ -53,7 +53,6 @@ class VisitorLimits:
     files: int = 50
     curves: int = 400
     frames: int = 400_000
-    full_shots: int = 100  # shots in one run with full uncertainty
     read_seconds: float = 20.0  # s, to read the files
     readers: int = 3  # processes that read files, shared by all visitors
     film_seconds: float = 120.0  # s, to measure a recording
@@ -78,9 +77,8 @@ class PageSettings:
     window: int | None = None
     group: str = "auto"  # which shots are of one material
     model: str = DEFAULT
-    material: str | None = None  # None: all laws, or the only law of the model or of the network alone
+    material: str | None = None  # None: the default family, or the law of the network
     bubble: str = "real"
-    verify: str = "auto"
     trust_input: bool = False  # scale, frame rate and medium are right even if they look odd
 
     def __post_init__(self) -> None:
@@ -132,7 +130,7 @@ class PageSettings:
     @property
     def analysis(self) -> Analysis:
         """The analysis of each curve. Raises InputError."""
-        names = ("model", "material", "bubble", "stretch", "window", "trust_input", "verify")
+        names = ("model", "material", "bubble", "stretch", "window", "trust_input")
         given = [name for name in CONSTANTS if self.medium != "water" or getattr(self, name, None) is not None]
         return Analysis(medium=self.liquid, given=given, **{name: getattr(self, name) for name in names})
 
@@ -263,7 +261,7 @@ class Session:
         self.published: list[dict[str, Published]] = []  # for each upload: values of other methods, by set
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
-        self.previews: dict[str, CurveRecord | None] = {}  # during a run: each shot's answer so far, or None
+        self.so_far: dict[str, CurveRecord | None] = {}  # during a run: each shot's answer so far, or None
 
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Move or copy the files into the session, and read them; unreadable ones are removed. Videos go to `films`.

@@ -20,7 +20,6 @@ from cavirheo.app.session import Answers, PageSettings, Session
 from cavirheo.companions.published_values import add_to_groups
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number, require
-from cavirheo.inference import DEFAULT
 from cavirheo.inference.what_if import checks_with, compared_window, slider
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Report
@@ -82,40 +81,24 @@ def confirm(session: Session) -> None:
         raise
 
 
-def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[RadiusCurve, Posterior | None]]:
+def _answer(session: Session, names: Sequence[str]) -> list[tuple[RadiusCurve, Posterior | None]]:
     """Return (curve, answer) of each chosen shot; None if a stop came before its answer. Each answer goes into
-    `session.previews` at once, as unverified if `verify` is not that of the settings. Raises InputError."""
+    `session.so_far` at once. Raises InputError."""
     with session.lock:
-        settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
-        analyses = {curve.name: replace(session.settings_of(curve.name), verify=verify).analysis for curve in chosen}
+        chosen = [curve for curve in session.curves if curve.name in names]
+        analyses = {curve.name: session.settings_of(curve.name).analysis for curve in chosen}
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
-    message = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full_shots} at once"
-    remedy = "choose fewer in step 2, or use the command line (cavirheo infer --verify full)"
-    fine = verify != "full" or len(chosen) <= session.limits.full_shots
-    require(fine, f"{message}: {remedy}", "app.too_many_full")
-    previews, workers = session.previews, max(cores() // len(chosen), 1)
-    preview_mark = {"verdict": "unverified", "messages": []} if verify != settings.verify else {}
+    so_far, workers = session.so_far, max(cores() // len(chosen), 1)
 
     def answer_one(curve: RadiusCurve) -> Posterior:
         analysis = analyses[curve.name]
         job = partial(analysis.answer, curve, workers=workers)
-        run = job if verify == "none" else partial(run_on_any_core, job)
-        answer = session.compute_once(session.store, analysis.key(curve), run)
+        answer = session.compute_once(session.store, analysis.key(curve), partial(run_on_any_core, job))
         answer = with_source_of(answer, curve)
-        row = curve_record(*session.regroup([(curve, answer)])[0])
-        if row.has_answer or not preview_mark:
-            previews[curve.name] = row.model_copy(update=preview_mark)
+        so_far[curve.name] = curve_record(*session.regroup([(curve, answer)])[0])
         return answer
 
     return list(zip(chosen, session.runs.run_jobs(answer_one, chosen), strict=True))
-
-
-def preview(session: Session, names: Sequence[str]) -> None:
-    """Put the network's answers of the chosen shots, where it has any, into `session.previews`; the run replaces them.
-    Nothing is done for another model, without verification, or with bubble "auto". Raises InputError."""
-    settings = session.settings
-    if settings.model == DEFAULT and settings.verify != "none" and settings.bubble != "auto":
-        _answer(session, names, "none")
 
 
 def infer(session: Session, names: Sequence[str]) -> Answers:
@@ -124,12 +107,12 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
     with session.lock:
         request, curves = session.request, session.curves
     try:
-        answers = _answer(session, names, request[0].verify)
+        answers = _answer(session, names)
         pairs = [(curve, answer) for curve, answer in answers if answer]
         pooled = _pool_answers(session, pairs, [curve.name for curve, answer in answers if not answer], request)
     finally:
-        if not session.runs.busy.locked():  # an earlier run, which continues, uses the previews
-            session.previews = {}
+        if not session.runs.busy.locked():  # an earlier run, which continues, uses them
+            session.so_far = {}
     with session.lock:
         require(session.curves is curves and session.request == request, _CHANGED_MESSAGE, "app.changed")
         session.answers = pooled
@@ -179,7 +162,7 @@ def fit(session: Session, name: str | None) -> None:
     if analysis.method == "bdt":  # a network with a fixed window: the fit takes the same window
         end = compared_window(curve, analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
-    analysis = replace(analysis, method="fit", free=None, verify="auto", end=end, **model)
+    analysis = replace(analysis, method="fit", free=None, end=end, **model)
     (answer,) = session.runs.run_jobs(partial(run_on_any_core, analysis.answer), [curve])
     with session.lock:
         if answer is None or session.answers is not answers:

@@ -13,7 +13,7 @@ import numpy as np
 from cavirheo.app.session import UPLOAD_FOLDER, Answers, Clip, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference import AUTO_LAWS, DEFAULT
+from cavirheo.inference import DEFAULT
 from cavirheo.inference.cards import card, shipped
 from cavirheo.inference.what_if import compared_window, predict_radius
 from cavirheo.reporting import group_pictures, html
@@ -35,16 +35,9 @@ from cavirheo.writing import digits
 from cavirheo.writing.terminal import names_by_message
 
 VERSION = version("cavirheo")
-VERIFY_LEVELS = [  # label and value of each choice of the page
-    ("checked by simulations", "auto"),
-    ("not verified (fastest)", "none"),
-    ("Gaussian", "map"),
-    ("full (slow)", "full"),
-]
-BUBBLES = [
+BUBBLES = [  # label and value of each choice of the page
     ("real: vapour condenses at a finite rate, damped by its surroundings", "real"),
     ("the field's: equilibrium contents, unbounded liquid", "field"),
-    ("whichever the evidence prefers (slower)", "auto"),
 ]
 WINDOWS = [("the usual one", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
 GROUPS = [
@@ -90,7 +83,6 @@ def welcome() -> str:
 _PAGE_WORDS = {  # text in messages (options of the command line or of Python): text on the page
     "Medium(..., unusual=True), --trust-input": "vouch for it in step 2",
     " (if it is meant: unusual=True)": "",
-    "leave out --verify none": "choose one law and one bubble, or another uncertainty (step 3)",
     "add --trust-input": "vouch for it in step 2",
     "(--rmax-um)": "(step 2)",
     "--rmax-um": "R_max in step 2",
@@ -130,9 +122,9 @@ def model_choices() -> list[tuple[str, str]]:
 
 
 def material_choices() -> list[tuple[str, str]]:
-    """(label, name) of the laws of the default model; the first choice is all of them."""
-    words = {law: digits.MATERIAL_TITLES.get(law, law).partition(" (")[0] for law in AUTO_LAWS}
-    return [("all of these, each by its evidence", "auto"), *((word, law) for law, word in words.items())]
+    """(label, name) of laws; the first is the default family."""
+    words = {law: digits.MATERIAL_TITLES[law].partition(" (")[0] for law in ("nhkv", "newtonian", "qkv")}
+    return [("a liquid, or a gel that may stiffen", "auto"), *((word, law) for law, word in words.items())]
 
 
 def shot_cells(session: Session) -> list[tuple[str, tuple[str, ...]]]:
@@ -237,11 +229,10 @@ def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
 def answers(session: Session) -> str:
     """The answers: groups, shots, their messages, and whether settings changed since; during a run, the answers so
     far."""
-    current, previews = session.answers, list(session.previews.values())
-    unverified_verdict = "" if session.settings.verify == "none" else "unverified"  # until it is verified
-    verified = sum(row is not None and row.verdict != unverified_verdict for row in previews)
-    if previews:
-        current = Answers([], result_of([row for row in previews if row], ""), [], session.request)
+    current, chosen = session.answers, list(session.so_far.values())
+    ready = [row for row in chosen if row]
+    if chosen:
+        current = Answers([], result_of(ready, ""), [], session.request)
     if current is None:
         return render("hint", NO_ANSWERS)
     document = current.document
@@ -252,9 +243,9 @@ def answers(session: Session) -> str:
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.render_macro("curves_table", rows, factor, unit, title, False)
     explanation = html.render_macro("reading", document.curves), *methods_paragraph(document)
-    progress = (verified, len(previews)), len(document.curves), current.not_run, groups_with_mixed_files(document)
+    progress = (len(ready), len(chosen)), len(document.curves), current.not_run, groups_with_mixed_files(document)
     return render(
-        "answers", session.stale and not previews, *progress, *groups, shots, curves_by_remark(rows), *explanation
+        "answers", session.stale and not chosen, *progress, *groups, shots, curves_by_remark(rows), *explanation
     )
 
 

@@ -12,7 +12,6 @@ from cavirheo.messages import Message
 from cavirheo.parameters import is_law_parameter
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, intervals
 
-LEAST_PROBABILITY = 1e-3  # probability of a model below which it does not count
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
 _FITTING = ("ok", "undetermined")  # verdicts of answers whose simulation follows the measurement
 DECISIVE = 3.0  # log evidence (a factor of 20) by which a model must be larger to be preferred; below, it is possible
@@ -48,10 +47,9 @@ def judged(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
 
 
 def rival_messages(answer: Posterior) -> list[Message]:
-    """Messages on other models and modes. One is on the model with the largest evidence of those that reject the
+    """A message on another model: the model with the largest evidence of those that reject the
     answer's, and of those with the same law and another bubble whose log evidence is not smaller by more than DECISIVE
-    and whose 90 % interval of a parameter of the law does not overlap the answer's. Other modes of the answer's model
-    have a message under the last two conditions."""
+    and whose 90 % interval of a parameter of the law does not overlap the answer's."""
     this, messages = as_alternative(answer), list[Message]()
 
     def other_bubble_disagrees(rival: OtherAnswer) -> bool:
@@ -63,11 +61,7 @@ def rival_messages(answer: Posterior) -> list[Message]:
         best = max(rivals, key=_log)
         code = "model.rejected" if _rejects(best, this) else "model.possible"
         messages.append(Message(code, _describe_pair(best, this)))
-    return messages + [
-        Message("mode.other", _describe_pair(mode, this, stretch=True))
-        for mode in answer.others
-        if model_of(mode) == model_of(this) and _gain(mode, this) >= -DECISIVE and _disjoint(_ends(mode), _ends(this))
-    ]
+    return messages
 
 
 def _rivals(answer: Posterior) -> list[OtherAnswer]:
@@ -127,20 +121,18 @@ def _disjoint(first: Mapping[str, _Interval], second: Mapping[str, _Interval]) -
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
 
 
-def _described(model: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
+def _described(model: OtherAnswer) -> dict[str, Any]:
     """The description of a model in a message: its law, its bubble in words, and the values of the law's parameters."""
-    ends = {
-        name: value for name, value in _ends(model).items() if is_law_parameter(name) or (stretch and name == "stretch")
-    }
+    ends = {name: value for name, value in _ends(model).items() if is_law_parameter(name)}
     return {"material": model.material, "bubble": model.bubble.title, "values": ends, "interval": bool(model.intervals)}
 
 
-def _describe_pair(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
+def _describe_pair(rival: OtherAnswer, this: OtherAnswer) -> dict[str, Any]:
     """Two models in a message, and the log evidence of the first minus the second's (`rough`: known only roughly)."""
     gain = _gain(rival, this)
     return {
-        "rival": _described(rival, stretch=stretch),
-        "this": _described(this, stretch=stretch),
+        "rival": _described(rival),
+        "this": _described(this),
         "gain": gain if gain == gain else None,
         "equal": equal_odds(gain),
         "rough": bool(rival.evidence and (rival.evidence.error or 0.0) >= DECISIVE),

@@ -32,6 +32,7 @@ OPEN_ENDS: dict[str, Bound] = {"stretch": "lower", "accommodation": "upper", "co
 """Ends of nuisances beyond which there is physics: a larger stretch, a smaller accommodation, a larger damping."""
 TRADED = 0.3  # correlation of a parameter with a nuisance at its end, above which it is only bounded
 FEWEST = 10  # draws that tell a correlation
+DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters whose bounds make the verdict
 SCALED = 0.002  # relative change of R_max, for the slope of G
 
 
@@ -91,8 +92,9 @@ def sampled_answer(
     theta = _switched_off(names, theta)
     switches = _switches(prior, x, relative_weights(weighed.log_weight))
     bounds = shot.bound_messages(x, prior.low, prior.high, weighed.log_weight)
-    if bounds:
-        verdict, messages = "undetermined", [*bounds, *messages]
+    if any(message.parameters["name"] in DECIDING for message in bounds):
+        verdict = "undetermined"
+    messages = [*bounds, *messages]
     if predictive and predictive["p_value"] < REJECTED:
         if not discrepancy or excess > LARGE_MISFIT:
             verdict = "model_does_not_fit"
@@ -100,17 +102,17 @@ def sampled_answer(
         chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
         messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
     traded = trades(prior, x, weighed.log_weight, shot.family.parameters)
-    if traded:
-        verdict = "undetermined" if verdict == "ok" else verdict
-        messages += [
-            Message(f"traded.{name}", {"name": name, "other": other, "bound": bound})
-            for name, (other, bound) in traded.items()
-        ]
+    if verdict == "ok" and any(name in DECIDING for name in traded):
+        verdict = "undetermined"
+    messages += [
+        Message(f"traded.{name}", {"name": name, "other": other, "bound": bound})
+        for name, (other, bound) in traded.items()
+    ]
     pulled = _pulled(shot, prior, at)
     messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
     messages += shot.messages
     if effective < ENOUGH:
-        unfit = {"draws": len(x), "effective": effective, "needed": ENOUGH, "tail": float("nan"), "missing": None}
+        unfit = {"draws": len(x), "effective": effective, "needed": ENOUGH}
         messages.append(Message("interval.distrusted", unfit))
         theta, verdict = theta[best : best + 1], "no_interval" if verdict == "ok" else verdict
     values = shot.all_values(x[best])
@@ -129,7 +131,7 @@ def sampled_answer(
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
     provenance |= noise.describe(residual) | {"evaluations": weighed.evaluations, "share": weighed.share}
     return replace(
-        empty, names=names, units=units(names), theta=theta, method="verified", provenance=provenance,
+        empty, names=names, units=units(names), theta=theta, provenance=provenance,
         checks=shot.checks(x[best], verdict, messages), log_weight=weighed.log_weight if len(theta) > 1 else None,
         best=values, stretch=values["stretch"], evidence=Evidence(weighed.log_evidence, weighed.error),
         diagnostics=diagnostics, medium=shot.medium, prior=shot.law_prior(prior), stretch_prior=shot.stretch_prior,

@@ -380,12 +380,15 @@ class Experiment:
 
     def bound_messages(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> list[Message]:
         """A message for each parameter of the law, and for the stretch, of which the central 90 % of x (draws, d) reach
-        an end of the range from low to high (d,)."""
+        an end of the range from low to high (d,). None for a stiffening that may be 0, nor for a G that is 0: the
+        probabilities of the switches say so."""
         messages = list[Message]()
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
             if name not in (*self.family.parameters, "stretch") or len(x) < 2:
                 continue
             low_end, high_end = weighted_quantile(values, np.array([0.05, 0.95]), log_weight)
+            if name in self.family.atoms and (name != "shear_modulus" or np.isneginf(high_end)):
+                continue
             if bound := bound_of(low_end, high_end, (a, b)):
                 messages.append(
                     message_of_bound(name, bound, intervals([LOG10 + name], values[:, None], log_weight)[name])

@@ -16,7 +16,7 @@ from scipy.special import softmax
 
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import require
-from cavirheo.inference.alternatives import as_alternative, choice_messages, contenders, judged, model_of
+from cavirheo.inference.alternatives import as_alternative, choice_messages, contenders, judged
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.population import Population, with_slope_if_any
@@ -180,9 +180,7 @@ def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> lis
     for i, ranking in enumerate(singles):
         chosen = by_group.get(i) or ranking.chosen or next(iter(ranking.answers))
         answer, rivals = ranking.answers[chosen], [rival for law, rival in ranking.answers.items() if law != chosen]
-        rival_models = {model_of(rival) for rival in rivals if rival.evidence}
-        alternatives = [alternative for alternative in answer.others if model_of(alternative) not in rival_models]
-        answer = replace(answer, others=(*alternatives, *(as_alternative(rival) for rival in rivals if rival.evidence)))
+        answer = replace(answer, others=tuple(as_alternative(rival) for rival in rivals if rival.evidence))
         of_group = [Message("model.of_group", {"material": chosen})] if i in by_group else []
         messages = choice_messages(answer, rivals) if chosen == ranking.chosen else of_group
         chosen_answers.append(replace(answer, checks=judged(answer, messages)))

@@ -14,12 +14,12 @@ from pydantic_core import to_jsonable_python
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.messages import Message, is_input_warning
+from cavirheo.messages import Message, is_input_warning, message_of_switches
 from cavirheo.parameters import BUBBLE, LOG10, REFERENCE_RATE, VISCOSITY_AT_RATE, is_law_parameter, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Posterior, Verdict, WindowAnswer, intervals
+from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Posterior, Verdict, intervals
 from cavirheo.reporting.material import KEYS, ParameterValues
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
@@ -96,13 +96,12 @@ class Answer(ParameterValues[Quantity]):
 
 
 class OtherModel(Record, Answer):
-    """The answer of another model for the same frames. One with the material and bubble of the answer is another mode.
+    """The answer of another model for the same frames.
 
     Attributes:
         log_evidence: natural logarithm of p(frames | model), to be compared with that of the answer; null where it was
             not computed.
         evidence_error: standard error of log_evidence; null where it is not known.
-        weight: share of this model in the answer, 0 to 1, if the answer is an average over both models; else 0.
     """
 
     material: str
@@ -114,7 +113,6 @@ class OtherModel(Record, Answer):
     viscosity_Pa_s: Quantity = Quantity()
     stretch: Quantity = Quantity()
     other_parameters: dict[str, Quantity] = {}
-    weight: float = 0.0
 
 
 class Sentence(Record):
@@ -142,7 +140,9 @@ class CurveRecord(Record, Answer):
         strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
         medium: constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older
             version.
-        method: method of the answer: "bdt", "verified", "laplace" or "least_squares".
+        switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening" and "field_bubble";
+            left out for other laws.
+        method: method of the answer: "bdt", "verified" or "least_squares".
         other_parameters: further parameters by natural name, SI: those inferred besides G, mu and the stretch, those
             given for the bubble, and the viscosity at a shear rate of 1e5 1/s if the law has no constant viscosity.
         best: parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the
@@ -154,9 +154,8 @@ class CurveRecord(Record, Answer):
         messages: reasons for the verdict, and other remarks; input warnings first.
         notes: what was recognised, converted or left out when the file was read.
         seconds: wall time of the computation, s.
-        windows: answers from windows of "1", "2", "3" and "all" collapses, if they were fitted.
         evidence: evidence of the law; null where the method gives none.
-        other_models: answers of other models and other modes, if they were computed.
+        other_models: answers of other models, if they were computed.
         diagnostics: how the answer was computed.
         column: title and value of the column declared by the user; left out where there is none.
         stretch_prior: "mean" and "std" of the normal prior of the stretch, from the file or the late plateau; left out
@@ -174,6 +173,7 @@ class CurveRecord(Record, Answer):
     stretch: Quantity
     material: str
     bubble: Bubble = FIELD
+    switches: dict[str, float] = {}
     medium: StoredMedium | None = None
     method: str
     shear_modulus_Pa: Quantity
@@ -188,14 +188,13 @@ class CurveRecord(Record, Answer):
     messages: list[Sentence] = []
     notes: list[str]
     seconds: float
-    windows: dict[str, WindowAnswer] = {}
     evidence: Evidence | None = None
     other_models: list[OtherModel] = []
     diagnostics: Diagnostics = Diagnostics()
     column: dict[str, float] = {}
     stretch_prior: dict[str, float] = {}
     provenance: dict[str, Any]
-    _omitted_if_empty = ("column", "stretch_prior")
+    _omitted_if_empty = ("switches", "column", "stretch_prior")
 
     @property
     def has_answer(self) -> bool:
@@ -254,6 +253,8 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
     if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
+    kind = message_of_switches(posterior.switches)
+    messages = [*checks.messages, *([kind] if kind else [])]
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
         **{name: getattr(checks, name) for name in ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")},
@@ -265,13 +266,13 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         best={} if checks.reconstruction_time is None else {name: float(v) for name, v in posterior.best.items()},
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
         verdict=checks.verdict,
-        messages=[Sentence(code=message.code, text=message.text) for message in checks.messages],
+        messages=[Sentence(code=message.code, text=message.text) for message in messages],
         notes=list(curve.notes),
         column=dict(curve.column),
         stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
         seconds=finite(posterior.seconds) or 0.0,
         other_models=_other_models(posterior),
-        windows={key: _json_fields(window) for key, window in posterior.windows.items()},
+        switches=dict(posterior.switches),
         diagnostics=_json_fields(posterior.diagnostics),
         provenance=_json_data(posterior.provenance),
     )
@@ -282,8 +283,7 @@ def _failed_if_invalid(posterior: Posterior) -> Posterior:
     if posterior.checks.verdict == "failed" or not posterior.theta.size:
         reasons = () if posterior.checks.messages else (Message("answer.none"),)
         return posterior.without_draws(*reasons)
-    draws = zip(posterior.names, posterior.theta.T, strict=True)
-    broken = ", ".join(name for name, values in draws if not np.all(np.isfinite(values)))
+    broken = ", ".join(name for name in posterior.parameters if not np.all(np.isfinite(posterior.draws(name))))
     return posterior.without_draws(Message("answer.not_finite", {"parameters": broken})) if broken else posterior
 
 
@@ -312,7 +312,7 @@ def _other_models(posterior: Posterior) -> list[OtherModel]:
         if (viscosity := viscosity_at(answer.material, REFERENCE_RATE, answer.best)) is not None:
             values[VISCOSITY_AT_RATE] = Quantity(median=viscosity)
         evidence = answer.evidence or Evidence(np.nan)
-        record = {name: getattr(answer, name) for name in ("material", "bubble", "rmse_over_rmax", "weight")}
+        record = {name: getattr(answer, name) for name in ("material", "bubble", "rmse_over_rmax")}
         record |= {"log_evidence": evidence.log, "evidence_error": evidence.error} | OtherModel.fields_of(values)
         records.append(OtherModel(**record))
     return records

@@ -30,15 +30,14 @@ _EQUATIONS = {
 }
 _METHODS = {  # the sentence with its citations, by method of the answer
     "verified": (
-        "The posterior of the parameters was sampled by Markov chains [TerBraak2008] of a Gaussian process "
-        "[Rasmussen2006] that learnt some hundred full simulations and was checked by further ones, or by simulations "
-        "of its draws, with noise of unknown size and a discrepancy between law and bubble that was inferred along "
-        "with them [Kennedy2001]."
+        "The posterior of the parameters was sampled by Markov chains [TerBraak2008] on a network that was trained on "
+        "simulations, and each draw was weighed by a full simulation, with noise of unknown size and a discrepancy "
+        "between law and bubble that was inferred along with them [Kennedy2001]."
     ),
-    "laplace": "The maximum of the posterior and the Gaussian about it were found by Gauss-Newton steps.",
     "least_squares": (
-        "The parameters were fitted by least squares on the simulation; intervals, where given, are of draws weighed "
-        "by the likelihood."
+        "The parameters were fitted to the simulation under white noise of unknown size: their posterior was sampled "
+        "by Markov chains [TerBraak2008] on a network that was trained on simulations, and each draw was weighed by a "
+        "full simulation."
     ),
     "bdt": "A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.",
 }
@@ -143,8 +142,6 @@ def _experiment(answers: list[CurveRecord], result: Result) -> Iterator[str]:
 
 def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
     """Sentences on the window, the methods, the compared models, the priors, and what the values are."""
-    from cavirheo.inference.alternatives import LEAST_PROBABILITY
-
     windows = sorted({curve.window.collapses for curve in answers if curve.window.collapses})
     if windows and (ends := [curve.window.t_star_end for curve in answers if curve.window.t_star_end]):
         *few, last = windows
@@ -159,14 +156,11 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
         preferred = Counter(model.model_title for curve in compared if (model := curve.preferred_model))
         count = digits.counted(len(compared), "curve")
         verdicts = ", ".join(f"it prefers {model} in {n} of {count}" for model, n in preferred.items())
-        weighed = (model for curve in compared for model in curve.other_models if model.weight >= LEAST_PROBABILITY)
-        averaged = sorted({model.model_title for model in weighed if model.model not in models})
-        by_weight = f", averaged with those of {', '.join(averaged)} by the evidence" if averaged else ""
-        yield f"Values are those of {' or '.join(models.values())}{by_weight}."
+        yield f"Values are those of {' or '.join(models.values())}."
         verdicts = verdicts or "it prefers none of these to the given values"
         yield f"The evidence [Kass1995] compares this with {', '.join(sorted(rivals))}: {verdicts}."
 
-    if any(curve.method in ("verified", "laplace") for curve in answers):
+    if any(curve.method in ("verified", "least_squares") for curve in answers):
         names = [name for curve in answers for name in KEYS if curve.value(name).median]
         names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
         ranges = []

@@ -76,7 +76,6 @@ class GroupModel(Record):
             viscosity, of the viscosity at a shear rate of 1e5 1/s.
         log_evidence: log evidence of this model minus that of the answer, summed over the shots that have both; null
             where no shot has both.
-        weight: mean share of this model in the answers, 0 to 1; above 0 if these are averages over both models.
         slopes: slopes over R_max by natural name; empty unless all shots of the group's slopes have an answer of this
             model.
     """
@@ -87,23 +86,18 @@ class GroupModel(Record):
     shear_modulus_Pa: Spread
     viscosity_Pa_s: Spread
     log_evidence: float | None = None
-    weight: float = 0.0
     slopes: dict[str, Slope] = {}
 
     @property
     def words(self) -> str:
-        """Sentence: "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12".
-
-        If the answer is an average that includes this model, the sentence ends with its weight instead."""
-        from cavirheo.inference.alternatives import LEAST_PROBABILITY, equal_odds
+        """Sentence: "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers it to the answer by ..."."""
+        from cavirheo.inference.alternatives import equal_odds
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
         modulus = f"G {digits.spread(self.shear_modulus_Pa, factor)} {unit}"
         viscosity = f"µ {digits.spread(self.viscosity_Pa_s)} Pa s"
         values = [text for text in (modulus, viscosity) if digits.MISSING not in text]
         sentence = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
-        if self.weight >= LEAST_PROBABILITY:
-            return f"{sentence}; a part of the answer, with {digits.percent(self.weight)} % of its weight"
         if self.log_evidence is None:
             return sentence
         if equal_odds(self.log_evidence):
@@ -116,8 +110,7 @@ class GroupModel(Record):
         """Whether the evidence of all shots together rejects the model of the answers in favour of this model."""
         from cavirheo.inference.alternatives import rejects
 
-        averaged = self.weight > 0.5  # the answers are mostly this model's
-        return not averaged and self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
+        return self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
 
 
 class GroupRecord(Record, ParameterValues[Spread]):
@@ -362,7 +355,6 @@ def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> li
             shear_modulus_Pa=spread_over(answers, "shear_modulus"),
             viscosity_Pa_s=spread_of([answer.viscosity.determined_median for answer in answers]),
             log_evidence=float(np.sum(gains)) if gains else None,
-            weight=float(np.mean([answer.weight for answer in answers])),
             slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
         )
         summaries.append(summary)

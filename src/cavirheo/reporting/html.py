@@ -25,7 +25,7 @@ from cavirheo.reporting.answer import CurveRecord, display_unit, meaning_of, par
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.pictures import curve_svg
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.table import MAXIMUM_METHODS, model_rows, window_values
+from cavirheo.reporting.table import model_rows
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -93,9 +93,9 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True, finalize=_printable
     )
-    functions = (facts, display_unit, meaning_of, parameter_key, model_rows, window_values)
+    functions = (facts, display_unit, meaning_of, parameter_key, model_rows)
     environment.globals.update({function.__name__: function for function in functions})
-    environment.globals.update(MAXIMUM_METHODS=MAXIMUM_METHODS, MAX_OPEN_CURVES=MAX_OPEN_CURVES)
+    environment.globals.update(MAX_OPEN_CURVES=MAX_OPEN_CURVES)
     environment.globals.update(digits=digits, VERDICT_STYLES=digits.VERDICT_STYLES, Quantity=Quantity)
     return environment.get_template(name)
 

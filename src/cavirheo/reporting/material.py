@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.messages import state_in_words
 from cavirheo.parameters import VISCOSITY_AT_RATE
+from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, Spread
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
 _MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
 _TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
+_KINDS = {"newtonian": "liquid", "nhkv": "gel", "fung + newtonian": "stiffening_gel"}  # by law of a group's state
 _MAX_COMPARED = 6  # most groups that are compared, each with each
 Value = TypeVar("Value", Quantity, Spread)
 
@@ -216,11 +219,18 @@ def material_of(
 cached_material_of = lru_cache(maxsize=8)(material_of)  # in a watched folder each new shot writes all groups again
 
 
-def population_record(population: Population | None, column: str = "") -> PopulationRecord | None:
-    """The record of a population for a document. column: title of the column along which it has a slope."""
+def population_record(
+    population: Population | None, column: str = "", *, switched: bool = False
+) -> PopulationRecord | None:
+    """The record of a population for a document. column: title of the column along which it has a slope. switched:
+    whether all shots together decided the switches of the default family."""
     if population is None:
         return None
     fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "remarks", "outliers", "left_out")}
+    if switched:
+        bubble = "field" if population.bubble == FIELD else "real"
+        state = state_in_words(_KINDS.get(population.material, "law"), bubble)
+        fields["remarks"] = [f"all shots together: {state}", *population.remarks]
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
     if not len(population.centre):
         return PopulationRecord(**fields)
@@ -233,7 +243,7 @@ def population_record(population: Population | None, column: str = "") -> Popula
     if population.slope is not None:
         slopes = each(population.trend)
         fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
-        fields["remarks"] = [_trends_in_words(column, population.along_at or 0.0, slopes), *population.remarks]
+        fields["remarks"] = [_trends_in_words(column, population.along_at or 0.0, slopes), *fields["remarks"]]
     return PopulationRecord(
         **fields,
         **PopulationRecord.fields_of({name: population.quantity(name) for name in population.names}),

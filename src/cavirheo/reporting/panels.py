@@ -163,7 +163,7 @@ def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> li
 def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
     """The panel of a curve without an answer: which frames are to be compared (those of `window`), which are outliers,
     and which have no radius. Raises InputError: the curve has no R_max."""
-    (panel,) = curve_panels(curve, Checks("unverified", compared_time=window.time))
+    (panel,) = curve_panels(curve, Checks("ok", compared_time=window.time))
     time, radius = _Units.from_curve(curve).points(curve.time, curve.radius)
     within = (time >= panel.x.low) & (time <= panel.x.high)
     outliers = np.isin(np.arange(len(time)), curve.spikes()) & within

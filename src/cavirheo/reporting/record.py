@@ -95,7 +95,8 @@ class Result(Document):
         models = dict.fromkeys((curve.material, curve.bubble.sentence) for curve in self.curves if curve.has_answer)
         lines = list(dict.fromkeys(sentence for _, sentence in models))
         if len(models) == 1:
-            lines = [f"model: {material}. {sentence}" for material, sentence in models]
+            titles = {name: f" ({title})" for name, title in digits.MATERIAL_TITLES.items()}
+            lines = [f"model: {material}{titles.get(material, '')}. {sentence}" for material, sentence in models]
         at_rate = ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"]
         return lines + at_rate * (VISCOSITY_AT_RATE in self.parameters)
 
@@ -154,7 +155,11 @@ def result_of(
     members, names, title = _members(rows), group_names(rows), _column_title(rows)
     materials = materials or [None] * len(members)
     groups = [
-        group_record(name, [rows[i] for i in indices], population_record(material, title))
+        group_record(
+            name,
+            [rows[i] for i in indices],
+            population_record(material, title, switched=any(rows[i].switches for i in indices)),
+        )
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
     differing = differences(dict(zip(names, materials, strict=True)))

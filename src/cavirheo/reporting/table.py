@@ -21,7 +21,6 @@ from cavirheo.physics.media import WATER
 from cavirheo.reporting.answer import (
     CurveRecord,
     OtherModel,
-    Unit,
     display_unit,
     log_evidence_key,
     parameter_key,
@@ -31,7 +30,7 @@ from cavirheo.reporting.group import JOINT_PREFERENCE, OUR_MEANS, GroupRecord, e
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, export, terminal
-from cavirheo.writing.document import Spread, spread_of, write_rows
+from cavirheo.writing.document import Spread, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,10 +39,8 @@ if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
 
 MAX_REMARKS = 10  # most remarks on groups and curves below the table; there is always room for half as many on curves
-MAXIMUM_METHODS = ("least_squares", "laplace")  # their answer is a maximum of the likelihood or of the posterior
 TRUSTED_MEANS, ALL_MEANS = f"{OUR_MEANS}, trusted", f"{OUR_MEANS}, all"  # names of our two means where they differ
 WIDE_SCATTER = 0.4  # standard deviation of G from shot to shot over its mean; one batch of gel has less
-_WINDOW_TITLES = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 _WIDE_TABLE = 110  # columns; in a narrower terminal intervals are below medians, and only those of G and mu are shown
 _WIDE_COMPARISON = 100  # columns; in a narrower terminal cells have two lines
 
@@ -175,7 +172,6 @@ def print_table(
         key += "; below, above: a bound (95 %) and no value"
     console.print("\n".join([key, *result.model_key]), style="dim")
     _print_parameters(console, result)
-    _print_windows(console, result)
     terminal.print_warnings(console, input_warnings(result.curves))
     remarks = []
     for group in result.groups:
@@ -218,14 +214,14 @@ def print_line(record: CurveRecord) -> None:
 
 
 def print_all(result: Result) -> None:
-    """Print `print_table`, the comparison with published values, and the answers of other models and modes."""
+    """Print `print_table`, the comparison with published values, and the answers of other models."""
     print_table(result)
     if any(group.published for group in result.groups):
         print_comparison(result)
     factor, unit = result.modulus_unit
     heads = [f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
     for record in [record for record in result.curves if record.other_models]:
-        words = f"{record.name}: the answer, then other models and solutions"
+        words = f"{record.name}: the answer, then other models"
         table = terminal.table("model", heads, title=words)
         for row in model_rows(record, factor):
             table.add_row(*(cell.replace(" [", "\n[").replace(" (", "\n(") for cell in row))
@@ -285,54 +281,6 @@ def _print_parameters(console: Console, result: Result) -> None:
     console.print(table)
     for line in parameter_key(result.parameters):
         console.print(line, style="dim")
-
-
-def _window_parameters(records: Sequence[CurveRecord]) -> list[str]:
-    """Parameters in the table of windows: of each law G and the viscosity, or all others if it has neither."""
-    of_laws = ([name for name in parameters_of([record]) if name != VISCOSITY_AT_RATE] for record in records)
-    return list(dict.fromkeys(name for law in of_laws for name in [n for n in law if n in KEYS] or law))
-
-
-def window_values(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[str, str]]]:
-    """(title 'G (kPa), µ (Pa s)', values '6.44, 0.0295' of each record by window: 1, 2, 3 and all collapses). *: one is
-    at a bound. A record has no values unless its method is one of MAXIMUM_METHODS."""
-    texts_of_records, fitted = [], []
-    for record in records:
-        texts: dict[str, str] = {}
-        if record.method in MAXIMUM_METHODS and record.has_answer and {*_WINDOW_TITLES} & {*record.windows}:
-            fitted.append(record)
-            texts = dict.fromkeys(_WINDOW_TITLES.values(), digits.MISSING)
-            for key in (key for key in _WINDOW_TITLES if key in record.windows):
-                window = record.windows[key]
-                values = [(window.best.get(name), display_unit(name, unit)[1]) for name in _window_parameters([record])]
-                numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
-                texts[_WINDOW_TITLES[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
-        texts_of_records.append(texts)
-    parts = (display_unit(name, unit) for name in _window_parameters(fitted))
-    return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts), texts_of_records
-
-
-def _print_windows(console: Console, result: Result) -> None:
-    """Print the values of every curve by window, and for every group of several shots the mean ± standard deviation
-    over the trusted curves with this window, and their number."""
-    unit, heads = result.modulus_unit, list(_WINDOW_TITLES.values())
-    values, texts_of_records = window_values(result.curves, unit)
-    windowed = zip(result.curves, texts_of_records, strict=True)
-    rows = [(curve.name, list(texts.values()), "") for curve, texts in windowed if texts]
-    if not rows:
-        return
-    for group, shots in result.rows_by_group():
-        trusted, means = [shot for shot in shots if shot.trusted and shot.method in MAXIMUM_METHODS], []
-        for key in _WINDOW_TITLES:
-            having = [curve.windows[key].best for curve in trusted if key in curve.windows]
-            spreads = {name: spread_of([best.get(name) for best in having]) for name in _window_parameters(trusted)}
-            texts = [digits.spread(mean, display_unit(name, unit)[1]) for name, mean in spreads.items() if mean.n]
-            means.append(f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING)
-        rows += [(group.name, means, "bold")] if len(shots) > 1 else []
-    title = f"{values} by the window that is fitted; *: a parameter at its bound"
-    table = terminal.table("curve", heads, left=heads, title=title)
-    terminal.add_rows(table, rows)
-    console.print(table)
 
 
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:

@@ -113,7 +113,7 @@ ResumableOut = Annotated[Path, folder("folder, which may hold a part")]  # for w
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
-_LAW = "a law of `cavirheo laws`; auto: four laws, each by its evidence"
+_LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid"
 Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
 MaterialOfSets = Annotated[str | None, option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)]
 Fps = Annotated[Any, number("frames per second, of videos and of files that number their frames")]
@@ -138,15 +138,12 @@ _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, .
 _COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
-_BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; "
-_BUBBLE += "auto: the evidence chooses"
+_BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 _PICTURES = "draw pictures; --no-pictures is faster"
 _INFER_STRETCH = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
-_VERIFY = "auto: draws of a surrogate that simulations check; full: weighted simulations; "
-_VERIFY += "map: maximum of the posterior; none: network alone"
 
 
 def shared_values(options: object, kind: Any) -> dict[str, Any]:
@@ -203,7 +200,7 @@ class Liquid:
 
 @dataclass(kw_only=True)
 class BubbleOptions:
-    """Options for the bubble: a named one, or auto, and values that replace those of the named one."""
+    """Options for the bubble: a named one, and values that replace those of the named one."""
 
     contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(CONTENTS, BUBBLE)] = None
     accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
@@ -211,7 +208,7 @@ class BubbleOptions:
     confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, "free")] = None
     wall_distance_um: WallDistanceUm = None
     vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, "free")] = None
-    bubble: Annotated[Literal["real", "field", "auto"] | None, option(_BUBBLE)] = None
+    bubble: Annotated[Literal["real", "field"] | None, option(_BUBBLE)] = None
     damage: Annotated[Literal["none", "first-rebound", "strain"], option("softening of the gel", BUBBLE)] = "none"
 
     @property
@@ -348,18 +345,10 @@ class Inference(AnsweringVerb):
 
     material: Material = None
     stretch: Annotated[Any, number(_INFER_STRETCH, None, "free")] = None
-    verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
     window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
     model: ModelName = "posterior"
     exact_law: ExactLaw = False
 
     def make_analysis(self, files: Iterable[Path], **settings: Any) -> "Analysis":
-        """As `AnsweringVerb.make_analysis`. Raises InputError also if an option has no effect without verification:
-        --exact-law, and --exposure-us (which videos among the files use in any case)."""
-        from cavirheo.video.frames import is_video
-
-        exposed = self.exposure_us is not None and not any(map(is_video, files))
-        idle = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
-        message = f"{' and '.join(idle)} would change nothing with --verify none: leave out one of them"
-        require(self.verify != "none" or not idle, message)
+        """As `AnsweringVerb.make_analysis`."""
         return super().make_analysis(files, discrepancy=not self.exact_law, **settings)

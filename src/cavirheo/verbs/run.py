@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # options that change no answer
 _NEUTRAL_OPTIONS = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
 # order of the options on the first screen ("" stands for all others), and of the panels
-_OPTION_ORDER = ("material", "laws", "stretch", "verify", "bubble", "", "out", "replace", "json", "quiet", "help")
+_OPTION_ORDER = ("material", "laws", "stretch", "bubble", "", "out", "replace", "json", "quiet", "help")
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 

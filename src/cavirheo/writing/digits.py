@@ -27,13 +27,13 @@ VERDICT_STYLES = {
     "model_does_not_fit": VerdictStyle("does not fit", "#a34a00", "yellow"),
     "other_model_preferred": VerdictStyle("other model preferred", "#8a4b2a", "yellow"),
     "undetermined": VerdictStyle("undetermined", "#1f5f8b", "cyan"),
-    "unverified": VerdictStyle("not verified", "#5b6675", "bright_black"),
     "outside_training_range": VerdictStyle("outside range", "#8a3068", "magenta"),
     "no_interval": VerdictStyle("no interval", "#5f4bb6", "bright_magenta"),
     "failed": VerdictStyle("failed", "#b00020", "red"),
 }
 VERDICT_WORDS = {verdict: look.words for verdict, look in VERDICT_STYLES.items()}
 MATERIAL_TITLES = {
+    "auto": "a neo-Hookean spring that may stiffen or be absent, beside a dashpot",
     "nhkv": "neo-Hookean Kelvin-Voigt",
     "newtonian": "Newtonian fluid (no elasticity: G is not asked for)",
     "qkv": "quadratic Kelvin-Voigt",
@@ -41,13 +41,11 @@ MATERIAL_TITLES = {
 METHOD_TITLES = {
     "bdt": "Bubble Dynamics Transformer: a point answer, no interval",
     "verified": "posterior draws, weighted by the full physics",
-    "least_squares": "least squares on the simulation",
-    "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
+    "least_squares": "posterior draws under white noise, weighted by the full physics",
 }
 SIMULATION_NAMES = {  # by method: which simulation is drawn over a measurement
     "verified": "best draw",
     "least_squares": "best fit",
-    "laplace": "maximum",
 }
 MISSING = "–"
 _SIDES = {"upper": "below", "lower": "above"}  # by bound: on which side of the limit the value lies
@@ -71,6 +69,8 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
         return MISSING
     if value.bound == "undetermined":
         return value.bound
+    if value.bound == "upper" and value.q95 == 0.0:
+        return f"0{unit}{joint}(95 %)"
     if value.bound and (end := value.q95 if value.bound == "upper" else value.q05) is not None:
         return f"{_SIDES[value.bound]} {significant(end * factor, 2)}{unit}{joint}(95 %)"
     if value.q05 is None or value.q95 is None or value.q05 == value.q95:
