@@ -144,6 +144,8 @@ def test_weights_remove_the_error_of_the_emulator(error):
     found = posterior(emulated, simulated, noise, 3, seed=1)
     drawn = np.exp(found.log_weight - np.max(found.log_weight))
     assert effective_size(found.log_weight) >= 100.0
+    assert found.share > 0.5  # after the correction the emulator is nearly right
+    assert found.emulator_error == pytest.approx((error * 0.8, error * 0.1), abs=0.4 * error + 1e-9)
     assert found.log_evidence == pytest.approx(evidence, abs=0.15)
     assert np.abs(drawn @ found.u / np.sum(drawn) - mean) == pytest.approx(np.zeros(3), abs=0.3 * np.max(deviation))
 

@@ -371,6 +371,7 @@ GROUPS = {  # switches of the shots, and law, viscosity and bubble of the materi
     "each is unsure, all are not": ([dict(liquid=0.2)] * 6, "nhkv", 0.03, REAL),
     "a shot without a liquid outvotes": ([dict(liquid=0.8)] * 2 + [dict()] * 2, "nhkv", 0.03, REAL),
     "stiffening": ([dict(stiffening=0.8)] * 4, "fung + newtonian", 0.03, REAL),
+    "each is unsure of the field's bubble": ([dict(field=0.4)] * 6, "nhkv", 0.03, FIELD),
     "the field's bubble": ([dict(field=0.9)] * 4 + [dict(field=0.3)], "nhkv", 0.03, FIELD),
 }
 
