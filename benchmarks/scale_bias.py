@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference import infer_many
 from cavirheo.inference.network_answer import scaled_values, shot_values
-from cavirheo.inference.posterior_network import network_of
+from cavirheo.inference.analysis import Analysis
 from cavirheo.parameters import LOG10, natural_name, to_prior_scale
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.materials import MATERIALS
@@ -93,7 +93,7 @@ def main() -> None:
     parser.add_argument("--fits", type=int, default=40, help="0 leaves out what is shown without a network")
     parser.add_argument("--seed", type=int, default=20)
     options = parser.parse_args()
-    model = network_of(options.model)
+    model = Analysis(model=options.model).network
     problem, names = model.problem, model.problem.prior.names
     if options.fits:
         print(f"Curves of R_max fitted as if of {problem.reference_max_radius * 1e6:.0f} um, median error\n")
