@@ -5,7 +5,7 @@ waits beside a full run, and the memory of the server afterwards.
 
 Visitors are scripts that send what the page sends, so that twenty browsers do not slow what is measured. Each uploads
 the same file at the same time, infers its five shots, moves a slider and asks for the zip. Then `--after` more come one
-after the other, load the file, ask for answers without simulations and leave. Prints Markdown, with the load.
+after the other, load the file, ask for answers by one law and leave. Prints Markdown, with the load.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ from scipy.optimize import least_squares
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference import infer_many
-from cavirheo.inference.network_answer import scaled_values, shot_values
 from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.network_answer import scaled_values, shot_values
 from cavirheo.parameters import LOG10, natural_name, to_prior_scale
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.materials import MATERIALS

@@ -91,7 +91,7 @@ PLANTED = (
     Planted("predictive check of residuals that were not refitted", "inference/answer.py",
             "statistics(noise - (noise @ fitted.T) @ J.T)", "statistics(noise)", ("test_experiment",)),
     Planted("switches without the weights of the draws", "inference/answer.py",
-            'probabilities["field_bubble"] = float(weight @ np.isposinf', 'probabilities["field_bubble"] = float(np.mean',
+            "weight = weight / np.sum(weight)\n    columns", "weight = np.full(len(weight), 1 / len(weight))\n    columns",
             ("test_truth",)),
     Planted("a switch's prior is counted once for each shot", "inference/population/switches.py",
             "(share + least) / prior", "share + least", ("test_population",)),
