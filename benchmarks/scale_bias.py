@@ -41,7 +41,7 @@ def shots(
 ) -> tuple[np.ndarray, list[RadiusCurve]]:
     """(n, parameters + 1) theta in the prior's scale with R_max (m) last, and the curves; the default model's problem
     by default."""
-    problem = problem or network_of("bdt-viscoelastic").problem
+    problem = problem or Analysis(model="bdt-viscoelastic").network.problem
     rng = np.random.default_rng(seed)
     low, high = [*problem.prior.low, R_MAX[0]], [*problem.prior.high, R_MAX[1]]
     truth = rng.uniform(low, high, (n, len(low)))

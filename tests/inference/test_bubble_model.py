@@ -25,7 +25,7 @@ def shot(seed=0, noise=0.004, law=GEL, accommodation=ACCOMMODATION, **bubble):
     [
         slow(dict(contents="kinetic"), Bubble("kinetic")),
         slow(dict(confinement_inertia=0.2), Bubble(confinement_inertia="free")),
-        (dict(confinement_damping=0.3), Bubble(confinement_damping="free")),
+        slow(dict(confinement_damping=0.3), Bubble(confinement_damping="free")),
         slow(dict(vapour_excess=3e3), Bubble(vapour_excess="free")),
         slow(dict(damage=Damage(0.2, 2.0), contents="kinetic"), Bubble("kinetic", 0.07, "first-rebound")),
         slow(dict(damage=Damage(0.4, 1.5, "strain")), Bubble(damage="strain")),
@@ -77,6 +77,7 @@ def test_a_wall_within_the_bubble_fails_its_curve_alone():
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
 
 
+@pytest.mark.slow
 def test_a_wall_that_is_given_is_in_the_answer():
     """A wall beside the bubble: without it G is wrong."""
     curve = shot(noise=0.01, confinement_inertia=0.25)

@@ -29,7 +29,7 @@ def shot(law=GEL, stretch=7.0, **given) -> RadiusCurve:
     ("law", "expected"),
     [
         ("newtonian(0.05)", {"viscosity": 0.05}),
-        ("power-law(3, 0.7)", {"reference_viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
+        slow("power-law(3, 0.7)", {"reference_viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
         slow("qkv(3e3, 0.05, 0.3)", {"shear_modulus": 3e3, "viscosity": 0.05, "stiffening": 0.3}),
         slow("linear(8e3) + newtonian(0.05)", {"shear_modulus": 8e3, "viscosity": 0.05}),
         slow("mooney-rivlin(2e3, 300) + newtonian(0.05)", {"viscosity": 0.05}),
@@ -67,6 +67,7 @@ def test_time_origin_and_scale_are_recovered_when_free():
     assert fit(small, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
     """Where vapour resists, frames bound a small viscosity from above only."""
     kinetic, law = Bubble("kinetic", ACCOMMODATION), NeoHookeanKelvinVoigt(4e3, 0.003)
@@ -76,6 +77,7 @@ def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
     assert low < 5e-4 < 3e-3 < high < 0.03
 
 
+@pytest.mark.slow
 def test_failed_simulations_are_counted_and_survived(monkeypatch):
     solve = experiment.simulate
 
@@ -103,6 +105,7 @@ def test_windows():
     assert timed.checks.t_star_end == pytest.approx(40e-6 / WATER.time_scale(R_MAX), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_stretch_is_given_or_known_by_the_plateau():
     curve = shot(NeoHookeanKelvinVoigt(8e3, 0.2), frames=150)
     answer, given = (fit(curve, window=1, stretch=stretch) for stretch in ("plateau", 7.0))
@@ -121,6 +124,7 @@ def test_a_stretch_that_the_file_states_is_its_prior():
     assert known.interval("stretch")[0] > free.interval("stretch")[0] + 0.2
 
 
+@pytest.mark.slow
 def test_an_interval_as_wide_as_the_range_is_no_ok():
     """The best value lies inside the range, but the interval runs to its end: a gel too soft for its curve to tell."""
     answer = fit(shot(NeoHookeanKelvinVoigt(300.0, 0.05), frames=35, noise=0.01), window=1)
@@ -131,6 +135,7 @@ def test_an_interval_as_wide_as_the_range_is_no_ok():
     assert answer.bound("viscosity") is None
 
 
+@pytest.mark.slow
 def test_frames_that_drift_upwards_are_left_out_and_counted():
     curve = shot(frames=200, noise=2e-3)
     late = curve.time > 120e-6

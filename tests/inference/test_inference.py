@@ -30,6 +30,7 @@ def shot(G=8e3, mu=0.05, **given) -> RadiusCurve:
     return simulated(NeoHookeanKelvinVoigt(G, mu), **{"frames": 140, "stated_time_of_max": 0.0, **given})
 
 
+@pytest.mark.slow
 def test_frames_after_the_window_lie_where_the_draws_predict_them():
     truth = shot()
     cut = shot(noise=0.01).window(collapses=1)
@@ -100,6 +101,7 @@ def test_a_stretch_that_is_given_counts_before_the_files():
     assert "stated.replaced" in [one.code for one in answer.checks.messages]
 
 
+@pytest.mark.slow
 def test_another_size_than_that_of_the_training_is_said():
     """The paper's network takes a small bubble's surface tension and heat for viscosity; the default does not."""
     small = shot(mu=0.01, max_radius=90e-6)
@@ -157,6 +159,7 @@ def test_a_point_answer_has_no_interval_and_a_full_record():
     assert found.mae_over_rmax <= found.rmse_over_rmax <= found.max_difference_over_rmax
 
 
+@pytest.mark.slow
 def test_a_recording_that_begins_a_little_before_its_maximum_is_not_taken_to_begin_at_it():
     """Six frames of growth, within 2 % of R_max, are hidden in the noise: which frame is the maximum is not known."""
     clean = simulated(NeoHookeanKelvinVoigt(1e4, 0.02), frames=150, frame=5e-7, max_radius=155e-6, stretch=5.2)

@@ -245,6 +245,8 @@ def test_a_climb_ends_at_the_maximum_with_its_curvature():
     assert value == pytest.approx(noise.log_density(residuals(u)) + log_normal(u))
     for step in 0.05 * np.vstack([np.eye(3), -np.eye(3)]):
         assert (noise.log_density(residuals(u + step)) + log_normal(u + step) <= value + 1e-3).all()
+    blind = climb(lambda u: np.tile(measured, (len(u), 1)), noise, np.array([[0.9, -0.8, 0.7]]), EMULATED)
+    assert blind[0] == pytest.approx(np.zeros((1, 3)), abs=0.05)  # frames that say nothing: the middle of the prior
     weight = noise.power / (2.0 + 0.5 * np.sum((residuals(u)[0] / 0.01) ** 2))
     assert curvature[0] == pytest.approx(weight * slopes.T @ slopes / 1e-4 + np.eye(3), rel=0.1, abs=30.0)
 

@@ -82,6 +82,7 @@ def test_the_first_half_of_the_draws_is_as_all_of_them(answers):
         assert abs(apart) < 0.35 * (high - low), name
 
 
+@pytest.mark.slow
 def test_an_answer_says_how_a_wrong_scale_would_move_it():
     """Per cent of R_max, against the answer of the curve that is enlarged, under one seed."""
     curve = shot("gel")
@@ -144,6 +145,20 @@ def test_which_law_ranks_the_true_law_first(plain):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", ["liquid", "stiffening"])
+def test_the_evidence_of_the_default_family_is_the_mean_of_that_of_its_laws(name, seed):
+    """And the probability of a switch is the share of its laws in it."""
+    curve = shot(name, seed=seed)
+    whole, *parts = (infer(curve, material=law) for law in (None, "newtonian", "nhkv", "fung + newtonian"))
+    logs = np.array([part.evidence.log for part in parts]) + np.log(1.0 / 3.0)
+    assert whole.evidence.log == pytest.approx(np.logaddexp.reduce(logs), abs=0.5)
+    liquid, _, stiff = np.exp(logs - np.logaddexp.reduce(logs))
+    assert whole.switches["liquid"] == pytest.approx(liquid, abs=0.25)
+    assert whole.switches["stiffening"] == pytest.approx(stiff, abs=0.25)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "true"), [(Newtonian(0.03), "newtonian"), (STIFF, "fung + newtonian")])
 def test_which_law_chooses_the_true_law(law, true):
     curve = simulated(law, stretch=6.5, frames=90, noise=0.005, stated_time_of_max=0.0)
@@ -178,7 +193,7 @@ def test_a_failed_answer_has_no_draws_and_says_why(monkeypatch):
 
 
 def test_a_wrong_law_does_not_fit():
-    answer = infer(shot("field"), material="newtonian", bubble="field")
+    answer = fit(shot("field"), material="newtonian", bubble="field")
     assert answer.checks.verdict == "model_does_not_fit"
     assert "misfit.systematic" in [one.code for one in answer.checks.messages]
     assert answer.diagnostics.predictive["p_value"] < 0.01
