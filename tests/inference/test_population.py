@@ -385,7 +385,7 @@ def test_shots_of_one_material_share_its_switches(name):
     assert {one.material for one in shared} == {law}
     assert {one.bubble for one in shared} == {bubble_model}
     for one in shared:
-        assert one.median("viscosity") == pytest.approx(viscosity, rel=0.03)
+        assert one.median("viscosity") == pytest.approx(viscosity, rel=0.06)
         assert ("shear_modulus" in one.parameters) == (law != "newtonian")
         assert ("stiffening" in one.parameters) == (law == "fung + newtonian")
         assert not np.isinf(one.theta).any()
