@@ -396,7 +396,7 @@ def test_shots_of_one_material_share_its_switches(name):
 
 
 def test_a_doubtful_shot_has_no_vote_in_the_switches():
-    liquids, gel = [switched(k, liquid=0.95) for k in range(3)], switched(9)
+    liquids, gel = [switched(k, liquid=0.95) for k in range(2)], switched(9)
     wrong = replace(gel, checks=Checks("model_does_not_fit"))
     assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True)} == {"newtonian"}
     plain = seen(CENTRE, 0.05)  # by another law
