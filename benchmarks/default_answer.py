@@ -1,8 +1,8 @@
-"""The default answer on simulated recordings: how often it has an interval, whether that holds the truth, how it
-compares with `full`, and how many simulations it takes. No curve of the training is used. Simulated recordings are of
+"""The default answer on simulated recordings: how often it has an interval, whether that holds the truth, and how many
+simulations it takes. No curve of the training is used. Simulated recordings are of
 the field's bubble and answered with it; validation/claims/calibration.py has those of the real one.
 
-python benchmarks/default_answer.py OUT [-n 40] [--kind calibration|prior|early|liquid] [--full]
+python benchmarks/default_answer.py OUT [-n 40] [--kind calibration|prior|early|liquid]
 python benchmarks/default_answer.py OUT --real FOLDER [-n 100] [--bubble field] [--material auto]     # real sets
 
 OUT.jsonl keeps a line per recording: the same call goes on where it stopped. OUT.md is the table.
@@ -70,28 +70,25 @@ def recording(kind: str, number: int) -> tuple[RadiusCurve, str, dict[str, float
     return (curve, law, truth) if fine else None
 
 
-def measure(kind: str, number: int, full: bool) -> dict | None:
+def measure(kind: str, number: int) -> dict | None:
     made = recording(kind, number)
     if made is None:
         return None
     curve, law, truth = made
-    line: dict = {"kind": kind, "number": number, "truth": truth}
-    for level in ("none", "auto", *(["full"] if full else [])):
-        began, processor = time.perf_counter(), time.process_time()
-        answer = infer_many([curve], material=law, bubble="field", verify=level, trust_input=True)[0]
-        told = answer.diagnostics
-        line[level] = {
-            "verdict": answer.checks.verdict, "seconds": time.perf_counter() - began,
-            "processor": time.process_time() - processor, "simulations": told.simulations,
-            "worth": told.effective_sample_size, "few": answer.provenance.get("few_simulations"),
-            "evidence": answer.evidence.log if answer.evidence else None,
-            "intervals": {
-                name: [*(answer.interval(name, 0.5) or (None, None)), *(answer.interval(name) or (None, None))]
-                for name in answer.parameters if name in truth
-            },
-            "medians": {name: answer.median(name) for name in answer.parameters if name in truth},
-        }  # fmt: skip
-    return line
+    began, processor = time.perf_counter(), time.process_time()
+    answer = infer_many([curve], material=law, bubble="field", trust_input=True, workers=1)[0]
+    told = answer.diagnostics
+    return {
+        "kind": kind, "number": number, "truth": truth,
+        "verdict": answer.checks.verdict, "seconds": time.perf_counter() - began,
+        "processor": time.process_time() - processor, "simulations": told.simulations,
+        "worth": told.effective_sample_size, "evidence": answer.evidence.log if answer.evidence else None,
+        "intervals": {
+            name: [*(answer.interval(name, 0.5) or (None, None)), *(answer.interval(name) or (None, None))]
+            for name in answer.parameters if name in truth
+        },
+        "medians": {name: answer.median(name) for name in answer.parameters if name in truth},
+    }  # fmt: skip
 
 
 REAL = {  # files of the sets of one material each, as FOLDER has them
@@ -171,44 +168,22 @@ def real_table(lines: list[dict]) -> list[str]:
 
 
 def table(lines: list[dict]) -> str:
-    rows = ["| recordings | n | few simulations enough | interval | 50 % | 90 % | median simulations | processor s |"]
-    rows.append("|---" * 8 + "|")
+    rows = ["| recordings | n | interval | 50 % | 90 % | median simulations | processor s |", "|---" * 7 + "|"]
     for kind in KINDS:
-        for level in ("none", "auto", "full"):
-            some = [line for line in lines if line["kind"] == kind and level in line]
-            given = [line for line in some if any(v[3] for v in line[level]["intervals"].values())]
-            if not some:
-                continue
-            held = {"50": [], "90": []}
-            for line in given:
-                for name, (a, b, low, high) in line[level]["intervals"].items():
-                    if low is not None and name != "stretch":
-                        held["50"].append(a <= line["truth"][name] <= b)
-                        held["90"].append(low <= line["truth"][name] <= high)
-            few = [bool(line[level]["few"]) for line in some]
-            runs = [line[level]["simulations"] or 0 for line in some]
-            busy = [line[level]["processor"] for line in some]
-            share = f"{np.mean(few):.0%}" if level == "auto" else ""
+        some = [line for line in lines if line["kind"] == kind]
+        given = [line for line in some if any(v[3] for v in line["intervals"].values())]
+        held = {"50": [], "90": []}
+        for line in given:
+            for name, (a, b, low, high) in line["intervals"].items():
+                if low is not None and name != "stretch":
+                    held["50"].append(a <= line["truth"][name] <= b)
+                    held["90"].append(low <= line["truth"][name] <= high)
+        runs, busy = [line["simulations"] or 0 for line in some], [line["processor"] for line in some]
+        if given:
             rows.append(
-                f"| {kind}, {level} | {len(some)} | {share} | {len(given) / len(some):.0%} | {np.mean(held['50']):.0%} "
+                f"| {kind} | {len(some)} | {len(given) / len(some):.0%} | {np.mean(held['50']):.0%} "
                 f"| {np.mean(held['90']):.0%} | {np.median(runs):.0f} | {np.median(busy):.1f} |"
             )
-    both = [line for line in lines if "full" in line and line["auto"]["few"]]
-    ratios, heights = [], []
-    for line in both:
-        for name, (*_, low, high) in line["auto"]["intervals"].items():
-            *_, a, b = line["full"]["intervals"][name]
-            if None not in (low, high, a, b) and name != "stretch":
-                ratios.append(np.log(high / low) / np.log(b / a))
-        if line["full"]["evidence"] is not None:
-            heights.append(abs(line["auto"]["evidence"] - line["full"]["evidence"]))
-    if ratios:
-        rows += [
-            "",
-            f"Width of the 90 % interval over that of `full` ({len(both)} recordings signed within few simulations, G "
-            f"and µ): median {np.median(ratios):.2f}, {np.mean(np.abs(np.array(ratios) - 1.0) < 0.15):.0%} "
-            f"within 0.85 to 1.15. Log evidence within 0.2 of `full`: {np.mean(np.array(heights) < 0.2):.0%}.",
-        ]
     return "\n".join(rows) + "\n"
 
 
@@ -217,7 +192,6 @@ if __name__ == "__main__":
     parser.add_argument("out", type=Path)
     parser.add_argument("-n", type=int, default=40)
     parser.add_argument("--kind", choices=KINDS, action="append")
-    parser.add_argument("--full", action="store_true")
     parser.add_argument("--real", type=Path)
     parser.add_argument("--bubble")
     parser.add_argument("--material")
@@ -233,7 +207,7 @@ if __name__ == "__main__":
         done = {line["number"] for line in lines if line["kind"] == kind}
         number, count = 0, len(done)
         while count < given.n:
-            if number not in done and (line := measure(kind, number, given.full)):
+            if number not in done and (line := measure(kind, number)):
                 lines.append(line)
                 count += 1
                 with kept.open("a") as file:

@@ -150,22 +150,20 @@ def scattered(axes: Any, answer: Posterior, places: Any, label: str) -> None:
 
 
 def draws() -> Any:
-    """A simulated shot: the network's draws, their weights by simulation, and the interval that is left."""
+    """A simulated shot: the draws, their weights by simulation, and the interval."""
     _, curve = film(
         NeoHookeanKelvinVoigt(*10.0**TRUTH), 240e-6, 6.5, 0.01, np.random.default_rng(SEED["draws"]), "shot"
     )
-    network, answer = (infer(curve, material="nhkv", bubble="field", verify=level) for level in ("none", "auto"))
-    for name, one in (("network", network), ("weighted", answer)):
-        ends = [f"{what} {one.median(what):.3g} {np.round(one.interval(what), 4)}" for what in (G, MU)]
-        print(f"{name}: {', '.join(ends)}; {len(one.theta)} draws, worth {one.diagnostics.effective_sample_size}")
+    answer = infer(curve, material="nhkv", bubble="field")
+    ends = [f"{what} {answer.median(what):.3g} {np.round(answer.interval(what), 4)}" for what in (G, MU)]
+    worth = answer.diagnostics.effective_sample_size
+    print(f"{', '.join(ends)}; {len(answer.theta)} draws, worth {worth:.0f}")
     figure, (left, right) = panels(2, 3.4, [(G_AXIS, MU_AXIS)] * 2)
-    left.plot(*pair(network), ".", color=style.PALE, ms=2.5, mew=0, label="draws of the network")
-    left.plot([], [], "--", color=style.INK, lw=1.0, label="90 % of them")
-    scattered(right, answer, pair(answer), "draws of the surrogate, area: weight")
+    left.plot(*pair(answer), ".", color=style.PALE, ms=4, mew=0, label="draws of the emulator")
+    scattered(right, answer, pair(answer), "simulated, area: weight")
     right.plot([], [], color=style.BLUE, lw=1.4, label="90 % of their weight")
     for axes in (left, right):
         axes.set(xlim=(3.0, 13.0), ylim=(0.02, 0.08))
-        outline(axes, network, colors=style.INK, linewidths=1.0, linestyles="--")
         star(axes, TRUTH, "truth")
         key(axes, loc="upper left")
     outline(right, answer, colors=style.BLUE, linewidths=1.4)
@@ -179,7 +177,7 @@ def window() -> Any:
     )
     figure, panes = panels(2, 3.1, [("stretch λ", MU_AXIS)] * 2)
     for axes, window in zip(panes, (1, 3), strict=True):
-        answer = infer(curve, material="nhkv", bubble="field", verify="full", window=window)
+        answer = infer(curve, material="nhkv", bubble="field", window=window)
         ends = [f"{what} {np.round(answer.interval(what), 4)}" for what in (MU, "stretch")]
         print(f"window {window}: {', '.join(ends)}; {answer.checks.verdict}")
         scattered(axes, answer, (answer.draws("stretch"), answer.draws(MU)), "weighted draws")

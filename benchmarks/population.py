@@ -268,7 +268,7 @@ def network(groups: int, seed: int) -> None:
             law = NeoHookeanKelvinVoigt(10.0**log_G, 10.0**log_mu)
             top, stretch = rng.uniform(150e-6, 350e-6), rng.uniform(5.0, 9.0)
             curves.append(film(law, top, stretch, 0.005, rng, f"shot {k + 1}")[1])
-        answers = infer_many(curves, bubble="field", verify="none", workers=1)
+        answers = infer_many(curves, bubble="field", workers=1)
         found = population(answers, only_trusted=False)
         print(i, n, centre.round(3), spread.round(3), found, flush=True)
         for k, name in enumerate((G, MU)):
@@ -292,19 +292,18 @@ SETS = (  # file, law, medium
 
 
 def real(groups: int, seed: int) -> None:
-    """Shots of the open sets in CAVIRHEO_REAL_DATA as `infer` answers them (--verify $VERIFY); --groups: of each."""
+    """Shots of the open sets in CAVIRHEO_REAL_DATA as `infer` answers them; --groups: of each."""
     from dataclasses import replace
 
     from cavirheo import infer_many, read_curves
     from cavirheo.physics.media import medium
 
-    verify = os.environ.get("VERIFY", "auto")
     for file, law, about in SETS:
         liquid = medium(about["name"]) if "name" in about else replace(medium("water"), **about)
         path = Path(os.environ["CAVIRHEO_REAL_DATA"]) / file
         curves = read_curves(path, density=liquid.density, pressure=liquid.pressure)[:groups]
         began = time.perf_counter()
-        answers = infer_many(curves, material=law, medium=liquid, verify=verify, seed=seed, workers=1)
+        answers = infer_many(curves, material=law, medium=liquid, seed=seed, workers=1)
         took = time.perf_counter() - began
         for curve, answer in zip(curves, answers, strict=True):
             worth = answer.diagnostics.effective_sample_size

@@ -37,7 +37,7 @@ from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Posterior
 
-USUAL: dict[str, Any] = {"others": False, "trust_input": True, "workers": 1}
+USUAL: dict[str, Any] = {"trust_input": True, "workers": 1}
 BUBBLES = {
     "field": FIELD,
     "kinetic": Bubble("kinetic"),
@@ -230,11 +230,11 @@ def run_ahead(kept: Kept, sets: Sets) -> None:
 
 
 def verified(curve: RadiusCurve, bubble: Bubble) -> dict[str, Any]:
-    return record(curve, fitted(curve, "newtonian", stretch="free", verify="full", bubble=bubble))
+    return record(curve, fitted(curve, "newtonian", stretch="free", bubble=bubble))
 
 
 def run_water(kept: Kept, sets: Sets) -> None:
-    """First collapses in water by the posterior of `--verify full`: does the interval of mu hold 0.001 Pa s?"""
+    """First collapses in water by the posterior: does the interval of mu hold 0.001 Pa s?"""
     for word, bubble in WATER_MODELS.items():
         for i, curve in enumerate(sets.get("water", [])):
             kept(f"water/{word}/{i}", verified, curve, bubble)

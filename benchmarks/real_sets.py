@@ -77,7 +77,7 @@ def rows(about: ReferenceSet, folder: Path, references: Path) -> Iterator[list[s
     for window in (1, 3):
         answers = fit_many(
             curves, law, medium=about.medium, stretch=about.settings.get("stretch"), window=window,
-            bubble="field", others=False,
+            bubble="field",
         )  # fmt: skip
         head = [f"{about.name} ({law}, {len(curves)} shots, {about.medium.density:g} kg/m³)", published(about)]
         yield [*head, str(window), *row(answers)]

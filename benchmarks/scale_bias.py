@@ -6,7 +6,7 @@ Draws the parameters from the model's training prior and R_max uniformly from 60
 the maximum on, and reports the bias of each output in three terciles of R_max: for the network's answer scaled at equal
 Cauchy and Reynolds numbers, and for the default answer of `infer` with the same law. First it shows what is at stake
 without any network: curves of one R_max fitted (least squares in all parameters of the prior, at equal Ca and Re) as if
-they were of the model's reference R_max. NAME is a shipped model or the folder of a run of `cavirheo train`.
+they were of the model's reference R_max. NAME is a shipped model or an .onnx file.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
+from cavirheo.inference.network_answer import scaled_values, shot_values
 from scipy.optimize import least_squares
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference import infer_many
-from cavirheo.inference.bdt import network_of, scaled_values, shot_values
+from cavirheo.inference.analysis import Analysis
 from cavirheo.parameters import LOG10, natural_name, to_prior_scale
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.materials import MATERIALS
@@ -40,7 +41,7 @@ def shots(
 ) -> tuple[np.ndarray, list[RadiusCurve]]:
     """(n, parameters + 1) theta in the prior's scale with R_max (m) last, and the curves; the default model's problem
     by default."""
-    problem = problem or network_of("bdt-viscoelastic").problem
+    problem = problem or Analysis(model="bdt-viscoelastic").network.problem
     rng = np.random.default_rng(seed)
     low, high = [*problem.prior.low, R_MAX[0]], [*problem.prior.high, R_MAX[1]]
     truth = rng.uniform(low, high, (n, len(low)))
@@ -92,7 +93,7 @@ def main() -> None:
     parser.add_argument("--fits", type=int, default=40, help="0 leaves out what is shown without a network")
     parser.add_argument("--seed", type=int, default=20)
     options = parser.parse_args()
-    model = network_of(options.model)
+    model = Analysis(model=options.model).network
     problem, names = model.problem, model.problem.prior.names
     if options.fits:
         print(f"Curves of R_max fitted as if of {problem.reference_max_radius * 1e6:.0f} um, median error\n")

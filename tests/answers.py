@@ -29,13 +29,13 @@ SWEEP = str(ROOT / "examples" / "soft_gel_{}_sweep.csv")
 
 @dataclass(frozen=True)
 class KnownAnalysis(Analysis):
-    """`of(curve)` is the answer, or `of(curve, begun)` where it begins with another."""
+    """`of(curve)` is the answer."""
 
-    of: Callable[..., Posterior] | None = None
+    of: Callable[[RadiusCurve], Posterior] | None = None
 
-    def answer(self, curve: RadiusCurve, begun: Posterior | None = None, **_: Any) -> Posterior:
+    def answer(self, curve: RadiusCurve, **_: Any) -> Posterior:
         assert self.of
-        return self.of(curve) if begun is None else self.of(curve, begun)
+        return self.of(curve)
 
 
 def simulated(material=GEL, *, frames=80, frame=1e-6, noise=0.0, seed=3, within=None, **given) -> RadiusCurve:
@@ -49,7 +49,7 @@ def simulated(material=GEL, *, frames=80, frame=1e-6, noise=0.0, seed=3, within=
 
 def fit(curve: RadiusCurve, *args: Any, **options: Any) -> Posterior:
     """Of the field's bubble alone, with which shots are simulated."""
-    return cavirheo.fit(curve, *args, **{"others": False, "bubble": "field", **options})
+    return cavirheo.fit(curve, *args, **{"bubble": "field", **options})
 
 
 def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, frames=160, **meta) -> RadiusCurve:

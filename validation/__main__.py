@@ -4,10 +4,10 @@
     python -m validation --page --fill      # docs/claims.md and the numbers between markers, of validation/results.json
 
 Without names every claim runs, in ten minutes of two quiet cores; --full takes as many cases as a published number
-needs. A claim, or a part of one, that is not run keeps its numbers in the file; calibration:infer runs one setting of
-calibration, and challenge:fit one program of the challenge, whose numbers have a commit of their own then. Cases of a
-commit without changes are kept beside the file, so that an interrupted run goes on. --data: folder of the open sets;
-without it the claim open_sets is left out. Pictures of claims go to `pictures` beside the file; those of
+needs. A claim, or a part of one, that is not run keeps its numbers in the file; calibration:infer_real runs one
+setting of calibration, and challenge:fit one program of the challenge, whose numbers have a commit of their own then.
+Cases of a commit without changes are kept beside the file, so that an interrupted run goes on. --data: folder of the
+open sets; without it the claim open_sets is left out. Pictures of claims go to `pictures` beside the file; those of
 validation/results.json to where the pages and the paper have them.
 """
 

@@ -120,7 +120,7 @@ def test_the_medium_is_that_of_each_answer_whatever_the_command_says(document, f
 def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
     write_csv(tmp_path / "stated.csv", replace(curve, meta={**curve.meta, "stretch": 9.0, "stretch_std": 0.4}))
-    words = ["infer", "stated.csv", "--material", "nhkv", "--bubble", "field", "--verify", "map", "--no-pictures"]
+    words = ["infer", "stated.csv", "--material", "nhkv", "--bubble", "field", "--no-pictures"]
     run(*words)
     run(*words, "--stretch", "free", "-o", "free")
     (row,), (free,) = load("cavirheo-result").curves, load("free").curves

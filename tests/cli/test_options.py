@@ -51,7 +51,6 @@ nothing
 infer
 infer shot.csv --windo 3
 infer nowhere.csv
-infer shot.csv --verify none --exact-law
 infer shot.csv --bubble real,field
 infer shot.csv --bubble field --accommodation 0.1
 infer shot.csv --shots 99
@@ -79,7 +78,7 @@ measure film.mraw --frames 3:1
 measure [sf]*.*
 measure film.mraw --roi 0,0,99,99
 which-law missing.csv --laws nhkv,foo | foo
-infer missing.csv --stretch 0.5 --verify map | got 0.5
+infer missing.csv --stretch 0.5 | got 0.5
 infer missing.csv --rmax-um -5 | got '-5'
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian --shear-modulus 5 --viscosity 1 | shear_modulus
 simulate -o o --rmax-um 90 --stretch 5 --material nhkv --viscosity 1 | shear_modulus
@@ -98,7 +97,7 @@ simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --accommodation 0
 def lab(run, tmp_path, monkeypatch):
     """`run` in a folder with a file of each kind, and where nothing is computed: a test that wants to fails."""
     monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
-    for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer", "inference.verify.answers_of"):
+    for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer"):
         monkeypatch.setattr(f"cavirheo.{name}", lambda *_, **__: pytest.fail("it computes"))
     lines = EXAMPLE.read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
@@ -179,7 +178,7 @@ def test_json_is_the_document_and_quiet_says_errors_alone(lab):
 )
 def test_options_count_before_what_the_file_states_of_the_medium(run, words, density, pressure):
     file = Path(__file__).parents[1] / "cases" / "read" / "01_gui_rho.mat"
-    for command in (("infer", *BDT), ("fit", "--no-others")):
+    for command in (("infer", *BDT), ("fit",)):
         run(*command, file, *words, "--no-pictures", "--replace", "-o", "r")
         (curve,) = json.loads(Path("r", "result.json").read_text())["curves"]
         assert (curve["medium"]["density"], curve["medium"]["pressure"]) == (density, pressure)
@@ -204,16 +203,15 @@ def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(r
     assert "R_max set to 200 um" in str(document["curves"][0]["notes"])
 
 
-BUBBLES = {  # options, and the bubbles that they ask for
-    "": (REAL,),
-    "--bubble field": (FIELD,),
-    "--bubble auto": (FIELD, REAL),
-    "--accommodation 0.1": (replace(REAL, accommodation=0.1),),
-    "--confinement-damping 0": (Bubble("kinetic", confinement_damping=0.0),),
-    "--contents equilibrium": (Bubble(confinement_damping="free"),),
-    "--bubble field --confinement-inertia free": (Bubble(confinement_inertia="free"),),
-    "--wall-distance-um 900": (replace(REAL, wall_distance=9e-4),),
-    "--vapour-excess 2000 --damage strain": (replace(REAL, vapour_excess=2e3, damage="strain"),),
+BUBBLES = {  # options, and the bubble that they ask for
+    "": REAL,
+    "--bubble field": FIELD,
+    "--accommodation 0.1": replace(REAL, accommodation=0.1),
+    "--confinement-damping 0": Bubble("kinetic", confinement_damping=0.0),
+    "--contents equilibrium": Bubble(confinement_damping="free"),
+    "--bubble field --confinement-inertia free": Bubble(confinement_inertia="free"),
+    "--wall-distance-um 900": replace(REAL, wall_distance=9e-4),
+    "--vapour-excess 2000 --damage strain": replace(REAL, vapour_excess=2e3, damage="strain"),
 }
 SEVERAL = {  # of which-law
     "": (REAL,),
@@ -230,10 +228,10 @@ def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, a
     calls = []
 
     def stop(analysis, bubbles, *_, **__):
-        calls.append(getattr(analysis, "bubbles", bubbles))
+        calls.append(getattr(analysis, "bubble", bubbles))
         raise KeyboardInterrupt
 
-    for name in ("inference.analysis.Analysis.answer", "inference.verify.evidence.models"):
+    for name in ("inference.analysis.Analysis.answer", "inference.which_law.models"):
         monkeypatch.setattr(f"cavirheo.{name}", stop)
     assert lab(verb, "shot.csv", *words.split(), "--no-pictures", "-o", "r")[0] == 130
     assert calls[0] == asked

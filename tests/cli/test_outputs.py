@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import KnownAnalysis, fit, same
-from conftest import EXAMPLE, ROOT, code_of, contents, refusal, until
+from conftest import BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
 from threadpoolctl import threadpool_info
 
 from cavirheo import RadiusCurve, read_curves
@@ -30,7 +30,7 @@ from cavirheo.workflow.store import Store, Unfinished
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs
 
 VERBS = {  # what each writes first, and a call that is complete but for -o
-    "result.csv": "infer shot.csv --verify none",
+    "result.csv": "infer shot.csv --model bdt-viscoelastic",
     "result.json": "fit shot.csv",
     "laws.json": "which-law shot.csv",
     "comparison.csv": "compare . --references references.csv",
@@ -233,7 +233,7 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
     curve = read_curves(EXAMPLE)[0]
     for k in range(40):
         write_csv(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
-    words = [sys.executable, "-m", "cavirheo", "infer", "--verify", "none", ".", "-o", "out"]
+    words = [sys.executable, "-m", "cavirheo", "infer", *BDT, ".", "-o", "out"]
     how = {"cwd": tmp_path, "text": True, "stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
     call = subprocess.Popen(words, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **how)
     out = tmp_path / "out"

@@ -4,18 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import NAMES, seen, simulated
-from cavirheo.inference.verify import verify
+from answers import NAMES, bubble
 from conftest import messages
 
-import cavirheo
-from cavirheo import InputError, Newtonian, population, simulate
-from cavirheo.inference.alternatives import averaged_over_laws, contenders, judged, rival_messages
-from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.assumptions import Family
-from cavirheo.messages import Message
-from cavirheo.parameters import natural_name
-from cavirheo.physics.accuracy import DEFAULT
+from cavirheo.inference.alternatives import contenders, judged, rival_messages
+from cavirheo.inference.which_law import choose_answers, ranked
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
 
 FIELD, KINETIC = Bubble(), Bubble("kinetic")
@@ -70,7 +63,6 @@ def test_a_sentence_for_each_thing_that_matters(others, sentences):
         (other(log=-6.0), "other_model_preferred"),
         (other(log=-6.0, error=5.0), "ok"),  # at a glance: not sure enough
         (other(log=-1.0, error=5.0), "other_model_preferred"),
-        (other(log=-2.5, error=None), "ok"),  # as uncertain as where a model is chosen
         (other(mu=0.01), "ok"),  # another value, not preferred
         (other(log=-6.0, bubble=FIELD), "ok"),  # another solution of the same model
     ],
@@ -91,8 +83,6 @@ def test_an_answer_whose_model_the_evidence_rejects_is_not_ok(rival, verdict):
         ([(0.0, 0.1), (-2.9, 0.1)], [4, 3], [1, 0]),  # within a factor of 20: the simplest first
         ([(0.0, 0.1), (-3.3, 0.1)], [4, 3], [0]),
         ([(0.0, 0.1), (-3.3, 0.4)], [4, 3], [1, 0]),  # or within the error of the difference
-        ([(0.0, None), (-9.9, None)], [4, 3], [1, 0]),  # of Laplace's integrals, 5 each
-        ([(0.0, None), (-10.2, None)], [4, 3], [0]),
         ([(-1.0, 0.1), None, (0.0, 0.1)], [3, 1, 3], [2, 0]),  # as many parameters: the larger evidence
         ([None, (-np.inf, np.inf)], [3, 3], []),
     ],
@@ -101,79 +91,42 @@ def test_one_rule_chooses_models(evidence, sizes, within):
     assert contenders([one and Evidence(*one) for one in evidence], sizes) == within
 
 
-@pytest.mark.parametrize("warned", [0, 1])
-def test_warnings_are_those_of_the_law_that_is_chosen(warned):
-    liquid = simulated(Newtonian(0.03), stretch=8.0, noise=0.01, frames=100)
-    way = {"bubble": "field", "verify": "none", "trust_input": True}
-    candidates = [cavirheo.infer(liquid, material=law, **way) for law in ("nhkv", "newtonian")]
-    odd = replace(candidates[warned].checks, verdict="check_input", messages=(Message("check_input.no_rebound"),))
-    candidates[warned] = replace(candidates[warned], checks=odd)
-    found = verify(liquid, candidates, level="map")
-    assert found.material == "newtonian"
-    assert (found.checks.verdict == "check_input") == ("no rebound" in found.checks.message) == (warned == 1)
+def weighed(law="", log=None, error=0.1, **more) -> Posterior:
+    """An answer of a law that has nothing but its log evidence."""
+    known = None if log is None else Evidence(log, error)
+    about = {"checks": Checks("ok"), "log_weight": np.zeros(1), "evidence": known, **more}
+    return Posterior((), (), np.zeros((1, 0)), material=law, method="verified", **about)
 
 
-def both(gain: float, *, seed: int = 0):
-    """The answers of a shot by two laws; log evidence prefers the gel by `gain`."""
-    field = replace(other(bubble=FIELD), weight=0.5)  # of the answer by the gel
-    gel = seen([3.8, -1.4], 0.05, seed=seed, evidence=Evidence(10.0 + gain, 0.1), others=(field,))
-    liquid = seen([-1.2], 0.05, seed=seed + 1, names=NAMES[1:], evidence=Evidence(10.0, 0.1))
-    return gel, liquid
+def test_the_law_of_the_group_explains_each_of_its_shots():
+    """A shot that prefers another law by itself says so, once; one without a group has its own."""
+    logs = {"newtonian": [-90.0, -10.0, -10.0, None], "nhkv": [-40.0, -20.0, -20.0, None]}
+    answers = {law: [weighed(law, log) for log in found] for law, found in logs.items()}
+    curves = [bubble("a", "gel"), bubble("b", "gel"), bubble("c", "c"), bubble("d", "d")]
+    found = a, b, c, d = choose_answers(*ranked(curves, answers))
+    assert [one.material for one in found] == ["nhkv", "nhkv", "newtonian", "newtonian"]
+    assert [one.checks.verdict for one in found] == ["ok", "other_model_preferred", "ok", "ok"]
+    assert d.checks.messages == ()
+    assert [[other.material for other in one.others] for one in (a, c)] == [["newtonian"], ["nhkv"]]
+    again = {law: [replace(one, checks=b.checks) for one in found] for law, found in answers.items()}
+    told = choose_answers(*ranked(curves, again))[1].checks.messages
+    assert [one.code for one in told].count("model.rejected") == 1
 
 
-@pytest.mark.parametrize("gain", [-1.5, 0.0, 2.0])
-def test_each_law_has_the_share_of_its_evidence(gain):
-    """And a parameter that a law lacks is where the likeliest law becomes it: no modulus, the end of its range."""
-    answer = averaged_over_laws(both(gain))
-    share = 1.0 / (1.0 + np.exp(-gain))  # of the gel
-    assert set(answer.laws) == {"nhkv", "newtonian"}
-    assert answer.weights[answer.draws("shear_modulus") > 100.0].sum() == pytest.approx(share, abs=1e-9)
-    assert answer.weights[answer.draws("viscosity") > 10**-1.3].sum() == pytest.approx(1.0 - share, abs=0.05)
-    weights = [0.5 * share, 1.0 - share] if gain >= 0 else [share]
-    assert [model.weight for model in answer.others] == pytest.approx(weights)
-
-
-def test_what_the_average_bounds_is_said_and_decides_the_verdict():
-    answer = averaged_over_laws(both(-0.5))
-    found = answer.material, answer.bound("shear_modulus"), answer.checks.verdict
-    assert found == ("newtonian", "upper", "undetermined")
-    assert [one.code for one in answer.checks.messages] == ["bound.shear_modulus.upper", "model.averaged"]
-    alone = averaged_over_laws(both(20.0))  # the evidence rejects the liquid, which has no part
-    assert list(alone.laws) == ["nhkv"]
-    assert alone.interval("shear_modulus") == pytest.approx(both(20.0)[0].interval("shear_modulus"), rel=0.01)
-
-
-def test_averages_count_in_a_material_by_the_law_of_all_shots_together():
-    """Two shots prefer a liquid by e^1, the third a gel by e^6: together they are of a gel. Any iterable will do."""
-    shots = [averaged_over_laws(both(gain, seed=2 * i)) for i, gain in enumerate((-1.0, -1.0, 6.0))]
-    assert [shot.material for shot in shots] == ["newtonian", "newtonian", "nhkv"]
-    found = population(shot for shot in shots)
-    assert (found.material, len(found.shots), dict(found.left_out)) == ("nhkv", 3, {})
-    assert found.interval("shear_modulus")[1] == pytest.approx(10**3.8, rel=0.1)
-
-
-def failing(monkeypatch, which):
-    """Default simulations of the materials for which `which` is true fail, after those that lead to a maximum."""
-
-    def run(material, *, accuracy=DEFAULT, **shot):
-        if accuracy is DEFAULT and which(material):
-            raise InputError("no such material", "test")
-        return simulate(material, accuracy=accuracy, **shot)
-
-    monkeypatch.setattr("cavirheo.inference.experiment.simulate", run)
-
-
-def test_draws_are_where_the_law_has_a_material():
-    curve = simulated(frames=34, noise=0.01)
-    (found,) = Analysis("search", material="carreau-yasuda", verify="map", seed=1).run([curve])
-    names = [name for name in found.names if natural_name(name) in Family("carreau-yasuda").parameters]
-    assert 100 < len(found.theta) < 1800  # some of the Gaussian's were not
-    assert np.all(Family("carreau-yasuda").holds(found.theta[:, [found.names.index(name) for name in names]]))
-
-
-def test_a_failed_answer_has_no_draws(monkeypatch):
-    failing(monkeypatch, lambda _: True)
-    found = cavirheo.infer(simulated(frames=34, noise=0.01), material="nhkv")
-    assert found.checks.verdict == "failed"
-    assert (len(found.theta), found.evidence, found.best, found.log_weight) == (0, None, {}, None)
-    assert found.checks.messages
+def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():
+    liquid = [weighed("newtonian", log, error) for log, error in ((-90.0, 0.3), (-80.0, 0.1), (-10.0, 0.1))]
+    gel = [weighed("nhkv", -40.0, 0.4), weighed("nhkv", -42.0), weighed("nhkv")]
+    curves = [bubble(name) for name in "abc"]
+    singles, (group,) = ranked(curves, {"newtonian": liquid, "nhkv": gel})
+    assert [one.chosen for one in singles] == ["nhkv", "nhkv", "newtonian"]
+    assert singles[2].probability == {"newtonian": 1.0}
+    assert (group.shots, group.evidence["newtonian"].log, group.evidence["nhkv"].log) == (2, -170.0, -82.0)
+    assert group.evidence["nhkv"].error == pytest.approx(np.hypot(0.4, 0.1))
+    (pair,) = group.pairs
+    assert (pair.first, pair.second, pair.difference, pair.shots) == ("nhkv", "newtonian", 88.0, (2, 0))
+    assert pair.error == pytest.approx(2**0.5 * np.std([50.0, 38.0], ddof=1))
+    by_chance = [weighed("nhkv", -90.5, 3.0), weighed("nhkv", -83.0), weighed("nhkv", -9.0)]
+    assert ranked(curves, {"newtonian": liquid, "nhkv": by_chance})[1][0].contenders == ["newtonian", "nhkv"]
+    none = [weighed("zener") for _ in curves]  # a law that failed everywhere
+    _, (group,) = ranked(curves, {"newtonian": liquid, "zener": none, "nhkv": by_chance})
+    assert (group.shots, group.chosen, group.evidence["zener"]) == (3, "newtonian", None)

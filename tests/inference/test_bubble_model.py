@@ -2,21 +2,19 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from answers import fit, holds, simulated
 from conftest import code_of, slow
 
 import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, infer
-from cavirheo.inference.assumptions import Family, Options
+from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.assumptions import Family
 from cavirheo.inference.experiment import Experiment
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, Damage
-from cavirheo.reporting.answer import curve_record
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.01)
 QUICKLY = dict(trust_input=True, material="nhkv")
-ALL_FREE = Bubble("kinetic", "free", "first-rebound", "free", None, "free", "free")
 
 
 def shot(seed=0, noise=0.004, law=GEL, accommodation=ACCOMMODATION, **bubble):
@@ -25,19 +23,12 @@ def shot(seed=0, noise=0.004, law=GEL, accommodation=ACCOMMODATION, **bubble):
     return simulated(law, seed=seed, noise=noise, within=within, **about)
 
 
-@pytest.fixture(scope="module")
-def kinetic():
-    """A shot of the real bubble, and the answers that assume this and the field's."""
-    curve = shot(contents="kinetic")
-    return curve, {kind: infer(curve, bubble=kind, **QUICKLY) for kind in (REAL, FIELD)}
-
-
 @pytest.mark.parametrize(
     ("true", "fitted"),
     [
         slow(dict(contents="kinetic"), Bubble("kinetic")),
         slow(dict(confinement_inertia=0.2), Bubble(confinement_inertia="free")),
-        (dict(confinement_damping=0.3), Bubble(confinement_damping="free")),
+        slow(dict(confinement_damping=0.3), Bubble(confinement_damping="free")),
         slow(dict(vapour_excess=3e3), Bubble(vapour_excess="free")),
         slow(dict(damage=Damage(0.2, 2.0), contents="kinetic"), Bubble("kinetic", 0.07, "first-rebound")),
         slow(dict(damage=Damage(0.4, 1.5, "strain")), Bubble(damage="strain")),
@@ -56,26 +47,12 @@ def test_a_fit_finds_what_was_simulated(true, fitted):
 
 
 def test_what_is_given_is_not_inferred():
-    given = Bubble("kinetic", 0.05, wall_distance=2e-3)
-    answer = fit(shot(contents="kinetic"), bubble=given, **QUICKLY)
-    assert not {"accommodation", "confinement_inertia"} & set(answer.parameters)
-    assert answer.best["accommodation"] == 0.05
-    assert answer.best["confinement_inertia"] == pytest.approx(250e-6 / 4e-3)
-
-
-def test_every_free_parameter_has_a_proper_prior():
-    """Walls and vapour: half of a normal, from nothing up."""
-    experiment = Experiment(shot(), Family("nhkv"), options=Options(bubble=ALL_FREE))
-    prior = experiment.prior()
-    x = prior.to_x(np.random.default_rng(1).normal(size=(20_000, len(prior.names))))
-    natural = experiment.natural(x.T)
-    for name, deviation in (("confinement_inertia", 0.3), ("confinement_damping", 0.3), ("vapour_excess", 3039.75)):
-        assert natural[name].min() >= 0
-        assert np.sqrt(np.mean(natural[name] ** 2)) == pytest.approx(deviation, rel=0.03)
-    assert 0.01 <= natural["accommodation"].min() < natural["accommodation"].max() <= 1
-    assert np.median(natural["accommodation"]) == pytest.approx(0.1, rel=0.1)
-    assert natural["damage_modulus"].max() <= 1 <= natural["damage_radius"].min()
-    assert experiment.predict(x[0]) is not None
+    answer = fit(shot(contents="kinetic"), bubble=Bubble("kinetic", 0.05, confinement_damping=0.1), **QUICKLY)
+    assert not {"accommodation", "confinement_damping"} & set(answer.parameters)
+    assert (answer.best["accommodation"], answer.best["confinement_damping"]) == (0.05, 0.1)
+    about = Analysis("fit", bubble=Bubble("kinetic", wall_distance=2e-3)).options
+    beside_a_wall = Experiment(shot(), Family("nhkv"), options=about)
+    assert beside_a_wall.bubble["confinement_inertia"] == pytest.approx(250e-6 / 4e-3)
 
 
 @pytest.mark.parametrize(
@@ -87,27 +64,26 @@ def test_every_free_parameter_has_a_proper_prior():
         (dict(bubble="dry"), "option.bubble"),
         (dict(bubble=Bubble(wall_distance=200e-6)), "physics.wall_too_near"),
         (dict(bubble=REAL, model="bdt-viscoelastic"), "option.bubble"),
-        (dict(bubble=Bubble(confinement_inertia=0.2), verify="none"), "option.bubble"),
-        (dict(bubble=Bubble(motion="gilmore"), verify="none"), "option.bubble"),
         (dict(material="honey"), "law.not_fittable"),
-        (dict(material="auto", verify="none"), "option.auto"),
         (dict(material="newtonian", model="bdt-viscoelastic"), "option.material"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(way, code):
-    for call in (infer, fit) if way.keys() <= {"bubble", "material"} and way.get("material") != "auto" else (infer,):
+    for call in (infer, fit) if way.keys() <= {"bubble", "material"} else (infer,):
         assert code_of(call, shot(), **way) == code
 
 
+@pytest.mark.slow
 def test_a_wall_within_the_bubble_fails_its_curve_alone():
     large = shot()
     small = replace(large, radius=large.radius / 2, time=large.time / 2, maximum=(0.0, 125e-6))
-    about = dict(bubble=Bubble(wall_distance=200e-6), others=False, window=1, workers=1)
+    about = dict(bubble=Bubble(wall_distance=200e-6), window=1, workers=1)
     answers = cavirheo.fit_many([large, small], **about, **QUICKLY)
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
 
 
-def test_infer_searches_where_the_network_does_not_know_the_bubble():
+@pytest.mark.slow
+def test_a_wall_that_is_given_is_in_the_answer():
     """A wall beside the bubble: without it G is wrong."""
     curve = shot(noise=0.01, confinement_inertia=0.25)
     beside = infer(curve, bubble=Bubble(confinement_inertia=0.25), **QUICKLY)
@@ -122,31 +98,20 @@ def test_different_bubbles_have_different_names_and_titles():
     assert len({one.name for one in made}) == len({one.title for one in made}) == len(made)
 
 
-def test_the_field_stands_beside_the_real_bubble_and_the_other_way_round(kinetic):
-    curve, answers = kinetic
-    record = curve_record(curve, answers[REAL])
-    assert (record.bubble, "accommodation" in record.other_parameters) == (REAL, True)
-    for ask, other in ((REAL, FIELD), (FIELD, REAL)):
-        (beside,) = [one for one in answers[ask].others if one.bubble == other]
-        alone = answers[other]
-        low, _, high = beside.intervals["shear_modulus"]
-        assert low < alone.median("shear_modulus") < high
-        assert abs(beside.evidence.log - alone.evidence.log) < 8
-    assert infer(curve, bubble="auto", **QUICKLY).bubble in (FIELD, REAL)
-
-
-def test_the_real_bubble_finds_what_it_was_and_nothing_where_there_is_none(kinetic):
+@pytest.mark.slow
+def test_the_real_bubble_finds_what_it_was():
     answer = infer(shot(seed=3, contents="kinetic", confinement_damping=0.4), **QUICKLY)
     assert answer.bubble == REAL
-    assert holds(answer, shear_modulus=5e3, viscosity=0.01, accommodation=0.07, confinement_damping=0.4)
-    assert kinetic[1][REAL].interval("confinement_damping")[0] < 0.02
+    assert holds(answer, 0.98, shear_modulus=5e3, viscosity=0.01, accommodation=0.07, confinement_damping=0.4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [Damage(0.3, 1.7, "strain"), "none"])
-def test_a_gel_that_breaks_is_answered_with_damage_and_one_that_does_not_without(damage):
-    """As agarose of 2.5 % does: nothing but damage explains it, and the modulus is that before."""
+def test_a_gel_that_breaks_is_answered_where_damage_is_asked_for(damage):
+    """As agarose of 2.5 % does: the modulus is that before."""
     bubble = dict(contents="kinetic", accommodation=0.3, confinement_damping=0.3, damage=damage)
-    answer = infer(shot(seed=3, law=NeoHookeanKelvinVoigt(1e5, 0.05), **bubble), **QUICKLY)
-    assert holds(answer, shear_modulus=1e5)
+    curve = shot(seed=3, law=NeoHookeanKelvinVoigt(1e5, 0.05), **bubble)
+    asked = REAL if damage == "none" else replace(REAL, damage="strain")
+    answer = infer(curve, bubble=asked, **QUICKLY)
+    assert holds(answer, 0.98, shear_modulus=1e5)
     assert answer.checks.verdict == "ok"
-    assert answer.bubble == (REAL if damage == "none" else replace(REAL, damage="strain"))

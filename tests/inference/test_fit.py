@@ -29,22 +29,22 @@ def shot(law=GEL, stretch=7.0, **given) -> RadiusCurve:
     ("law", "expected"),
     [
         ("newtonian(0.05)", {"viscosity": 0.05}),
-        ("qkv(3e3, 0.05, 0.3)", {"shear_modulus": 3e3, "viscosity": 0.05, "stiffening": 0.3}),
-        ("linear(8e3) + newtonian(0.05)", {"shear_modulus": 8e3, "viscosity": 0.05}),
-        ("power-law(3, 0.7)", {"reference_viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
+        slow("power-law(3, 0.7)", {"reference_viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
+        slow("qkv(3e3, 0.05, 0.3)", {"shear_modulus": 3e3, "viscosity": 0.05, "stiffening": 0.3}),
+        slow("linear(8e3) + newtonian(0.05)", {"shear_modulus": 8e3, "viscosity": 0.05}),
         slow("mooney-rivlin(2e3, 300) + newtonian(0.05)", {"viscosity": 0.05}),
         slow("gent(2e3, 1000) + newtonian(0.05)", {"viscosity": 0.05}),
         slow("fung(2e3, 0.02) + newtonian(0.05)", {"viscosity": 0.05}),
-        slow("cross(0.3, 0.02, 1e-5)", {}),
         slow("zener(8e3, 0.05, 1e-6)", {"shear_modulus": 8e3, "viscosity": 0.05}),
         slow("qsls(4e3, 0.08, 5e-6, 0.02)", {"viscosity": 0.08}),
     ],
 )
 def test_a_law_of_each_family_is_recovered(law, expected):
-    answer = fit(shot(parse(law)), re.sub(r"\(.*?\)", "", law), stretch=7.0, window=2)
-    assert answer.checks.rmse_over_rmax < 2e-3
+    answer = fit(shot(parse(law), noise=0.004), re.sub(r"\(.*?\)", "", law), stretch=7.0, window=2)
+    assert answer.checks.rmse_over_rmax < 0.006
+    assert holds(answer, 0.99, **expected)
     for parameter, value in expected.items():
-        assert answer.best[parameter] == pytest.approx(value, rel=0.05), parameter
+        assert answer.best[parameter] == pytest.approx(value, rel=0.15), parameter
 
 
 @pytest.mark.slow
@@ -67,18 +67,7 @@ def test_time_origin_and_scale_are_recovered_when_free():
     assert fit(small, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
 
 
-def test_intervals_hold_the_truth_and_are_seeded():
-    curve = shot(noise=0.01)
-    answer, again, other = (fit(curve, seed=seed) for seed in (1, 1, 2))
-    assert len(answer.theta) == len(answer.log_weight) >= 100
-    assert np.array_equal(answer.theta, again.theta)
-    assert not np.array_equal(answer.theta, other.theta)
-    truth = {"shear_modulus": 8e3, "viscosity": 0.05, "stretch": 7.0}
-    for values in (truth, {name: answer.best[name] for name in truth}):
-        assert holds(answer, 0.99, **values)
-    assert -1 < answer.diagnostics.correlations["viscosity, stretch"] < -0.5
-
-
+@pytest.mark.slow
 def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
     """Where vapour resists, frames bound a small viscosity from above only."""
     kinetic, law = Bubble("kinetic", ACCOMMODATION), NeoHookeanKelvinVoigt(4e3, 0.003)
@@ -88,37 +77,35 @@ def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
     assert low < 5e-4 < 3e-3 < high < 0.03
 
 
+@pytest.mark.slow
 def test_failed_simulations_are_counted_and_survived(monkeypatch):
     solve = experiment.simulate
 
-    def answered(least):
-        def broken_below(material, **options):
-            run = solve(material, **options)
-            broken = material.viscous.viscosity < least
-            return replace(run, status="broken", radius=np.full_like(run.radius, np.nan)) if broken else run
+    def broken_below(material, **options):
+        run = solve(material, **options)
+        broken = material.viscous.viscosity < 0.05
+        return replace(run, status="broken", radius=np.full_like(run.radius, np.nan)) if broken else run
 
-        monkeypatch.setattr(experiment, "simulate", broken_below)
-        return fit(shot(noise=0.003))
-
-    answer, nothing = answered(0.03), answered(np.inf)
-    assert answer.checks.verdict == "ok"
+    monkeypatch.setattr(experiment, "simulate", broken_below)
+    answer = fit(shot(noise=0.01))
     assert answer.diagnostics.failed_simulations > 5
-    assert answer.median("viscosity") == pytest.approx(0.05, rel=0.03)
-    assert (nothing.checks.verdict, nothing.best) == ("failed", {})
+    low, high = answer.interval("viscosity")
+    assert 0.05 <= low < high < 0.08
+    assert answer.draws("viscosity")[answer.weights > 0].min() >= 0.05
 
 
 def test_windows():
-    curve, rough = shot(frames=100, noise=5e-4), shot(frames=100, noise=0.003)
-    answer = fit(curve)
-    assert len(rough.collapse_times()) > 3
-    assert answer.checks.collapses == 3
-    assert list(answer.windows) == ["1", "2", "3"]
-    assert [window.best["viscosity"] for window in answer.windows.values()] == pytest.approx([0.05] * 3, rel=0.03)
-    assert fit(rough, window="all").checks.collapses == len(rough.collapse_times())
-    timed = fit(rough, end=40e-6)
+    curve = shot(frames=100, noise=0.003)
+    recorded = len(curve.collapse_times())
+    assert recorded > 3
+    for options, collapses in (({}, 3), ({"window": 1}, 1), ({"window": "all"}, recorded)):
+        there = Experiment(curve, Family("nhkv"), options=Options(**options))
+        assert there.view.collapses == collapses
+    timed = fit(curve, end=40e-6)
     assert timed.checks.t_star_end == pytest.approx(40e-6 / WATER.time_scale(R_MAX), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_stretch_is_given_or_known_by_the_plateau():
     curve = shot(NeoHookeanKelvinVoigt(8e3, 0.2), frames=150)
     answer, given = (fit(curve, window=1, stretch=stretch) for stretch in ("plateau", 7.0))
@@ -137,20 +124,7 @@ def test_a_stretch_that_the_file_states_is_its_prior():
     assert known.interval("stretch")[0] > free.interval("stretch")[0] + 0.2
 
 
-def test_frames_beside_a_collapse_count_less_where_their_instants_are_uncertain():
-    curve, family, rng = shot(), Family("nhkv"), np.random.default_rng(5)
-    late = np.interp(curve.time + 0.3e-6 * rng.standard_normal(len(curve.time)), curve.time, curve.radius)
-    blurred = replace(curve, radius=late + 1e-3 * R_MAX * rng.standard_normal(len(late)))
-    x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0), 0.0, 0.0])
-    sigma = {}
-    for weights in ("learnt", "equal"):
-        there = Experiment(blurred, family, options=Options(weights=weights))
-        sigma[weights] = there.reweighted(there.predict(x)).sigma
-    lowest = np.argmin(np.abs(there.time_since_max - (curve.collapse_times()[0] - 1e-6)))
-    assert sigma["learnt"][lowest] > 4 * sigma["learnt"][0]
-    assert np.ptp(sigma["equal"]) == 0
-
-
+@pytest.mark.slow
 def test_an_interval_as_wide_as_the_range_is_no_ok():
     """The best value lies inside the range, but the interval runs to its end: a gel too soft for its curve to tell."""
     answer = fit(shot(NeoHookeanKelvinVoigt(300.0, 0.05), frames=35, noise=0.01), window=1)
@@ -161,23 +135,7 @@ def test_an_interval_as_wide_as_the_range_is_no_ok():
     assert answer.bound("viscosity") is None
 
 
-@pytest.mark.parametrize(("seed", "frames", "true", "law"), [(6, 24, 9.0, (4e3, 0.03)), slow(10, 30, 8.0, (3e3, 0.02))])
-def test_two_solutions_are_both_found_and_each_has_its_own_values(seed, frames, true, law):
-    """A stiff gel at 270,000 frames/s: few frames show a collapse, and another stretch follows them nearly as well."""
-    frame, R_max, rng = 1.0 / 270e3, 374e-6, np.random.default_rng([6, seed])
-    time = frame * np.arange(frames)
-    instants = np.maximum(time + rng.uniform(-0.5, 0.5) * frame, 0.0)
-    run = simulate(NeoHookeanKelvinVoigt(*law), max_radius=R_max, stretch=true, time=instants)
-    curve = RadiusCurve(time, run.radius + rng.normal(0.0, 0.025 * R_max, frames), stated_time_of_max=0.0)
-    answer = fit(curve, trust_input=True)
-    modes = [one for one in answer.others if one.material == "nhkv" and one.evidence]
-    assert any(one.best["stretch"] < 0.75 * true for one in modes)
-    assert answer.best["stretch"] == pytest.approx(true, rel=0.1)
-    for name in ("shear_modulus", "viscosity", "stretch"):  # the best values are of the solution with the interval
-        low, high = answer.interval(name, 0.98)
-        assert 0.95 * low <= answer.best[name] <= 1.05 * high
-
-
+@pytest.mark.slow
 def test_frames_that_drift_upwards_are_left_out_and_counted():
     curve = shot(frames=200, noise=2e-3)
     late = curve.time > 120e-6
@@ -188,18 +146,16 @@ def test_frames_that_drift_upwards_are_left_out_and_counted():
     assert [answer.median(name) for name in ("shear_modulus", "viscosity")] == pytest.approx([8e3, 0.05], rel=0.03)
 
 
-@pytest.mark.parametrize("weights", ["equal", slow("learnt")])
 @pytest.mark.parametrize("truth", [(8e3, 0.05, 7.0), slow((3e3, 0.1, 6.0)), slow((2e4, 0.03, 5.5))])
-def test_a_fit_is_the_conventional_least_squares(truth, weights):
+def test_a_fit_is_the_conventional_least_squares(truth):
     """Of a page of scipy, which shares nothing but the simulation: where a minimum is Gaussian, best value, median and
-    interval are the textbook's, but for the noise of about a hundred draws, and for weights that the fit has learnt."""
+    interval are the textbook's, but for the noise of about a hundred draws and a noise of unknown size."""
     curve = shot(NeoHookeanKelvinVoigt(*truth[:2]), truth[2], noise=0.01)
     ratio = partial(run_scipy.ratio, time=curve.time, max_radius=R_MAX, medium=WATER)
     best, sigma = run_scipy.fit(ratio, curve.radius / R_MAX)
-    answer = fit(curve, window="all", free="none", weights=weights, trust_input=True)
-    apart = 0.5 if weights == "learnt" else 0.3
+    answer = fit(curve, window="all", free="none", trust_input=True)
     for name, middle, width in zip(("shear_modulus", "viscosity", "stretch"), best, sigma, strict=True):
         low, high = np.log10(answer.interval(name))
-        assert abs(np.log10(answer.best[name]) - middle) < apart * width, name
-        assert abs(np.log10(answer.median(name)) - middle) < (apart + 0.1) * width, name
+        assert abs(np.log10(answer.best[name]) - middle) < 0.7 * width, name
+        assert abs(np.log10(answer.median(name)) - middle) < 0.5 * width, name
         assert 0.7 < (high - low) / (2.0 * 1.645 * width) < 1.4, name

@@ -1,6 +1,5 @@
 """The paper's network on shots of known truth, the true scale, every way to fail, and input warnings."""
 
-import shutil
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -15,8 +14,6 @@ import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, predict_radius, read_curves
 from cavirheo.inference import checks
 from cavirheo.inference.assumptions import Family, Options
-from cavirheo.inference.bdt import network_of
-from cavirheo.inference.cards import path_of
 from cavirheo.inference.experiment import Experiment
 from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
@@ -33,18 +30,17 @@ def shot(G=8e3, mu=0.05, **given) -> RadiusCurve:
     return simulated(NeoHookeanKelvinVoigt(G, mu), **{"frames": 140, "stated_time_of_max": 0.0, **given})
 
 
+@pytest.mark.slow
 def test_frames_after_the_window_lie_where_the_draws_predict_them():
-    truth, within = shot(), []
-    for seed in (0, 1):
-        cut = shot(noise=0.01, seed=seed).window(collapses=1)
-        answer = cavirheo.infer(cut, material="nhkv", bubble="field", trust_input=True)
-        later = truth.time > cut.time[-1]
-        mean, low, high = predict_radius(cut, answer, truth.time[later])
-        within += ((low < truth.radius[later]) & (truth.radius[later] < high)).tolist()
-        assert np.sqrt(np.mean((mean - truth.radius[later]) ** 2)) < 0.05 * cut.max_radius
-    assert np.mean(within) > 0.8
+    truth = shot()
+    cut = shot(noise=0.01).window(collapses=1)
+    answer = cavirheo.infer(cut, material="nhkv", bubble="field", trust_input=True)
+    later = truth.time > cut.time[-1]
+    mean, low, high = predict_radius(cut, answer, truth.time[later])
+    assert np.mean((low < truth.radius[later]) & (truth.radius[later] < high)) > 0.8
+    assert np.sqrt(np.mean((mean - truth.radius[later]) ** 2)) < 0.05 * cut.max_radius
     curve = read_curves(EXAMPLE)[1]
-    answer = cavirheo.infer(curve, material="nhkv")  # half of the draws are of the limit of the real bubble
+    answer = cavirheo.infer(curve, material="nhkv")  # some draws are of the field's bubble, if the frames allow it
     compared = curve.time[np.isfinite(curve.radius) & (curve.time > curve.time_of_max)][:30]
     missed = predict_radius(curve, answer, compared).mean - np.interp(compared, curve.time, curve.radius)
     assert np.std(missed) < 0.01 * curve.max_radius
@@ -89,22 +85,23 @@ STATED = {  # what a file states, what is given, the density that is used, and c
 def test_the_constants_that_a_file_states_are_those_of_its_shot(name):
     stated, given, density, codes = STATED[name]
     curve = read_curves(EXAMPLE)[0].labelled(medium=stated)
-    plain, answer = cavirheo.infer_many([curve.labelled(medium={}), curve], verify="none", **given)
+    plain, answer = infer_many([curve.labelled(medium={}), curve], workers=1, **given)
     assert answer.medium.density == density
     families = ("stated", "check_input", "physics")
     assert [one.code for one in answer.checks.messages if one.code.partition(".")[0] in families] == codes
     assert (answer.checks.verdict == "check_input") == (codes == ["check_input.constant"])
     assert plain.checks.verdict != "failed"
-    analysis = cavirheo.inference.Analysis(verify="none", **given)
+    analysis = cavirheo.inference.Analysis(**given)
     assert (analysis.key(curve) == analysis.key(curve.labelled(medium={}))) == (not stated)
 
 
 def test_a_stretch_that_is_given_counts_before_the_files():
     curve = read_curves(EXAMPLE)[0].labelled(stretch=7.0)
-    answer = cavirheo.infer(curve, stretch=6.0, verify="none")
+    answer = infer(curve, stretch=6.0)
     assert "stated.replaced" in [one.code for one in answer.checks.messages]
 
 
+@pytest.mark.slow
 def test_another_size_than_that_of_the_training_is_said():
     """The paper's network takes a small bubble's surface tension and heat for viscosity; the default does not."""
     small = shot(mu=0.01, max_radius=90e-6)
@@ -127,7 +124,6 @@ def test_a_bubble_that_swells_again_is_no_neo_hookean_one():
 
 @pytest.mark.slow
 def test_a_stiff_gel_is_no_liquid():
-    """What the network's draws do not know is simulated, too."""
     gel = cavirheo.read_curves(ROOT / "examples" / "stiff_gel.mat")[0]
     curve = RadiusCurve(gel.time - gel.time[0], gel.radius)
     answer = cavirheo.infer(curve, material="newtonian", bubble="field", window=1)
@@ -156,24 +152,14 @@ def test_a_point_answer_has_no_interval_and_a_full_record():
     assert answer.interval("shear_modulus") is None
     about, found = answer.provenance, answer.checks
     assert (answer.stretch, about["stretch"], answer.diagnostics.stretch_source) == (7.0, 7.0, "given")
-    assert (about["model_sha256"], found.collapses) == (network_of("bdt-viscoelastic").sha256, 2)
+    assert (len(about["model_sha256"]), found.collapses) == (64, 2)
     assert answer.best == {name: answer.median(name) for name in ("shear_modulus", "viscosity")} | {"stretch": 7.0}
     assert found.compared_time[-1] - curve.time_of_max == pytest.approx(found.t_star_end * found.time_scale)
     assert found.rmse_over_rmax == pytest.approx(np.sqrt(np.mean(found.residual_over_rmax**2)))
     assert found.mae_over_rmax <= found.rmse_over_rmax <= found.max_difference_over_rmax
 
 
-def test_a_network_that_was_read_is_checked_again_when_its_file_changes(tmp_path):
-    for suffix in (".npz", ".json"):
-        shutil.copy(path_of("bdt-viscous").with_suffix(suffix), tmp_path / f"copy{suffix}")
-    path = tmp_path / "copy.npz"
-    assert network_of(str(path)) is network_of(str(path))
-    path.write_bytes(path.read_bytes() + b"x")
-    for code in ("model.changed", "model.card"):
-        assert code_of(network_of, str(path)) == code
-        path.with_suffix(".json").write_text("{}")
-
-
+@pytest.mark.slow
 def test_a_recording_that_begins_a_little_before_its_maximum_is_not_taken_to_begin_at_it():
     """Six frames of growth, within 2 % of R_max, are hidden in the noise: which frame is the maximum is not known."""
     clean = simulated(NeoHookeanKelvinVoigt(1e4, 0.02), frames=150, frame=5e-7, max_radius=155e-6, stretch=5.2)
@@ -335,7 +321,7 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
     assert said(whole) == said(fall, "nhkv") == said(fall, confinement_inertia="free") == []
     assert said(fall, wall_distance=1e-3) == said(fall, confinement_damping=0.3) == []
     for trusted in (False, True):
-        answer = cavirheo.infer(fall, material="newtonian", bubble="field", verify="none", trust_input=trusted)
+        answer = cavirheo.infer(fall, material="newtonian", bubble="field", trust_input=trusted)
         assert (answer.checks.verdict == "check_input") == (not trusted)
 
 

@@ -2,12 +2,25 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
+from cavirheo.arrays import relative_weights
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import RADII, RATES, Bubbles, elastic_stress, emulator, mean_viscosity
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.sample import EMULATED, Mixture, bridge, effective_size, sample, settle
-from cavirheo.inference.weigh import posterior
+from cavirheo.inference.sample import (
+    EMULATED,
+    Draws,
+    Mixture,
+    bridge,
+    climb,
+    effective_size,
+    generalised_pareto,
+    sample,
+    settle,
+    tempered,
+)
+from cavirheo.inference.weigh import joined, linear, posterior, spread
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.laws import table_of
 from cavirheo.physics.media import WATER
@@ -111,7 +124,7 @@ def linear_problem(bias: float) -> tuple[np.ndarray, Noise, np.ndarray]:
     return slopes, noise, slopes @ [0.5, -0.3, 0.2] + 0.01 * rng.standard_normal(40) + bias
 
 
-@pytest.mark.parametrize("error", [0.0, 0.004])
+@pytest.mark.parametrize("error", [0.0, 0.02])
 def test_weights_remove_the_error_of_the_emulator(error):
     slopes, noise, measured = linear_problem(0.0)
     bend = error * np.sin(np.arange(40.0))[:, None]
@@ -131,6 +144,8 @@ def test_weights_remove_the_error_of_the_emulator(error):
     found = posterior(emulated, simulated, noise, 3, seed=1)
     drawn = np.exp(found.log_weight - np.max(found.log_weight))
     assert effective_size(found.log_weight) >= 100.0
+    assert found.share > 0.5  # after the correction the emulator is nearly right
+    assert found.emulator_error == pytest.approx((error * 0.8, error * 0.1), abs=0.4 * error + 1e-9)
     assert found.log_evidence == pytest.approx(evidence, abs=0.15)
     assert np.abs(drawn @ found.u / np.sum(drawn) - mean) == pytest.approx(np.zeros(3), abs=0.3 * np.max(deviation))
 
@@ -159,3 +174,127 @@ def test_a_bridge_finds_the_integral_of_a_normal_density():
     log_integral, error = bridge(ratio(at), ratio(drawn), 4000.0)
     assert log_integral == pytest.approx(2.0, abs=4.0 * error)
     assert error < 0.05
+
+
+def test_an_effective_size_and_a_tempered_one_are_kongs():
+    log_weight = np.log(np.array([0.5, 0.25, 0.25])) - 800.0
+    assert effective_size(log_weight) == pytest.approx(1.0 / (0.25 + 2 * 0.0625))
+    assert effective_size(np.full(4, -np.inf)) == 0.0
+    steep = -np.linspace(0.0, 60.0, 1000)
+    assert effective_size(tempered(steep, 200.0)) == pytest.approx(200.0, rel=0.02)
+    assert np.array_equal(tempered(steep, 5.0), steep)
+
+
+def test_a_few_draws_are_spread_as_all_are():
+    """Every half of each parameter has half of them, also where the draws lie in a long ridge; another seed, others."""
+    rng = np.random.default_rng(4)
+    u = rng.standard_normal((5000, 3)) * [1.0, 0.1, 3.0]
+    u[:, 1] += u[:, 0]
+    nothing = np.zeros(len(u))
+    chosen = spread(Draws(u, nothing, nothing, 0.0, 0.0), 128, rng)
+    assert len(set(chosen.tolist())) == 128
+    below = np.mean(u[chosen] < np.median(u, axis=0), axis=0)
+    assert below == pytest.approx(0.5 * np.ones(3), abs=0.04)
+    assert np.std(u[chosen], axis=0) == pytest.approx(np.std(u, axis=0), rel=0.12)
+    means = [np.mean(u[spread(Draws(u, nothing, nothing, 0.0, 0.0), 128, rng)][:, 0]) for _ in range(40)]
+    assert np.std(means) < 0.5 * np.std(u[:, 0]) / np.sqrt(128)  # nearer to all than so many independent draws
+    first = [np.mean(u[spread(Draws(u, nothing, nothing, 0.0, 0.0), 12, rng)][:6, 0]) for _ in range(60)]
+    assert abs(np.mean(first)) < 0.25  # the first are no part of them
+
+
+def test_a_linear_correction_finds_a_linear_error():
+    rng = np.random.default_rng(0)
+    u, slope = rng.standard_normal((300, 2)) * [0.1, 2.0], np.array([[0.3, 0.0, -0.1], [0.0, 0.02, 0.05]])
+    correct = linear(u, 0.5 + u @ slope)
+    inside = u[np.all(np.abs(u) < 2.0 * np.std(u, axis=0), axis=1)]
+    assert correct(inside) == pytest.approx(0.5 + inside @ slope, abs=0.01)
+    assert np.max(np.abs(correct(1e3 * u))) < 2.0  # far away it grows no further
+
+
+def test_parts_are_joined_by_what_their_draws_are_worth():
+    """A part whose weights are those of one draw counts a hundredth of one with a hundred."""
+    even, one = np.full(100, -7.0), np.append(0.0, np.full(99, -60.0))
+
+    def part(log_weight, at, log_evidence):
+        u = np.full((100, 1), at)
+        return u, np.zeros((100, 4)), np.zeros(100), log_weight, log_evidence, 0.1
+
+    found = joined([part(even, 1.0, 5.0), part(one, 2.0, 9.0)], (0.0, 0.0), 10)
+    share = relative_weights(found.log_weight)
+    assert share[100:].sum() / share.sum() == pytest.approx(1.0 / 101.0, rel=1e-3)
+    assert found.share == pytest.approx(101.0 / 200.0)
+    mean = np.log(100.0 / 101.0 * np.exp(5.0 - 7.0) + 1.0 / 101.0 * np.exp(9.0) / 100.0)  # of density over proposal
+    assert found.log_evidence == pytest.approx(mean, abs=1e-6)
+
+
+@pytest.mark.parametrize("shape", [-0.3, 0.2, 0.8])
+def test_the_shape_of_a_pareto_tail_is_found(shape):
+    u = np.random.default_rng(1).uniform(size=4000)
+    found, scale = generalised_pareto(np.sort(2.0 * (u**-shape - 1.0) / shape))
+    assert (found, scale) == (pytest.approx(shape, abs=0.06), pytest.approx(2.0, rel=0.08))
+
+
+def test_a_climb_ends_at_the_maximum_with_its_curvature():
+    slopes, noise, measured = linear_problem(0.0)
+
+    def residuals(u):
+        return measured - u @ slopes.T
+
+    u, value, curvature = climb(residuals, noise, np.random.default_rng(0).standard_normal((5, 3)), EMULATED)
+    assert np.ptp(u, axis=0) == pytest.approx(np.zeros(3), abs=0.01)
+    assert value == pytest.approx(noise.log_density(residuals(u)) + log_normal(u))
+    for step in 0.05 * np.vstack([np.eye(3), -np.eye(3)]):
+        assert (noise.log_density(residuals(u + step)) + log_normal(u + step) <= value + 1e-3).all()
+    blind = climb(lambda u: np.tile(measured, (len(u), 1)), noise, np.array([[0.9, -0.8, 0.7]]), EMULATED)
+    assert blind[0] == pytest.approx(np.zeros((1, 3)), abs=0.05)  # frames that say nothing: the middle of the prior
+    weight = noise.power / (2.0 + 0.5 * np.sum((residuals(u)[0] / 0.01) ** 2))
+    assert curvature[0] == pytest.approx(weight * slopes.T @ slopes / 1e-4 + np.eye(3), rel=0.1, abs=30.0)
+
+
+@pytest.mark.parametrize("width", [3.0, 0.3])
+def test_chains_draw_a_curved_density_wherever_they_begin(width):
+    """In four dimensions, of known evidence; from far away and from its middle alone."""
+
+    def density(u):
+        straight = np.column_stack([u[:, 0] / 2.0, u[:, 1] + 0.3 * u[:, 0] ** 2 - 1.2, u[:, 2] / 0.3, u[:, 3]])
+        return log_normal(straight) - np.log(2.0 * 0.3) + 5.0
+
+    found = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        start = width * rng.standard_normal((EMULATED.walkers, 4))
+        found.append(sample(density, start, density(start), EMULATED, rng)[0])
+    assert np.mean([one.log_evidence for one in found]) == pytest.approx(5.0, abs=0.1)
+    assert max(one.error for one in found) < 0.1
+    for i, scale in ((0, 2.0), (2, 0.3)):
+        ends = np.mean([np.quantile(one.u[:, i], [0.05, 0.95]) for one in found], axis=0)
+        assert ends == pytest.approx(scale * norm.ppf([0.05, 0.95]), rel=0.12)
+    for one in found:
+        assert one.log_density == pytest.approx(density(one.u))
+
+
+def test_an_answer_depends_on_its_seed_alone():
+    slopes, noise, measured = linear_problem(0.0)
+
+    def residuals(u):
+        return measured - u @ slopes.T
+
+    one, again, other = (posterior(residuals, residuals, noise, 3, seed=seed) for seed in (3, 3, 4))
+    assert np.array_equal(one.u, again.u)
+    assert not np.array_equal(one.u, other.u)
+    assert other.log_evidence == pytest.approx(one.log_evidence, abs=0.15)
+
+
+def test_failed_simulations_have_no_weight():
+    slopes, noise, measured = linear_problem(0.0)
+
+    def emulated(u):
+        return measured - u @ slopes.T
+
+    def simulated(u):
+        return np.where(u[:, :1] > 0.5, np.nan, emulated(u))
+
+    found = posterior(emulated, simulated, noise, 3, seed=0)
+    assert np.all(np.isneginf(found.log_weight[found.u[:, 0] > 0.5]))
+    assert effective_size(found.log_weight) >= 100.0
+    assert found.share < 0.95

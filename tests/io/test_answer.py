@@ -24,7 +24,7 @@ def posterior() -> Posterior:
     theta = np.column_stack([3.8 + 0.05 * rng.standard_normal(900), 8.5 + 0.2 * rng.standard_normal(900)])
     return Posterior(
         ("log10_shear_modulus", "stretch"), ("Pa", "1"), theta, CHECKS, "nhkv", "verified",
-        {"long": list(range(9000))}, log_q=np.zeros(900), log_weight=0.5 * rng.standard_normal(900) - 700.0,
+        {"long": list(range(9000))}, log_weight=0.5 * rng.standard_normal(900) - 700.0,
     )  # fmt: skip
 
 

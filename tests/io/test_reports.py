@@ -278,13 +278,13 @@ def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
     """Also what no error of ours is: a row without an answer that names it, and its traceback in the log."""
     good, bad = bubble(), replace(bubble(), meta={"name": "bad"})
 
-    def broken(self, curve, *others, starts=Analysis.starts):
+    def broken(self, curve, medium_for=Analysis.medium_for):
         if curve.name == "bad":
             raise RuntimeError("the network could not be run")
-        return starts(self, curve, *others)
+        return medium_for(self, curve)
 
-    monkeypatch.setattr(Analysis, "starts", broken)
-    answers = infer_many([bad, good], verify="none")
+    monkeypatch.setattr(Analysis, "medium_for", broken)
+    answers = infer_many([bad, good], model="bdt-viscoelastic", workers=1)
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
     assert "RuntimeError: the network could not be run" in answers[0].checks.message
     assert any(one.exc_info and one.exc_info[0] is RuntimeError for one in caplog.records)

@@ -47,7 +47,7 @@ def test_one_module_prints():
 
 def test_inference_needs_no_extra():
     code = f"""import sys; sys.modules.update(dict.fromkeys({EXTRAS}))
-import cavirheo.inference.analysis, cavirheo.training.dataset, cavirheo.verbs, cavirheo.reporting
+import cavirheo.inference.which_law, cavirheo.training.dataset, cavirheo.verbs, cavirheo.reporting
 from cavirheo import infer, read_curves"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

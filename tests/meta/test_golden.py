@@ -79,20 +79,17 @@ def _of(verb: Callable[..., Any], name: str, number: int = 0, **how: Any) -> Cal
 ANSWERS: dict[str, Callable[[], Any]] = {
     "infer soft gel": _of(infer, "soft_gel.csv", 1),
     "infer soft gel, field's bubble": _of(infer, "soft_gel.csv", 1, bubble="field"),
-    "fit liquid": _of(fit, "liquid.csv", material="newtonian", window=2, bubble="field", others=False),
+    "fit liquid": _of(fit, "liquid.csv", material="newtonian", window=2, bubble="field"),
     "infer soft gel, other constants": _of(
         infer, "soft_gel.csv", 0, material="nhkv", medium=Medium(1050.0, 1550.0), stretch=8.5, window=2
     ),
-    "infer soft gel, at the maximum": _of(
-        infer, "soft_gel.csv", 2, material="nhkv", verify="map", bubble=Bubble("kinetic")
-    ),
-    "infer soft gel, network alone": _of(infer, "soft_gel.csv", 4, verify="none"),
+    "infer soft gel, without walls": _of(infer, "soft_gel.csv", 2, material="nhkv", bubble=Bubble("kinetic")),
     "infer stiff gel": _of(infer, "stiff_gel.mat", 0),
     "infer stiff gel, paper's network": _of(infer, "stiff_gel.mat", 1, model="bdt-viscoelastic"),
     "infer liquid": _of(infer, "liquid.csv", material="newtonian"),
     "infer liquid, power law": _of(infer, "liquid.csv", material="power-law"),
-    "fit soft gel": _of(fit, "soft_gel.csv", 1, bubble="field", others=False),
-    "fit stiff gel, memory": _of(fit, "stiff_gel.mat", 0, material="zener", window=1, bubble="field", others=False),
+    "fit soft gel": _of(fit, "soft_gel.csv", 1, bubble="field"),
+    "fit stiff gel, memory": _of(fit, "stiff_gel.mat", 0, material="zener", window=1, bubble="field"),
 }
 LONG = "infer stiff gel", "infer liquid, power law"
 

@@ -1,80 +1,88 @@
-"""Do intervals hold the truth as often as they say? Simulated shots drawn from the prior.
+"""Do intervals hold the truth as often as they say, and switches as often as their probability? Simulated shots.
 
-Truth: NHKV, log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max
-100 to 400 um; of the real bubble also log10 of the accommodation (0.01 to 1) uniform and the confinement damping from
-the half of a normal, as in the prior. 100 frames over 4.07 t_c, each the mean of 15 instants within 0.3 of a frame;
-clock off by up to half a frame, radii by a scale and R_max by a factor with 0.5 % standard deviation (cut at 1.5 %);
-1 % of R_max noise. Simulated with PRECISE. What the truth or the answer does not have is not counted. As read: R_max
-and its time come off the noisy frames, as for a file, instead of as drawn. The ways: `infer`, `fit` and `--verify
-full`, all within the ranges of the truth, because a truth from a narrower range than the prior's is no test of the
-interval where the curve says little; `fit` with clock, scale and R_max free. "four_laws": the part of NHKV in the
-average over the laws of the default, each of which has fewer draws than one law alone.
+    python -m validation.claims.calibration OUT [-n 20] [--kinds real,field,liquid,stiffening] [--ways infer,fit,nhkv]
+
+OUT/calibration.jsonl keeps a line per answer: the same call goes on where it stopped, and more shots are added to
+those. Printed is the table of all that is asked.
+
+Truths: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max 100 to
+400 um. Kinds: "real": a neo-Hookean gel, log10 of the accommodation (0.01 to 1) uniform, the confinement damping from
+the half of a normal, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the real bubble;
+"stiffening": Fung's spring that is 1.3 to 20 times as stiff at R_max, the real bubble. 100 frames over 4.07 t_c, each
+the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame, radii by a scale and R_max by a factor
+with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. Ways: "infer" (the default
+family), "nhkv" (`infer` by this law), "fit" (by this law; clock, scale and R_max free).
+
+An interval counts as it is printed: low <= truth <= high. The truths are from narrower ranges than the priors. Switches
+are those of "infer"; each kind counts by its prior probability, so that a mean probability should be the share of shots
+of which it is true.
 """
 
 from __future__ import annotations
 
+import argparse
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cavirheo.inference.posterior_network import network_of
-from cavirheo.inference.verify import verify
 from scipy.stats import truncnorm
 
-from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
-from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.experiment import BOUND_SCALES, ZETA, Experiment
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, Posterior, RadiusCurve, fit, infer_many, simulate
+from cavirheo.errors import SolverError
+from cavirheo.inference.assumptions import LIQUID, PLAIN
+from cavirheo.inference.experiment import BOUND_SCALES, FIELD_PROBABILITY, ZETA
+from cavirheo.parallel import cores
 from cavirheo.physics.accuracy import PRECISE
-from cavirheo.physics.bubble import BUBBLES, FIELD, Bubble
-from cavirheo.physics.materials import Material
+from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.laws import Fung
+from cavirheo.physics.materials import Material, Viscoelastic
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import Posterior
-from cavirheo.prior import Prior
-from validation.numbers import Number, Run, coverage, statistic
+from validation.numbers import Number, Run, coverage, share, statistic
 
 RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4.0, 11.0)}
-OF_BUBBLE = {"field": RANGES, "real": {**RANGES, "accommodation": (0.01, 1.0)}}  # ranges of its parameters
 ADDED = "confinement_damping"  # of the real bubble: half-normal
 LEVELS = (0.5, 0.9)
 FIRST = 2000  # seed of the first shot: on those before it settings were chosen
-SETTINGS = {  # bubble of the shots, of the answer, way, R_max as read, discrepancy; shots of a quick and a full run
-    "infer": (("real", "real", "infer", False, False), 40, 300),
-    "fit": (("real", "real", "fit", False, False), 48, 300),
-    "full": (("real", "real", "full", False, False), 32, 100),
-    "four_laws": (("real", "real", "laws", False, False), 20, 300),
-    "infer_as_read": (("real", "real", "infer", True, True), 32, 200),
-    "field_infer": (("field", "real", "infer", False, False), 0, 300),
-    "field_infer_field": (("field", "field", "infer", False, False), 0, 300),
-    "field_fit_field": (("field", "field", "fit", False, False), 0, 300),
-    "field_full_field": (("field", "field", "full", False, False), 0, 100),
+GEL = (1.0 - LIQUID) * PLAIN
+KINDS = {  # of truths, with their prior probabilities, and the switches that are on
+    "real": (GEL * (1.0 - FIELD_PROBABILITY), ()),
+    "field": (GEL * FIELD_PROBABILITY, ("field_bubble",)),
+    "liquid": (LIQUID * (1.0 - FIELD_PROBABILITY), ("liquid",)),
+    "stiffening": ((1.0 - LIQUID - GEL) * (1.0 - FIELD_PROBABILITY), ("stiffening",)),
 }
-SHOWN = {
-    "G": "shear_modulus",
-    "mu": "viscosity",
-    "stretch": "stretch",
-    "accommodation": "accommodation",
-    "damping": ADDED,
-}
+WAYS = ("infer", "nhkv", "fit")
+SWITCHES = ("liquid", "stiffening", "field_bubble")
+SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS}
+SHOTS = 20, 300  # of a setting, in a quick and a full run
+SHOWN = {"G": "shear_modulus", "mu": "viscosity", "stretch": "stretch"}
 FRAMES, EXPOSURE, NOISE, BOUND = 100, 0.3, 0.01, 0.015
 
 
-def shot(seed: int, *, simulated: str = "field", as_read: bool = False) -> tuple[dict[str, float], RadiusCurve]:
-    """Truth by name, and the curve that the camera makes of it; simulated: name of the bubble."""
-    rng = np.random.default_rng([seed, 5])
-    ranges = OF_BUBBLE[simulated]
-    truth = {name: float(10 ** rng.uniform(*np.log10(pair))) for name, pair in ranges.items()}
-    top = float(rng.uniform(100e-6, 400e-6))  # R_max as measured
-    law = NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"])
-    bubble = FIELD
-    if simulated == "real":
-        truth[ADDED] = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
-        bubble = Bubble("kinetic", truth["accommodation"], confinement_damping=truth[ADDED])
-    camera, curve = film(
-        law, top, truth["stretch"], NOISE, rng, f"shot {seed}", as_read=as_read, bubble=bubble
-    )  # fmt: skip
-    return truth | camera, curve
+def shot(seed: int, *, kind: str = "field", as_read: bool = False) -> tuple[dict[str, float], RadiusCurve]:
+    """Truth by name, and the curve that the camera makes of it."""
+    rng = np.random.default_rng([seed, 5, list(KINDS).index(kind)])
+    while True:
+        truth = {name: float(10 ** rng.uniform(*np.log10(pair))) for name, pair in RANGES.items()}
+        top = float(rng.uniform(100e-6, 400e-6))  # R_max as measured
+        law: Material = NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"])
+        if kind == "liquid":
+            truth["shear_modulus"], law = 0.0, Newtonian(truth["viscosity"])
+        if kind == "stiffening":  # exp(stiffening x 2 stretch^2) at R_max
+            truth["stiffening"] = float(rng.uniform(np.log(1.3), np.log(20.0)) / (2.0 * truth["stretch"] ** 2))
+            law = Viscoelastic(Fung(truth["shear_modulus"], truth["stiffening"]), Newtonian(truth["viscosity"]))
+        bubble = FIELD
+        if kind != "field":
+            truth["accommodation"] = float(10 ** rng.uniform(-2.0, 0.0))
+            truth[ADDED] = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
+            bubble = Bubble("kinetic", truth["accommodation"], confinement_damping=truth[ADDED])
+        try:
+            camera, curve = film(law, top, truth["stretch"], NOISE, rng, f"shot {seed}", as_read=as_read, bubble=bubble)
+        except SolverError:  # a gel so stiff cannot be so large
+            continue
+        return truth | camera, curve
 
 
 def film(
@@ -106,71 +114,100 @@ def film(
     return camera, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta, maximum=maximum)
 
 
-def rank(answer: Posterior, name: str, truth: float) -> float:
-    """Posterior probability below the truth: uniform over shots if the posterior is calibrated."""
-    return float(np.sum(answer.weights[answer.draws(name) < truth]))
-
-
-@contextmanager
-def narrowed(ranges: Mapping[str, tuple[float, float]]) -> Iterator[None]:
-    """A prior of these ranges, of the parameters that a law has, also for `fit`, which takes none."""
-    whole = Experiment.prior
-
-    def prior(self: Experiment, given: Mapping[str, Sequence[float]] | None = None) -> Prior:
-        return whole(self, given or {name: pair for name, pair in ranges.items() if name in self.names})
-
-    try:
-        Experiment.prior = prior
-        yield
-    finally:
-        Experiment.prior = whole
-
-
-def one(job: tuple[int, str, str, str, bool, bool]) -> dict:
-    """Posterior probability below the truth, and 90 % interval, of each parameter; none where there is no posterior."""
-    seed, simulated, name, way, as_read, discrepancy = job
-    truth, curve = shot(seed, simulated=simulated, as_read=as_read)
-    bubble, ranges = BUBBLES[name], OF_BUBBLE[name]
-    # as drawn, the clock is known to half a frame; read off the frames it is not, and the default range is wider
-    bound = None if as_read else 0.5 * float(np.median(np.diff(curve.time)))
-    how: dict[str, Any] = {"ranges": ranges, "discrepancy": discrepancy, "t0_bound": bound, "workers": 1, "seed": seed}
-    alone: dict[str, Any] = {"bubble": bubble, "others": False, "workers": 1}
-    began = time.process_time()
+def answered(curve: RadiusCurve, way: str, seed: int) -> Posterior:
     if way == "fit":
-        alone |= {"free": ("t0", "scale", "rmax")}
-        with narrowed(ranges):
-            answer = fit(curve, trust_input=True, seed=seed, **alone)
-    elif way in ("infer", "laws"):
-        law = "nhkv" if way == "infer" else "auto"
-        starts = Analysis(material=law, bubble=bubble, trust_input=True).starts(curve)
-        with narrowed(how.pop("ranges")):
-            answer = verify(curve, starts, level="auto", network=network_of(), **how)
-        answer = answer.laws.get("nhkv", answer)
-    else:
-        answer = verify(curve, fit(curve, window="all", **alone), scale_bound=BOUND, **how)
-    row: dict[str, Any] = {"verdict": answer.checks.verdict, "seconds": time.process_time() - began}
+        return fit(curve, free=("t0", "scale", "rmax"), trust_input=True, seed=seed, workers=1)
+    law = None if way == "infer" else way
+    return infer_many([curve], material=law, trust_input=True, seed=seed, workers=1)[0]
+
+
+def one(job: tuple[int, str, str]) -> dict[str, Any]:
+    """Verdict, switches, and by parameter the truth and the printed intervals; none where there is no posterior."""
+    seed, kind, way = job
+    truth, curve = shot(seed, kind=kind)
+    began = time.process_time()
+    answer = answered(curve, way, seed)
     told = answer.log_weight is not None
-    asked = [n for n in SHOWN.values() if n in truth and n in answer.parameters and told]
-    row["ranks"] = {n: rank(answer, n, truth[n]) for n in asked}
-    row["intervals"] = {n: answer.interval(n, LEVELS[-1]) for n in asked}
-    return row
+    asked = [name for name in SHOWN.values() if told and name in answer.parameters]
+    if kind == "liquid" and way != "infer":  # a law without the switch has a modulus
+        asked = [name for name in asked if name != "shear_modulus"]
+    return {
+        "verdict": answer.checks.verdict, "seconds": time.process_time() - began,
+        "switches": dict(answer.switches), "effective": answer.diagnostics.effective_sample_size,
+        "simulations": answer.diagnostics.simulations, "truth": {name: truth[name] for name in asked},
+        "bounds": {name: answer.bound(name) for name in asked},
+        "intervals": {name: [answer.interval(name, level) for level in LEVELS] for name in asked},
+    }  # fmt: skip
+
+
+def of_switches(rows: dict[str, list[dict[str, Any]]]) -> Iterator[Number]:
+    """Mean probability of each switch over all kinds, the share of shots of which it is on, and by kind the share of
+    shots whose true state has less than 5 %."""
+    parts = {kind: [row["switches"] for row in found if row["switches"]] for kind, found in rows.items()}
+    weight = {kind: KINDS[kind][0] for kind, part in parts.items() if part}
+    total = sum(weight.values())
+    for name in SWITCHES:
+        means = {kind: np.array([switches[name] for switches in parts[kind]]) for kind in weight}
+        mean = sum(weight[kind] * np.mean(values) for kind, values in means.items()) / total
+        error = sum((weight[kind] / total) ** 2 * np.var(values) / len(values) for kind, values in means.items()) ** 0.5
+        cases = sum(map(len, means.values()))
+        yield Number(f"switch.{name}.probability", float(mean), "1", cases, float(error), FIRST)
+        true = sum(weight[kind] for kind in weight if name in KINDS[kind][1]) / total
+        yield Number(f"switch.{name}.true", true, "1", cases, 0.0, FIRST)
+        for kind, values in means.items():
+            right = values if name in KINDS[kind][1] else 1.0 - values
+            yield share(f"switch.{name}.missed.{kind}", right < 0.05, FIRST)
+
+
+def of_setting(setting: str, rows: list[dict[str, Any]]) -> Iterator[Number]:
+    """Coverage and width of the intervals of a setting, and what an answer takes."""
+    for symbol, name in SHOWN.items():
+        held = [row for row in rows if row["intervals"].get(name)]
+        for k, level in enumerate(LEVELS if held else ()):
+            hits = [row["intervals"][name][k][0] <= row["truth"][name] <= row["intervals"][name][k][1] for row in held]
+            yield coverage(f"{setting}.{symbol}.{100 * level:.0f}", hits, level, seed=FIRST)
+        ends = [row["intervals"][name][-1] for row in held if row["bounds"][name] is None]
+        widths = [np.log10(high / low) for low, high in ends if low > 0.0]
+        yield statistic(f"{setting}.{symbol}.width", widths, "decades", seed=FIRST)
+    told = [row["verdict"] not in ("failed", "no_interval") for row in rows]
+    yield share(f"{setting}.interval", told, FIRST)
+    yield share(f"{setting}.ok", [row["verdict"] == "ok" for row in rows], FIRST)
+    yield statistic(f"{setting}.simulations", [row["simulations"] or np.nan for row in rows], "1", seed=FIRST)
+    yield statistic(f"{setting}.seconds", [row["seconds"] for row in rows], "s", seed=FIRST)
+
+
+def measured(run: Run, count: int, kinds: list[str], ways: list[str]) -> Iterator[Number]:
+    for way in ways:
+        rows = {
+            kind: run.rows("calibration", one, [(seed, kind, way) for seed in range(FIRST, FIRST + count)])
+            for kind in kinds
+        }
+        for kind, found in rows.items():
+            yield from of_setting(f"{way}_{kind}", found)
+        if way == "infer":
+            yield from of_switches(rows)
 
 
 def measure(run: Run) -> Iterator[Number]:
-    """How often central 50 and 90 % intervals of each parameter hold the truth, and their width in decades."""
-    for setting, (how, quick, full) in SETTINGS.items():
-        if run.part not in ("", setting):
-            continue
-        n = run.count(quick, full)
-        rows = run.rows("calibration", one, [(seed, *how) for seed in range(FIRST, FIRST + n)])
-        for symbol, name in SHOWN.items():
-            ranks = np.array([row["ranks"][name] for row in rows if name in row["ranks"]])
-            if not len(ranks):
-                continue
-            for level in LEVELS:
-                yield coverage(f"{setting}.{symbol}.{100 * level:.0f}", np.abs(ranks - 0.5) <= 0.5 * level, level)
-            ends = [row["intervals"][name] for row in rows if row["intervals"].get(name)]
-            if name != ADDED:
-                yield statistic(f"{setting}.{symbol}.width", [np.log10(high / low) for low, high in ends], "decades")
-        if rows:
-            yield statistic(f"{setting}.seconds", [row["seconds"] for row in rows], "s")
+    """How often central 50 and 90 % intervals hold the truth, their width in decades, and the switches."""
+    kind, way = SETTINGS.get(run.part, (None, None))
+    yield from measured(run, run.count(*SHOTS), [kind] if kind else [*KINDS], [way] if way else [*WAYS])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, help="folder of the answers that are kept")
+    parser.add_argument("-n", type=int, default=20)
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    parser.add_argument("--ways", default=",".join(WAYS))
+    parser.add_argument("--workers", type=int, default=cores())
+    given = parser.parse_args()
+    run = Run(workers=given.workers, kept=given.out)
+    say = partial(print, flush=True)
+    say("| number | value | n |\n|---|---|---|")
+    for number in measured(run, given.n, given.kinds.split(","), given.ways.split(",")):
+        say(f"| {number.name} | {number.value:.3g} ± {number.standard_error:.2g} {number.unit} | {number.n} |")
+
+
+if __name__ == "__main__":
+    main()
