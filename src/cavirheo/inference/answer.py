@@ -56,10 +56,13 @@ class Target:
         return self.measured - np.concatenate(frames)
 
     def groups(self, u: Floats) -> NDArray[np.int64]:
-        """(k,) 1 for the field's bubble, else 0, at u (k, d)."""
-        if "accommodation" not in self.prior.names:
-            return np.zeros(len(u), dtype=np.int64)
-        return np.isposinf(self.prior.to_x(u)[:, self.prior.names.index("accommodation")]).astype(np.int64)
+        """(k,) the switches at u (k, d): 0 liquid, 1 gel, 2 stiffening gel, and 3 more for the field's bubble."""
+        columns = dict(zip(self.prior.names, self.prior.to_x(u).T, strict=True))
+        nothing = np.zeros(len(u))
+        solid = np.isfinite(columns.get("shear_modulus", nothing))
+        stiffens = solid & np.isfinite(columns.get("stiffening", nothing))
+        field = np.isposinf(columns.get("accommodation", nothing))
+        return solid.astype(np.int64) + stiffens + 3 * field
 
     def jacobian(self, u: Floats) -> Floats:
         """(n, d) derivatives of the frames at u (d,)."""

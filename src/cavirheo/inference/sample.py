@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from cavirheo.arrays import Floats, log_sum
@@ -29,6 +30,14 @@ Density = Callable[[Floats], Floats]  # log, (k,) at u (k, d)
 Frames = Callable[[Floats], Floats]  # residuals (k, n) at u (k, d)
 
 
+Groups = Callable[[Floats], NDArray[np.int64]]  # (k,) at u (k, d): between groups the physics jumps
+
+
+def one_group(u: Floats) -> NDArray[np.int64]:
+    """All places are alike."""
+    return np.zeros(len(u), dtype=np.int64)
+
+
 @dataclass(frozen=True)
 class Budget:
     """How many evaluations a posterior takes.
@@ -42,16 +51,16 @@ class Budget:
         rounds: of steps and jumps after that.
     """
 
-    scanned: int = 12_000
-    climbed: int = 32
+    scanned: int = 10_000
+    climbed: int = 84
     steps: int = 10
-    walkers: int = 240
-    settling: int = 8
+    walkers: int = 160
+    settling: int = 4
     rounds: int = 24
 
 
 EMULATED = Budget()
-SIMULATED = Budget(scanned=600, climbed=3, steps=5, walkers=60, settling=3, rounds=8)
+SIMULATED = Budget(scanned=600, climbed=4, steps=5, walkers=50, settling=2, rounds=8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,22 +163,37 @@ class Mixture:
         return mixture
 
 
-def scan(residuals: Frames, noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Floats:
-    """(m, d) the best places of a scan of the prior, no two of them near each other."""
+def scan(
+    residuals: Frames,
+    noise: Noise,
+    dimension: int,
+    budget: Budget,
+    rng: np.random.Generator,
+    groups: Groups = one_group,
+) -> Floats:
+    """(m, d) the best places of a scan of the prior in each group, no two of them near each other."""
     u = rng.standard_normal((budget.scanned, dimension))
     value = noise.log_density(residuals(u)) + log_normal(u)
-    chosen: list[Floats] = []
-    for i in np.argsort(-value)[: budget.scanned // 8]:
-        if np.isfinite(value[i]) and all(np.sum((u[i] - other) ** 2) > dimension for other in chosen):
-            chosen.append(u[i])
-        if len(chosen) == budget.climbed:
-            break
+    of, chosen = groups(u), list[Floats]()
+    for g in np.unique(of):
+        near = list[Floats]()
+        mine = np.flatnonzero((of == g) & np.isfinite(value))
+        for i in mine[np.argsort(-value[mine])][: max(len(mine) // 6, 20)]:
+            if all(np.sum((u[i] - other) ** 2) > dimension for other in near):
+                near.append(u[i])
+            if len(near) * len(np.unique(of)) >= budget.climbed:
+                break
+        chosen += near
     return np.array(chosen).reshape(-1, dimension)
 
 
-def climb(residuals: Frames, noise: Noise, u: Floats, budget: Budget) -> tuple[Floats, Floats, Floats]:
-    """Maxima from u (m, d) by damped Gauss-Newton steps: u (m, d), log posteriors (m,), curvatures (m, d, d)."""
+def climb(
+    residuals: Frames, noise: Noise, u: Floats, budget: Budget, groups: Groups = one_group
+) -> tuple[Floats, Floats, Floats]:
+    """Maxima from u (m, d), each in its own group, by damped Gauss-Newton steps: u (m, d), log posteriors (m,),
+    curvatures (m, d, d)."""
     m, d = u.shape
+    of = groups(u)
     damping, u = np.full(m, 0.1), u.copy()
     missed = residuals(u)
     value = noise.log_density(missed) + log_normal(u)
@@ -183,12 +207,13 @@ def climb(residuals: Frames, noise: Noise, u: Floats, budget: Budget) -> tuple[F
         for i, slope in zip(at, slopes, strict=True):
             first, second = noise.newton(missed[i], np.nan_to_num(slope).T.copy())
             gradient[i], curvature[i] = first + u[i], second + np.eye(d)
+            gradient[i, ~np.any(slope, axis=1)] = 0.0  # without effect on frames: the prior alone would move it
         diagonal = np.einsum("kii->ki", curvature)
         damped = curvature + (damping[:, None] * diagonal)[:, :, None] * np.eye(d)
         trial = u - np.clip(np.linalg.solve(damped, gradient[:, :, None])[:, :, 0], -1.5, 1.5)
         found = residuals(trial)
         height = noise.log_density(found) + log_normal(trial)
-        better = height > value
+        better = (height > value) & (groups(trial) == of)
         moved = better & (height - value > 0.02) | (~better & (damping < 1e3))
         u[better], value[better], missed[better] = trial[better], height[better], found[better]
         damping = np.where(better, damping / 4.0, damping * 6.0)

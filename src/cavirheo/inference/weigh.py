@@ -19,9 +19,11 @@ from cavirheo.inference.sample import (
     Density,
     Draws,
     Frames,
+    Groups,
     about,
     climb,
     effective_size,
+    one_group,
     sample,
     scan,
     settle,
@@ -30,7 +32,8 @@ from cavirheo.prior import log_normal
 
 CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
 NEAR_MAXIMUM, REACH = 6, 30.0  # simulations about the maximum of a group, if it is not so far below the best
-REJECTED = 12.0  # log evidence by which a group is too unlikely to be drawn from
+REJECTED = 12.0  # log of Laplace's integral by which a group is too unlikely to be looked at,
+NEGLIGIBLE = 6.0  # and log evidence by which it is too unlikely to be drawn from
 LEAST_WEIGHED = 24  # draws of a group at least
 WEIGHED = 150  # draws that are simulated at a time
 ENOUGH = 100.0  # effective draws of an answer
@@ -38,7 +41,6 @@ MOST = 1800  # simulations of an answer
 
 
 Correction = Callable[[Floats], Floats]  # of residuals (k, n) or (n,), at u (k, d)
-Groups = Callable[[Floats], NDArray[np.int64]]  # (k,) at u (k, d)
 
 
 class Part(NamedTuple):
@@ -89,7 +91,7 @@ def posterior(
     dimension: int,
     seed: int,
     budget: Budget = EMULATED,
-    groups: Groups = lambda u: np.zeros(len(u), dtype=np.int64),
+    groups: Groups = one_group,
 ) -> Weighed:
     """The posterior of u (d,): scan, climb and sample by a quick source of frames, then weigh by simulations.
 
@@ -102,7 +104,8 @@ def posterior(
         evaluations[0] += len(u)
         return quick(u)
 
-    u, value, curvature = climb(counted, noise, scan(counted, noise, dimension, budget, rng), budget)
+    starts = scan(counted, noise, dimension, budget, rng, groups)
+    u, value, curvature = climb(counted, noise, starts, budget, groups)
     of, runs = groups(u), list[Group]()
     for g in np.unique(of):
         if np.max(value[of == g]) > np.max(value) - REACH:
@@ -110,10 +113,13 @@ def posterior(
             runs.append(Group(counted, simulated, noise, maxima, partial(_is_in, groups, int(g)), budget, rng))
     first = max(run.expected for run in runs)
     runs = sorted((run for run in runs if run.expected > first - REJECTED), key=lambda run: -run.expected)
-    found: list[Weighed] = []
-    for run in runs:
-        best = max((other.log_evidence for other in found), default=-np.inf)
-        found.append(run.weigh(float(np.exp(min(run.estimate() - best, 0.0)))))
+    estimates = [run.estimate() for run in runs]
+    top = max(estimates)
+    found = [
+        run.weigh(float(np.exp(estimate - top)))
+        for run, estimate in zip(runs, estimates, strict=True)
+        if estimate > top - NEGLIGIBLE
+    ]
     return joined(found, evaluations[0])
 
 
