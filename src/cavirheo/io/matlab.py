@@ -30,12 +30,12 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.curves import make_curve, unusable_curve
+from cavirheo.io.files import Source
 from cavirheo.messages import Message
 
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
 _SINGLE_ARRAYS = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
 VARIABLES = (*_CELL_ARRAYS, *_SINGLE_ARRAYS.split())
-HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of an HDF5 file, the format of version 7.3
 _LARGEST_RADIUS = 0.01  # m, largest radius of a bubble
 _HEAD_SIZE = 1024  # bytes that contain the header of an array, which ends with its name
 _NUMBER_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -47,19 +47,16 @@ _DAMAGED, _CUT_OFF = "matfile.damaged", "matfile.cut"
 Variables = dict[str, Any]  # name -> (…,) float64, or a list of a cell array's flattened cells (not numeric: empty)
 
 
-def read_variables(path: Path, names: tuple[str, ...]) -> tuple[Variables, list[str]] | None:
+def read_variables(source: Source, names: tuple[str, ...]) -> tuple[Variables, list[str]] | None:
     """Return (the wanted variables, the names of all) of a .mat file of version 5 to 7.3; None for any other file.
 
     Raises InputError: the file violates its format, or exceeds a limit.
     """
-    with path.open("rb") as file:
-        head = file.read(128)
-    if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
+    if source.kind == "matlab73":
         from cavirheo.io import hdf5  # imports h5py, which takes a quarter of a second
 
-        return hdf5.read_variables(path, names)
-    five = head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
-    return _read_version5(path, names) if five else None
+        return hdf5.read_variables(source.path, names)
+    return _read_version5(source.path, names) if source.kind == "matlab" else None
 
 
 def curves(variables: Variables, names: list[str], density: float, pressure: float) -> list[RadiusCurve]:

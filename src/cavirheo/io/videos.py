@@ -60,6 +60,9 @@ def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> Rad
     return measurement.curve(**origin)
 
 
+_THOUSANDS = {"frame_rate": ".,"}  # marks that may separate thousands, by field
+
+
 class Camera(NamedTuple):
     """The settings of a camera: frames per s, um per pixel, exposure in us; None: not given."""
 
@@ -83,7 +86,7 @@ def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -
     values: list[float | None] = [None, None, None]
     for k, (text, field) in enumerate(zip(texts, Camera._fields, strict=True)):
         try:
-            if (value := parse_number(text, field.replace("_", " "))) is not None:
+            if (value := parse_number(text, field.replace("_", " "), _THOUSANDS.get(field, ","))) is not None:
                 values[k], errors[k] = value, "" if 0 < value < inf else "must be a positive number"
         except InputError as error:
             errors[k] = str(error)
