@@ -107,7 +107,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "lines above": (META + HEAD + PLAIN, "2 lines above the titles"),
     "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
     "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
-    "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
+    "unit row": ("Time,Radius\nus,um\n" + PLAIN, "below the titles: us, um"),
     "capital unit row": ("Time_us,Radius\nUS,UM\n" + PLAIN, "below the titles: US, UM"),
     "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),

@@ -71,7 +71,7 @@ CURVES = Vocabulary(
         "time": Term(
             "t time elapsedtime reltime relativetime timestamp positiont xvalue zeit temps tiempo "
             "tempo время 時間 时间",
-            {**_UNITS, "frame": np.nan, "frames": np.nan},
+            {**_UNITS, "frame": np.nan},
         ),
         "frame": Term(
             "frame frames frameno framenumber framenr frameindex framenum image imageno imagenumber slice bild bildnr "
@@ -92,7 +92,7 @@ CURVES = Vocabulary(
         "radius_std": Term(
             "radiusstd rstd radiussd rsd err error radiuserr radiuserror rerr rerror errr errradius dr drad deltar "
             "sd std stdev stddev stdradius stdr sdr sigma sigmar radiussigma uncertainty radiusuncertainty fehler "
-            "radiusfehler erreur incertitude",
+            "radiusfehler standardabweichung erreur incertitude ecarttype",
             _UNITS,
         ),
         "diameter": Term(
@@ -207,7 +207,10 @@ def _read_with_header(table: Table, camera: Camera) -> list[RadiusCurve]:
         shots.setdefault(label, []).append(k)
     limits.check(len(shots) * len(radii), limits.CURVES, "curves")
     curves: list[RadiusCurve] = []
-    for radius, clock, deviation in zip(radii, clock_of, deviations or repeat(None), strict=False):
+    names = [re.sub(r"\s*[\[(].*", "", radius.columns[0].title) or radius.columns[0].title for radius in radii]
+    if len({*names}) < len(names):
+        names = [str(k) for k in range(1, len(names) + 1)]
+    for k, (radius, clock, deviation) in enumerate(zip(radii, clock_of, deviations or repeat(None), strict=False)):
         time = clock.numbers if clock else np.arange(float(len(table.rows)))
         std = _deviations(deviation, radius, camera.um_per_px) if deviation else np.full(len(time), np.nan)
         for label, rows in shots.items():
@@ -220,8 +223,7 @@ def _read_with_header(table: Table, camera: Camera) -> list[RadiusCurve]:
                 meta = _stretch_meta(stretches, chosen, table.notes)
                 seconds, unit = _times(time[chosen], clock, camera, meta["notes"])
                 check_units(f"the header {table.titles}", unit, radius.unit, None)
-                title = radius.columns[0].title
-                name = [label] if shot else [re.sub(r"\s*[\[(].*", "", title) or title] if len(radii) > 1 else []
+                name = [label] if shot else [names[k]] if len(radii) > 1 else []
                 if len(parts) > 1:
                     meta["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
                     name.append(str(number))

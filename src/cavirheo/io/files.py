@@ -74,7 +74,10 @@ class Source:
             return "matlab73"
         if found is None and self.head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
             return "matlab"
-        return found or ("empty" if not self.head else "binary" if b"\x00" in self.head else "text")
+        odd = self.head[1::2]
+        is_utf16 = odd.count(0) > 0.8 * len(odd) > 0 and b"\x00" not in self.head[::2]  # without its mark
+        binary = b"\x00" in self.head and not is_utf16
+        return found or ("empty" if not self.head else "binary" if binary else "text")
 
     @cached_property
     def content(self) -> bytes:

@@ -48,6 +48,7 @@ _WORDS_OF_UNITS = {
     "um": "micron microns micrometer micrometers micrometre micrometres mikrometer micrometros マイクロメートル 微米",
     "px": "pixel pixels pix pixeles ピクセル 像素",
     "px2": "pixel2 pixels2",
+    "frame": "frames",
     "um2": "micron2 microns2 sqmicrons squm",
 }
 _UNITS_BY_WORD = {word: unit for unit, words in _WORDS_OF_UNITS.items() for word in words.split()}
@@ -190,7 +191,7 @@ class Column:
             two = f"{cell.replace('.', '').replace(',', '.')} or {cell.replace(',', '')}"
             message = f"{place} could be {two}: is the comma decimal? export with decimal points only"
             raise vocabulary.error("comma", message)
-        advice = "expected a plain number in one unit; leave the cell empty where there is none"
+        advice = "expected a plain number; leave the cell empty where there is none, or remove the row"
         raise vocabulary.error("number", f"{place} is not a number: {advice}")
 
     @property
@@ -294,7 +295,7 @@ def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
     left = ", ".join(repr(sheet.sheet) for sheet in sheets if sheet.sheet not in read)
     if any(sheet.sheet for sheet in sheets):
         for table in tables:
-            note = f"read from the sheet {', '.join(map(repr, read))} of the workbook"
+            note = f"read from the workbook: {', '.join(map(repr, read))}"
             table.notes.insert(0, note + (f"; not read: {left}" if left else ""))
 
 
@@ -320,7 +321,7 @@ def _tables(sheet: Table) -> Iterator[Table]:
         notes += [f"{at} line{'s' * (at > 1)} above the titles left out"] if at and not vocabulary.sections else []
         titles, below = _titles_with_units(sheet.rows[at].texts, rows, vocabulary)
         words = ", ".join(cell for row in below for cell in row.texts if cell)
-        notes += [f"units from the row below the titles: {words}"] if words else []
+        notes += [f"row of words below the titles: {words}"] if words else []
         heads = [sheet.rows[at].texts, *(row.texts for row in below)]
         rows = [row for row in rows if row.texts not in heads]  # titles may stand above each shot
         if vocabulary.sections:
@@ -421,22 +422,30 @@ def _array_table(path: Path, vocabulary: Vocabulary) -> Table:
     limits.check(array.size, limits.ROWS, "numbers of an array")
     limits.check(array.nbytes, limits.SHEET, "bytes of an array")
     titles = list(array.dtype.names or vocabulary.array_titles)
+    shape = array.shape
     if array.dtype.names:
         array = np.stack([array[name] for name in titles], axis=-1)
-    elif array.ndim == 2 and array.shape[1] != len(titles):
+    elif array.ndim == 2 and shape[1] != len(titles):
         array = array.T
+    elif array.ndim == 1 and len(titles) == 1:
+        array = array[:, None]
     expected = f"{titles[0]} and {' and '.join(titles[1:])}" if titles else "no array here"
-    message = f"an array {array.shape} of {array.dtype}: expected numbers of the shape (n, {len(titles)}), {expected}"
+    message = f"an array {shape} of {array.dtype}: expected numbers of the shape (n, {len(titles)}), {expected}"
     fits = array.ndim == 2 and array.shape[1] == len(titles) and array.dtype.kind in "fiu"
     require(fits, message, "tabular.array")
     rows = [Row(k, list(map(repr, row))) for k, row in enumerate(array.tolist(), 1)]
-    note = f"an array {array.shape} of numpy, taken as {', '.join(titles)}"
+    note = f"an array {shape} of numpy, taken as {', '.join(titles)}"
     return Table(vocabulary, rows, [note], titles=titles, line=0)
 
 
 def _decoded(content: bytes) -> str:
     """Decode UTF-16, UTF-8 or Latin-1, without the byte order mark. Raises InputError: damaged UTF-16."""
-    for encoding in ["utf-16"] if content[:2] in (b"\xff\xfe", b"\xfe\xff") else ["utf-8-sig", "latin-1"]:
+    encodings = ["utf-8-sig", "latin-1"]
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ["utf-16"]
+    elif content[1:2] == b"\x00":  # without the mark
+        encodings = ["utf-16-le"]
+    for encoding in encodings:
         with suppress(UnicodeDecodeError):
             return content.decode(encoding)
     raise InputError("begins as UTF-16 text and does not go on so", "tabular.encoding")
@@ -470,10 +479,11 @@ def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | N
             continue
         rows = list(_split(lines, separator))
         at = next(k for k, row in enumerate(rows) if vocabulary.is_header(row.texts))
-        titles, below = rows[at].texts, rows[at + 1 : at + 2]
+        titles = rows[at].texts
+        below = next((row.texts for row in rows[at + 1 :] if any(map(is_float, row.texts))), titles)
         if len(titles) == 1:  # a single column, without separators
             return [*rows[: at + 1], *(Row(row.number, [" ".join(row.texts)]) for row in rows[at + 1 :])]
-        if not below or len(below[0].texts) >= (len(titles) if separator is None else 2):
+        if len(below) >= (len(titles) if separator is None else 2):
             return rows
         unclear = separator is None
     message = "titles with spaces in them over columns separated by spaces; separate the columns by commas"
