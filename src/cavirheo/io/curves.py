@@ -91,7 +91,7 @@ CURVES = Vocabulary(
         "stretch_std": Term("stretchstd lambdamaxstd"),
         "radius_std": Term(
             "radiusstd rstd radiussd rsd err error radiuserr radiuserror rerr rerror errr errradius dr drad deltar "
-            "sd std stdev stddev stdradius stdr sdr sigma sigmar radiussigma uncertainty radiusuncertainty fehler "
+            "sd std stdev stddev stdradius stdr sdr sigma sigmar radiussigma uncertainty radiusuncertainty dd derr dstd fehler "
             "radiusfehler standardabweichung erreur incertitude ecarttype",
             _UNITS,
         ),
@@ -466,7 +466,8 @@ def check_units(where: str, time: str | None, radius: str | None, radius_std: st
 
 def unusable_curve(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
     """Return a curve without samples, with the reason. fields: other fields of the curve."""
-    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, **fields, unusable=reason)
+    notes = (*meta.get("notes", ()), reason)
+    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": notes}, **fields, unusable=reason)
 
 
 def make_curve(
