@@ -167,7 +167,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "lines below": (HEAD + PLAIN + BELOW, "2 lines below the table"),
     "other comments": ("// by a program\n! of ours\n" + HEAD + PLAIN, ""),
     "a comment below the units": ("Time,Radius\nus,um\n,shot 1\n" + PLAIN, "shot 1"),
-    "TrackMate": (TRACK + "".join(f"ID{k},{t},{k},{r}\n" for k, t, r in zip(range(180), TIME, UM, strict=True)), "'LABEL'"),
+    "TrackMate": (TRACK + lines(",", FRAMES, TIME, FRAMES, UM), "'LABEL'"),
     "UTF-16 without a mark": ((HEAD + PLAIN).encode("utf-16-le"), ""),
     "second sheet": (book(Info=[["Sample", "gel"]], Data=SHEET), "not read: 'Info'"),
     "array": (array(np.stack([TIME, RADIUS], axis=1)), "numpy"),

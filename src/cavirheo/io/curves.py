@@ -91,8 +91,8 @@ CURVES = Vocabulary(
         "stretch_std": Term("stretchstd lambdamaxstd"),
         "radius_std": Term(
             "radiusstd rstd radiussd rsd err error radiuserr radiuserror rerr rerror errr errradius dr drad deltar "
-            "sd std stdev stddev stdradius stdr sdr sigma sigmar radiussigma uncertainty radiusuncertainty dd derr dstd fehler "
-            "radiusfehler standardabweichung erreur incertitude ecarttype",
+            "sd std stdev stddev stdradius stdr sdr sigma sigmar radiussigma uncertainty radiusuncertainty "
+            "dd derr dstd fehler radiusfehler standardabweichung erreur incertitude ecarttype",
             _UNITS,
         ),
         "diameter": Term(
