@@ -69,8 +69,7 @@ def _shot_name(title: str) -> Name:
 CURVES = Vocabulary(
     {
         "time": Term(
-            "t time elapsedtime reltime relativetime timestamp positiont xvalue zeit temps tiempo "
-            "tempo время 時間 时间",
+            "t time elapsedtime reltime relativetime timestamp positiont xvalue zeit temps tiempo tempo 時間 时间",
             {**_UNITS, "frame": np.nan},
         ),
         "frame": Term(
@@ -82,7 +81,7 @@ CURVES = Vocabulary(
             "r radius rt rnew bubbleradius radiusofbubble radiusofthebubble meanradius averageradius equivalentradius "
             "effectiveradius fittedradius radiusfit rfit reff req rbubble radiusmean rmean radiusr blasenradius "
             "mittlererradius rayon rayonbulle rayondebulle rayondelabulle rayonmoyen rayonequivalent radio "
-            "radioburbuja radiodeburbuja radiodelaburbuja raggio raio радиус 半径 半徑 気泡半径 气泡半径 氣泡半徑",
+            "radioburbuja radiodeburbuja radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
             _UNITS,
             duplicate_advice="the shots of a file are R1_um, R2_um, or have a column `shot`",
         ),
@@ -191,15 +190,15 @@ def _tables(source: Source, camera: Camera) -> list[Table]:
 
 def _read_with_header(table: Table, camera: Camera) -> list[RadiusCurve]:
     shot, max_radius, *stretches = map(table.find, ("curve", "max_radius", "stretch", "stretch_std"))
-    clocks = table.all("time") or [column for column in table.all("frame") if np.ptp(column.numbers)]
+    clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
     radii = _radii(table, camera, several=len(clocks) > 1)
     if shot and len(radii) > 1:
         message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other"
         raise InputError(message, "table.twice")
     clock_of: list[Column | None] = [*_partners(radii, clocks)] or [table.at_most_one(clocks)] * len(radii)
     _ask_for(camera, clock_of[0], radii[0])
-    deviations = _partners(radii, [column for column in table.all("radius_std") if _is_length(column)])
-    deviations = deviations if radii[0].form.deviation else []
+    deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
+    deviations = _partners(radii, deviations) if radii[0].form.deviation else []
     of_radii = [column for radius in radii for column in radius.columns]
     _note_columns(table, [*of_radii, *deviations, *filter(None, (shot, max_radius, *stretches, *clock_of))])
     shots: dict[str, list[int]] = {}
@@ -247,10 +246,6 @@ def _ask_for(camera: Camera, clock: Column | None, radius: _Radius) -> None:
 
 def _counts_frames(clock: Column) -> bool:
     return clock.name.kind == "frame" or clock.unit == "frame"
-
-
-def _is_length(column: Column) -> bool:
-    return column.unit is None or column.unit in RADIUS_UNITS
 
 
 def _note_columns(table: Table, used: Sequence[Column]) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple, Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number, require, sha256
-from cavirheo.io.files import file_label, guarded
+from cavirheo.errors import InputError, as_path, parse_number, require
+from cavirheo.io.files import Source, file_label, guarded
 from cavirheo.video.frames import CAMERA_ENDINGS, STACK_ENDINGS
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
@@ -51,7 +51,7 @@ def examine(
 
 def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
     """Return the curve of a measurement, with its name and the file it comes from. Raises InputError."""
-    digest = None if path.is_dir() else sha256(path)
+    digest = None if path.is_dir() else Source(path).sha256
     origin = {"name": path.stem, "group": path.stem, "source": file_label(path), "source_sha256": digest}
     if sheet:
         from cavirheo.video.picture import contact_sheet, data_url
