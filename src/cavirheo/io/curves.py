@@ -38,6 +38,7 @@ _LARGEST_NUMBER = 1e9  # in any unit; larger numbers are damaged data and would 
 _TIME_TOLERANCE = 1e-15  # s; times closer than this are one time and differ only by rounding
 _LEAST_RADIUS = 1e-9  # m; a smaller radius means an empty frame (one published file has denormal numbers there)
 _SHARED_TIMES = 0.05  # largest part of the frames that may have the time of another one
+_ROUNDED_SHARE, _COARSE = 0.2, 0.1  # least part of the shorter or longer intervals, and of an interval, for a rounding
 _FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier times are out of order
 _LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
@@ -91,7 +92,7 @@ CURVES = Vocabulary(
         "radius_std": Term(
             "radiusstd rstd radiussd rsd err error radiuserr radiuserror rerr rerror errr errradius dr drad deltar "
             "sd std stdev stddev stdradius stdr sdr sigma sigmar radiussigma uncertainty radiusuncertainty "
-            "dd derr dstd fehler radiusfehler standardabweichung erreur incertitude ecarttype",
+            "dd derr dstd sem σ σr ± δr ur fehler radiusfehler standardabweichung erreur incertitude ecarttype",
             _UNITS,
         ),
         "diameter": Term(
@@ -266,7 +267,8 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
         what = f"of the numbers in {clock.title!r}" if clock else "of the rows"
         notes.append(f"times {what} at {rate:.6g} frames per second, as given")
         return time / rate, "s"
-    if rate is not None and np.count_nonzero(np.diff(time) == 0.0) > _SHARED_TIMES * len(time):
+    shared = np.count_nonzero(np.diff(time) == 0.0) > _SHARED_TIMES * len(time)
+    if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
         notes.append(f"times in {clock.title!r} have too few digits: frames at {rate:.6g} per second, as given")
         return np.arange(len(time)) / rate, "s"
     notes += ["the frame rate that is given is not used: the file has times"] if rate is not None else []
@@ -371,6 +373,8 @@ def _radius(table: Table, form: _Form, columns: Sequence[Column], um_per_px: flo
     if form.kinds == ("area",):
         if unit is not None and unit not in _AREA_UNITS:
             raise InputError(f"{title!r} is in {unit}: expected a unit of area, as in Area [um^2]", "table.units")
+        if unit is None:
+            table.notes.append(f"{title!r} has no unit: taken to be in px^2")
         unit = _AREA_UNITS.get(unit or "px")
     numbers = form.radius(*(column.numbers for column in columns))
     if um_per_px is not None:
@@ -503,7 +507,12 @@ def make_curve(
     if reason := _shared_times(t, r[order], first):
         return unusable_curve(reason, meta, **fields)
     t, r, std = t[order][first], _averaged(r[order], first), _averaged(std[order], first)
-    warnings = (Message("check_input.time_order", {"steps": int(backwards)}),) if backwards else ()
+    warnings: tuple[Message, ...] = ()
+    if backwards:
+        warnings += (Message("check_input.time_order", {"steps": int(backwards)}),)
+    if step := _rounding(t):
+        values = {"step": 1e6 * step, "interval": 1e6 * float(np.mean(np.diff(t)))}
+        warnings += (Message("check_input.time_digits", values),)
     remarks = {
         f"{len(timed) - n} of {len(timed)} frames without a time left out": n < len(timed),
         time_hint: time_hint,
@@ -543,6 +552,18 @@ def _shared_times(t: Floats, r: Floats, first: NDArray[np.intp]) -> str:
         )
     few = f"times have too few digits: {len(t)} frames share {len(first)} times"
     return f"{few}; write more digits, or of a table give the frame rate (--fps)"
+
+
+def _rounding(t: Floats) -> float:
+    """Return the decimal step of ascending times (n,) if it moves the frames: intervals are m or m + 1 steps, and not
+    many steps; else 0."""
+    interval = float(np.mean(np.diff(t))) if len(t) > 2 else 0.0
+    decades = [10.0**-k for k in range(13) if 10.0**-k < 2.0 * interval]
+    step = next((step for step in decades if np.all(np.abs(t / step - np.round(t / step)) < 1e-3)), 0.0)
+    counts = np.round(np.diff(t) / step) if step else np.empty(0)
+    shares = [np.mean(counts == counts.min() + more) for more in (0, 1)] if len(counts) else [0.0, 0.0]
+    moves = min(shares) > _ROUNDED_SHARE and sum(shares) > 0.95 and step > _COARSE * interval
+    return step if moves else 0.0
 
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:

@@ -54,7 +54,7 @@ _WORDS_OF_UNITS = {
 _UNITS_BY_WORD = {word: unit for unit, words in _WORDS_OF_UNITS.items() for word in words.split()}
 _SEPARATORS = ("\t", ";", ",", None)  # None: spaces
 # no number: the words of programs, "#DIV/0!" of spreadsheets in any language, "1.#QNAN" of compilers, signs such as ---
-_MISSING = re.compile(r"-?nan|na|n/a|null|none|#[a-zäöü]+(/[0a])?[!?]?|-?1\.#\w+|\W*", re.I)
+_MISSING = re.compile(r"-?nan|n\.?/?a\.?|null|none|#[a-zäöü]+(/[0a])?[!?]?|-?1\.#\w+|\W*", re.I)
 _POINTED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(,\d{3})+)?(\.\d*)?(?<=\d|\.)(e[+-]?\d+)?", re.I)  # 1,000.92
 _COMMAED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)?(,\d*)?(?<=\d|,)(e[+-]?\d+)?", re.I)  # 1.000,92
 _FORTRAN = re.compile(r"([+-]?\d*\.?\d+|[+-]?\d+\.)d([+-]?\d+)", re.I)  # 1.0D-04
