@@ -119,7 +119,8 @@ def parse_number(text: str | None, name: str, thousands: str = ",") -> float | N
     number = (text or "").strip()
     if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}[{thousands}]\d{{3}}", number):
         whole, decimal = (float(re.sub("[.,]", mark, number)) for mark in ("", "."))
-        message = f"{name} {number} can be {whole:.10g} or {decimal:.10g}: type it without a mark between thousands"
+        two = f"{whole:.10g} or {decimal:.10g}"
+        message = f"{name} {number} can be read in two ways, {two}: type it without a mark between thousands"
         raise InputError(message, "input.which_number")
     if re.fullmatch(r"[+-]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})+", number):  # 1,000,000
         number = re.sub("[.,]", "", number)
