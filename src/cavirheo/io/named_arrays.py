@@ -27,12 +27,12 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.io.curves import CURVES, RADIUS_UNITS, check_units, make_curve, unusable_curve
+from cavirheo.io.curves import CURVES, RADIUS_UNITS, Camera, check_units, make_curve, unusable_curve
 from cavirheo.io.tables import TIME_UNITS, Term, Vocabulary, unit_of
 from cavirheo.messages import Message
-from cavirheo.parameters import FRAME_RATE
 from cavirheo.physics.media import CONSTANTS
 
+KINDS = ("matlab", "matlab4", "matlab73", "hdf5")  # of files that hold them
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
 _LARGEST_RADIUS = 0.01  # m, largest radius of a bubble
 _LONGEST_TIME = 0.1  # s, of a recording
@@ -87,13 +87,6 @@ class Other(NamedTuple):
 
 Leaf = Any  # Numbers, Other, or a list of them, the cells of an array
 Arrays = Mapping[str, Leaf]  # by their paths: radius, group/radius, structs(2)/R, group@attribute
-
-
-class Camera(NamedTuple):
-    """What the user gives: frames per second, and um per pixel."""
-
-    frame_rate: float | None = None
-    um_per_px: float | None = None
 
 
 class _Series(NamedTuple):
@@ -305,7 +298,6 @@ def _left_out(paths: Iterable[str]) -> list[str]:
 def _interval(stated: Mapping[str, _Stated], camera: Camera) -> _Stated | None:
     """Return the time between frames, s: of the user, else of the file."""
     if camera.frame_rate:
-        FRAME_RATE.check("the frame rate", camera.frame_rate, "table.frame_rate")
         return _Stated("the frame rate that is given", 1.0 / camera.frame_rate)
     rate = stated.get("frame rate")
     return stated.get("frame interval") or (_Stated(rate.path, 1.0 / rate.value) if rate else None)

@@ -13,12 +13,11 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number_list, require, sha256
-from cavirheo.io.curves import SCALE_TOLERANCE
-from cavirheo.io.files import file_label, guarded
-from cavirheo.io.named_arrays import Camera
-from cavirheo.io.tables import Name, Term, Vocabulary, kind_of, read_columns
-from cavirheo.parameters import RADIUS
+from cavirheo.errors import InputError, as_path, parse_number_list, require
+from cavirheo.io.curves import SCALE_TOLERANCE, Camera
+from cavirheo.io.files import Source, file_label, guarded
+from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
+from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.video.frames import is_video
 
 R_MAX = "R_max"  # given instead of the path of a table
@@ -64,9 +63,9 @@ def read_curves(
         density: kg/m3. It and `pressure` turn dimensionless times into seconds, t = t* R_max sqrt(rho/p), and check
             the units of a table without a header. They do not change times in seconds.
         pressure: Pa.
-        frame_rate_hz: 1/s, of a recording, and of a table that has frame numbers and no times.
+        frame_rate_hz: 1/s, of a recording, and of a table without times, or with times of too few digits.
         shots: the curves to return, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file; None: all.
-        um_per_px: micrometres per pixel of a recording, which is measured (`cavirheo.measure`).
+        um_per_px: micrometres per pixel, of a recording (measured as by `cavirheo.measure`) or of a table in pixels.
         exposure: s, of a frame of a recording.
         exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
 
@@ -88,33 +87,28 @@ def read_curves(
         return selected([with_maximum_notes(curve)], shots)
     message = f"{file_label(path)}: frames are excluded of recordings; of a table empty their radius"
     require(exclude is None, message, "reading.exclude")
-    with guarded(path, _EXPECTED):
-        with path.open("rb") as file:
-            head = file.read(1024)
-        require(len(head) > 0, f"the file is empty; {_EXPECTED}", "reading.empty")
-        curves = _read(head, path, density, pressure, Camera(frame_rate_hz, um_per_px))
+    check_camera(frame_rate_hz, um_per_px)
+    with guarded(path, _EXPECTED) as source:
+        curves = _read(source, density, pressure, Camera(frame_rate_hz, um_per_px))
         require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
-        origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": sha256(path)}
+        origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": source.sha256}
         labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
         labels = labels if len(curves) > 1 else [path.stem]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)
         return [with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
 
 
-def _read(head: bytes, path: Path, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of a file that begins with the bytes `head`."""
+def _read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of a file."""
     from cavirheo.io import curves, matlab, named_arrays
 
-    with matlab.opened(path) as arrays:
-        if arrays is not None:
-            return named_arrays.curves(arrays, camera, density, pressure)
-    if head.startswith(matlab.HDF5):
-        from cavirheo.io import hdf5
-
-        with hdf5.opened(path) as arrays:
-            return named_arrays.curves(arrays, camera, density, pressure, si=True)
-    require(kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
-    return curves.read(path, density, pressure, camera.frame_rate)
+    if source.kind in ("empty", "binary"):
+        found = "the file is empty" if source.kind == "empty" else "binary data of no known format"
+        raise InputError(f"{found}; {_EXPECTED}", f"reading.{source.kind}")
+    if source.kind not in named_arrays.KINDS:
+        return curves.read(source, density, pressure, camera)
+    with matlab.opened(source) as arrays:
+        return named_arrays.curves(arrays, camera, density, pressure, si=source.kind == "hdf5")
 
 
 def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
@@ -271,6 +265,14 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
     return scaled, [option + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]
 
 
+def check_camera(frame_rate: float | None, um_per_px: float | None) -> None:
+    """Raise InputError unless the frame rate (1/s) and the scale are None or possible."""
+    if frame_rate is not None:
+        FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
+    if um_per_px is not None and not 0 < um_per_px < np.inf:
+        raise InputError(f"the scale must be a number of um per pixel above 0, got {um_per_px!r}", "table.scale")
+
+
 def check_max_radius(max_radius: float | None) -> None:
     """Raise InputError unless `max_radius` (m) is None or a plausible radius of a bubble."""
     if max_radius is not None:
@@ -347,8 +349,8 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
     A name is that of a curve, a file (with or without its ending) or a group. Raises InputError: no such table.
     """
     path = Path(path)
-    with guarded(path):
-        (table,) = read_columns(path, _COLUMN_TABLE)
+    with guarded(path) as source:
+        (table,) = read_columns(source, _COLUMN_TABLE)
         two = len(table.titles) == 2 and len(table.columns) == 2
         require(two, f"the titles are {', '.join(table.titles[:3])}; {_COLUMN_TABLE.expected}", "column.head")
         names, numbers = table.columns
