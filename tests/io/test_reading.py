@@ -445,24 +445,50 @@ def test_bad_files_are_refused_in_words(tmp_path, name):
 
 CASES = Path(__file__).parents[1] / "cases" / "read"
 STATED = {"density": 1060.0, "pressure": 83000.0}
-OF_LABORATORIES = {  # medium, stretch and note of a file, and how it is read
-    "01_gui_rho.mat": (STATED, 7.0, "Pinf = 83000 Pa", {}),
-    "28_struct.mat": ({}, 7.0, "not used: expts/R0", {}),
-    "30_time_radius.mat": ({}, None, "taken as m", {}),
-    "30_texp_Rexp.mat": ({"density": 998.0, "pressure": 101325.0}, None, "not used: t_sim, R_sim", {}),
-    "32_Radius_px.mat": ({}, None, "in pixels", {"frame_rate_hz": 1e6, "um_per_px": 3.2}),
+OF_LABORATORIES = {  # what is asked for if no camera is given; what the notes say; medium and stretch; other curves
+    "01_gui_rho.mat": ("", "Pinf = 83000 Pa", STATED, 7.0),
+    "07_px.csv": ("--um-per-px", "in pixels"),
+    "08_imagej.csv": ("--fps --um-per-px", "sqrt(A/pi)"),
+    "09_axes.csv": ("", "half-axes"),
+    "10_pairs.csv": ("", "2 columns of radii"),
+    "11_err.csv": ("", "'err_um'"),
+    "12_fortran.dat": ("", ""),
+    "13_div0.csv": ("", "1 of 118 frames"),
+    "16_ms_rounded2.csv": ("--fps", "too few digits"),
+    "18_concat.csv": ("", "shot 1 of 2"),
+    "23_thousands.csv": ("", "marks between thousands"),
+    "24.npy": ("", "numpy"),
+    "28_struct.mat": ("", "not used: expts/R0", {}, 7.0),
+    "30_time_radius.mat": ("", "taken as m"),
+    "30_texp_Rexp.mat": ("", "not used: t_sim, R_sim", {"density": 998.0, "pressure": 101325.0}, None),
+    "32_Radius_px.mat": ("--fps --um-per-px", "in pixels"),
+    "70_second_sheet.xlsx": ("", "not read: 'Info'"),
 }
 
 
 @pytest.mark.parametrize("name", OF_LABORATORIES)
-def test_what_a_matlab_file_states_beside_its_history(name):
-    medium, stretch, said, how = OF_LABORATORIES[name]
-    (curve,) = read_curves(CASES / name, **how)
-    assert curve.max_radius == pytest.approx(245e-6, rel=0.03)
-    assert curve.frame_rate == pytest.approx(1e6)
-    assert dict(curve.medium) == medium
-    assert curve.stretch == (stretch and pytest.approx(stretch, rel=0.02))
-    assert said in "\n".join(curve.notes)
+def test_files_of_laboratories_by_python_and_by_commands(name, run):
+    asked, said, medium, stretch = (*OF_LABORATORIES[name], {}, None)[:4]
+    shots = {"10_pairs.csv": 2, "18_concat.csv": 2}.get(name, 1)
+    if asked:
+        refusal = error_of(lambda: read_curves(CASES / name)[0].max_radius)
+        assert [option for option in asked.split() if option not in str(refusal)] == []
+    for camera in (CAMERA,) if asked else ({}, CAMERA):
+        curve, *others = read_curves(CASES / name, **camera)
+        assert curve.max_radius == pytest.approx(245e-6, rel=0.03)
+        assert curve.frame_rate == pytest.approx(1e6)
+        assert dict(curve.medium) == medium
+        assert curve.stretch == (stretch and pytest.approx(stretch, rel=0.02))
+        assert np.isfinite(curve.radius_std).any() == (name == "11_err.csv")
+        assert said in "\n".join(curve.notes)
+        assert curve.warnings == ()
+        assert len(others) == shots - 1
+    status, out, _ = run("show", CASES / name, "--fps", "1e6", "--um-per-px", "3.2")
+    assert (status, f"{shots} measured curve" in out) == (0, True)
+
+
+def test_every_case_is_read():
+    assert {path.name for path in CASES.iterdir()} == {*OF_LABORATORIES, "ij_microns.tif"}
 
 
 def test_a_group_states_the_constants_of_its_shots(tmp_path):
