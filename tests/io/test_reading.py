@@ -178,6 +178,10 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB struct": (saved(packed=True, gel={"exp": {"Roft": RADIUS, "t": TIME}}, G=1.0), "not used: G"),
     "MATLAB units in names": (saved(R_um=UM, t_us=US, R_sim=UM), "not used: R_sim"),
     "MATLAB experiment": (saved(R_exp=RADIUS, t_exp=TIME, R=RADIUS * 2, t=TIME), "not used: R, t"),
+    "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
+    "MATLAB half-axes": (saved(a_um=1.01 * UM, b_um=1.01**-2 * UM, t_us=US, sd="no"), "half-axes"),
+    "MATLAB areas": (saved(Area_um2=np.pi * UM**2, t_us=US), "sqrt(A/pi)"),
+    "MATLAB radius beside axes": (saved(R=RADIUS, t=TIME, a="gel", b=UM), "not used: a, b"),
     "MATLAB diameter": (saved(diameter_um=2 * UM, time_us=US), "diameters halved"),
     "MATLAB whole pixels": (
         saved(R=np.round(UM * 1e3).astype(np.int32), um_per_px=1e-3, fps=1 / (TIME[1] - TIME[0])), "um_per_px",
@@ -289,6 +293,7 @@ SEVERAL = {  # two curves, their names, and what each says
         "not used: G",
     ),
     "MATLAB numbers": (saved(R1=RADIUS, t1=TIME, R2=1.5 * RADIUS, t2=TIME, R0=1.0), "R1", "R2", "not used: R0"),
+    "MATLAB below each other": (saved(R=np.r_[RADIUS, 1.5 * RADIUS], t=np.r_[TIME, TIME]), "1", "2", "begin again"),
     "MATLAB columns with times": (saved(R=np.c_[RADIUS, 1.5 * RADIUS], t=np.c_[TIME, TIME]), "1", "2", ""),
 }
 
@@ -398,7 +403,6 @@ BAD = {  # content, or what writes it; code; what is named
     "swapped.csv": (b"time_um,radius_us\n1,2\n", "table.units", "time in um and radius in us"),
     "length.h5": (hdf5({"time_um": US, "radius_um": UM}), "table.units", "time in um"),
     "time.h5": (hdf5({"time": TIME, "radius_us": UM}), "table.units", "radius in us"),
-    "two kinds.h5": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "table.units", ""),
     "numbers.csv": (b"1,2\n2,3\n", "table.header", "time_us,radius_um"),
     "one comma.csv": (b"t_us;R_um\n1,234;100\n2,345;120\n", "tabular.comma", "1.234"),
     "point and comma.csv": (b"t_us;R_um\n1.5;100\n2,25;120\n", "tabular.comma", "2.25"),

@@ -119,13 +119,16 @@ _WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:], array_titles=("ra
 
 
 class Camera(NamedTuple):
-    """What is given for tables that lack it. frame_rate: 1/s. um_per_px: micrometres per pixel."""
+    """What is known of the camera beside times and radii. frame_rate: 1/s. um_per_px: micrometres per pixel. who says
+    so: `rate_source`, `scale_source`."""
 
     frame_rate: float | None = None
     um_per_px: float | None = None
+    rate_source: str = "as given"
+    scale_source: str = "as given"
 
 
-class _Form(NamedTuple):
+class Form(NamedTuple):
     """How columns of these kinds give the radius: a note, and R of their numbers. deviation: that of R over that of the
     column; 0 if a column of deviations is of something else."""
 
@@ -135,12 +138,12 @@ class _Form(NamedTuple):
     deviation: float = 0.0
 
 
-_FORMS = (  # the first ones that a table has are used
-    _Form(("radius",), "", lambda radius: radius, 1.0),
-    _Form(("diameter",), "diameters halved", lambda diameter: 0.5 * diameter, 0.5),
-    _Form(("half_a", "half_b"), "R = (a^2 b)^(1/3) of the half-axes", lambda a, b: np.cbrt(a * a * b)),
-    _Form(("major", "minor"), "R = (a^2 b)^(1/3) of half the axes", lambda a, b: 0.5 * np.cbrt(a * a * b)),
-    _Form(("area",), "R = sqrt(A/pi) of the areas A", lambda area: np.sqrt(np.where(area < 0.0, np.nan, area) / np.pi)),
+FORMS = (  # the first ones that a table has are used
+    Form(("radius",), "", lambda radius: radius, 1.0),
+    Form(("diameter",), "diameters halved", lambda diameter: 0.5 * diameter, 0.5),
+    Form(("half_a", "half_b"), "R = (a^2 b)^(1/3) of the half-axes", lambda a, b: np.cbrt(a * a * b)),
+    Form(("major", "minor"), "R = (a^2 b)^(1/3) of half the axes", lambda a, b: 0.5 * np.cbrt(a * a * b)),
+    Form(("area",), "R = sqrt(A/pi) of the areas A", lambda area: np.sqrt(np.where(area < 0.0, np.nan, area) / np.pi)),
 )
 
 
@@ -148,7 +151,7 @@ class _Radius(NamedTuple):
     """(rows,) radii in a unit, from one column or two. warnings: doubts about them."""
 
     columns: Sequence[Column]
-    form: _Form
+    form: Form
     numbers: Floats
     unit: str | None
     warnings: tuple[Message, ...]
@@ -171,7 +174,7 @@ def read(source: Source, density: float, pressure: float, camera: Camera) -> lis
     curves = []
     tables = _tables(source, camera)
     for table in tables:
-        found = _read_with_header(table, camera) if table.titles else _read_without_header(table, density, pressure)
+        found = read_table(table, camera) if table.titles else _read_without_header(table, density, pressure)
         for k, curve in enumerate(found, 1):
             label = f"{table.sheet}, {curve.meta.get('label', k)}" if len(found) > 1 else table.sheet
             curves.append(curve.labelled(label=label) if len(tables) > 1 else curve)
@@ -189,7 +192,8 @@ def _tables(source: Source, camera: Camera) -> list[Table]:
         raise
 
 
-def _read_with_header(table: Table, camera: Camera) -> list[RadiusCurve]:
+def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of a table with titles, or of named arrays. Raises InputError as `read`."""
     shot, max_radius, *stretches = map(table.find, ("curve", "max_radius", "stretch", "stretch_std"))
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
     radii = _radii(table, camera, several=len(clocks) > 1)
@@ -203,7 +207,7 @@ def _read_with_header(table: Table, camera: Camera) -> list[RadiusCurve]:
     of_radii = [column for radius in radii for column in radius.columns]
     _note_columns(table, [*of_radii, *deviations, *filter(None, (shot, max_radius, *stretches, *clock_of))])
     shots: dict[str, list[int]] = {}
-    for k, label in enumerate(shot.text if shot else [""] * len(table.rows)):
+    for k, label in enumerate(shot.text if shot else [""] * table.size):
         shots.setdefault(label, []).append(k)
     limits.check(len(shots) * len(radii), limits.CURVES, "curves")
     curves: list[RadiusCurve] = []
@@ -211,7 +215,7 @@ def _read_with_header(table: Table, camera: Camera) -> list[RadiusCurve]:
     if len({*names}) < len(names):
         names = [str(k) for k in range(1, len(names) + 1)]
     for k, (radius, clock, deviation) in enumerate(zip(radii, clock_of, deviations or repeat(None), strict=False)):
-        time = clock.numbers if clock else np.arange(float(len(table.rows)))
+        time = clock.numbers if clock else np.arange(float(table.size))
         std = _deviations(deviation, radius, camera.um_per_px) if deviation else np.full(len(time), np.nan)
         for label, rows in shots.items():
             if len(clocks) > 1:  # rows below a shot that is shorter than another one
@@ -222,7 +226,7 @@ def _read_with_header(table: Table, camera: Camera) -> list[RadiusCurve]:
                 chosen = [rows[at] for at in part]
                 meta = _stretch_meta(stretches, chosen, table.notes)
                 seconds, unit = _times(time[chosen], clock, camera, meta["notes"])
-                check_units(f"the header {table.titles}", unit, radius.unit, None)
+                _check_units(f"the header {table.titles}", unit, radius.unit)
                 name = [label] if shot else [names[k]] if len(radii) > 1 else []
                 if len(parts) > 1:
                     meta["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
@@ -236,13 +240,16 @@ def _read_with_header(table: Table, camera: Camera) -> list[RadiusCurve]:
 
 
 def _ask_for(camera: Camera, clock: Column | None, radius: _Radius) -> None:
-    """Raise InputError if the times need a frame rate that is not given; it asks for a missing scale, too."""
-    if camera.frame_rate is None and clock and _counts_frames(clock):
-        message = f"{clock.title!r} has numbers of frames and no times: give the frame rate (--fps)"
-        if radius.unit == "px":
-            message += f", and for {radius.columns[0].title!r}, in pixels unless its title says more, "
-            message += "the scale (--um-per-px)"
-        raise InputError(message, "table.frame_rate")
+    """Raise InputError if there are no times, and no frame rate, or no unit of the radius and no scale."""
+    if clock and not _counts_frames(clock):
+        return
+    title = radius.columns[0].title
+    missing = ["the frame rate (--fps 1e6)"] if camera.frame_rate is None else []
+    if camera.um_per_px is None and _is_in_pixels(radius.numbers, radius.unit) and (missing or radius.unit is None):
+        missing.append(f"the scale (--um-per-px 3.2) of {title!r}, in pixels unless its title says more")
+    if missing:
+        what = f"{clock.title!r} has numbers of frames and no times" if clock else f"{title!r} has no times"
+        raise InputError(f"{what}: give {' and '.join(missing)}", "table.frame_rate")
 
 
 def _counts_frames(clock: Column) -> bool:
@@ -252,7 +259,7 @@ def _counts_frames(clock: Column) -> bool:
 def _note_columns(table: Table, used: Sequence[Column]) -> None:
     """Add a note that names the columns that are not used."""
     taken = {column.index for column in used}
-    filled = {k for row in table.rows for k, cell in enumerate(row.texts) if cell}
+    filled = {k for row in table.rows for k, cell in enumerate(row.texts) if cell} or {*range(len(table.arrays))}
     titles = [repr(title) if title else f"column {k}, without a title" for k, title in enumerate(table.titles, 1)]
     if left := sorted(filled - taken):
         table.notes.append(f"columns not used: {', '.join(titles[k] for k in left)}")
@@ -265,13 +272,16 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
     if clock is None or _counts_frames(clock):
         assert rate is not None  # it was asked for
         what = f"of the numbers in {clock.title!r}" if clock else "of the rows"
-        notes.append(f"times {what} at {rate:.6g} frames per second, as given")
+        notes.append(f"times {what} at {rate:.6g} frames per second, {camera.rate_source}")
         return time / rate, "s"
     shared = np.count_nonzero(np.diff(time) == 0.0) > _SHARED_TIMES * len(time)
     if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
-        notes.append(f"times in {clock.title!r} have too few digits: frames at {rate:.6g} per second, as given")
+        notes.append(
+            f"times in {clock.title!r} have too few digits: frames at {rate:.6g} per second, {camera.rate_source}"
+        )
         return np.arange(len(time)) / rate, "s"
-    notes += ["the frame rate that is given is not used: the file has times"] if rate is not None else []
+    if rate is not None:
+        notes.append(f"the frame rate, {camera.rate_source}, is not used: the file has times")
     return time, clock.unit
 
 
@@ -341,7 +351,7 @@ def _stretch_meta(columns: list[Column | None], rows: list[int], notes: list[str
 def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
     """Return the radii of each curve. several: each has its own times. Raises InputError: it is unclear which columns
     to use."""
-    form = next((form for form in _FORMS if all(map(table.all, form.kinds))), None)
+    form = next((form for form in FORMS if all(map(table.all, form.kinds))), None)
     if form is None:
         message = f"one of two axes among {table.titles}: expected both, as in a_um and b_um"
         raise InputError(message, "table.columns")
@@ -362,10 +372,10 @@ def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
     if len(found) > 1:
         titles = ", ".join(column.title for column in firsts[:6]) + (", ..." if len(firsts) > 6 else "")
         table.notes.append(f"{len(found)} columns of radii, a curve each: {titles}")
-    return [_radius(table, form, columns, camera.um_per_px) for columns in found]
+    return [_radius(table, form, columns, camera) for columns in found]
 
 
-def _radius(table: Table, form: _Form, columns: Sequence[Column], um_per_px: float | None) -> _Radius:
+def _radius(table: Table, form: Form, columns: Sequence[Column], camera: Camera) -> _Radius:
     """Return the radii of one curve, in um if they are in pixels of a known size. Raises InputError: no unit."""
     title, unit = columns[0].title, columns[0].unit
     if any(column.unit != unit for column in columns):
@@ -377,11 +387,12 @@ def _radius(table: Table, form: _Form, columns: Sequence[Column], um_per_px: flo
             table.notes.append(f"{title!r} has no unit: taken to be in px^2")
         unit = _AREA_UNITS.get(unit or "px")
     numbers = form.radius(*(column.numbers for column in columns))
-    if um_per_px is not None:
-        pixels = _is_in_pixels(numbers, unit)
-        note = f"radii in pixels of {um_per_px:g} um, as given" if pixels else "the scale that is given is not used"
+    if camera.um_per_px is not None:
+        note = f"the scale, {camera.scale_source}, is not used"
+        if _is_in_pixels(numbers, unit):
+            note = f"radii in pixels of {camera.um_per_px:g} um, {camera.scale_source}"
+            numbers, unit = numbers * camera.um_per_px, "um"
         table.notes.extend({note} - {*table.notes})
-        numbers, unit = (numbers * um_per_px, "um") if pixels else (numbers, unit)
     warnings: tuple[Message, ...] = ()
     if len(columns) == 2:
         a, b = (column.numbers for column in columns)
@@ -454,13 +465,11 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     write_rows(path, list(columns), texts, remark)
 
 
-def check_units(where: str, time: str | None, radius: str | None, radius_std: str | None) -> None:
-    """Check the units. Raises InputError: one is of another quantity, or radii and their deviations differ in unit."""
+def _check_units(where: str, time: str | None, radius: str | None) -> None:
+    """Check the units. Raises InputError: one is of another quantity."""
     fine = time in (None, *TIME_UNITS) and radius in (None, *RADIUS_UNITS)
     message = f"{where} gives time in {time} and radius in {radius}; expected units of time and of length"
     require(fine, message, "table.units")
-    message = f"radius is in {radius} but radius_std in {radius_std}; give both in one unit"
-    require(radius_std in (None, radius), message, "table.units")
 
 
 def unusable_curve(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:

@@ -164,6 +164,7 @@ class Column:
     title: str  # as it is written, with the unit from the row below, if any
     name: Name
     term: Term
+    values: Floats | None = None  # (rows,) its numbers, of an array
 
     @property
     def unit(self) -> str | None:
@@ -173,12 +174,16 @@ class Column:
     @property
     def text(self) -> list[str]:
         """(rows,) cells; "" for a missing one."""
+        if self.values is not None:
+            return list(map(str, self.values.tolist()))
         return [texts[self.index] if self.index < len(texts) else "" for _, texts in self.table.rows]
 
     @cached_property
     def numbers(self) -> Floats:
         """(rows,) numbers in the unit of the column; NaN for a missing one. Raises InputError: a cell is no number, or
         has a comma of unknown meaning."""
+        if self.values is not None:
+            return self.values
         return np.array([self._number(*pair) for pair in zip(self.table.rows, self.text, strict=True)], dtype=float)
 
     def _number(self, row: Row, cell: str) -> float:
@@ -231,11 +236,23 @@ class Table:
     sheet: str = ""  # its name in a workbook
     titles: list[str] = field(default_factory=list)  # as they are written, with units from the row below
     line: int = 1  # number of the line with the titles
+    arrays: Sequence[tuple[Name, Floats]] = ()  # (rows,) numbers of each title, and what they are; then `rows` is empty
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.arrays[0][1]) if self.arrays else len(self.rows)
 
     @cached_property
     def columns(self) -> list[Column]:
         """The columns whose titles the vocabulary knows."""
         name, term = self.vocabulary.name, self.vocabulary.term
+        if self.arrays:
+            arrays = zip(self.titles, self.arrays, strict=True)
+            return [
+                Column(self, k, title, name, self.vocabulary.terms[name.kind], values)
+                for k, (title, (name, values)) in enumerate(arrays)
+            ]
         titles = [(index, title) for index, title in enumerate(self.titles) if name(title).kind]
         return [Column(self, index, title, name(title), term(title)) for index, title in titles]
 
