@@ -244,10 +244,9 @@ def _shot(
     picked = [one for one in picked if one.kind == "time" or _shape(one.leaf) == _shape(first.leaf)]
     stated = _read_stated(arrays, paths)
     camera, used = _camera(stated, camera)
-    meta = _meta(stated)
-    used |= {one.path for one in picked}
-    used |= {stated[name].path for name in (*meta.get("medium", ()), *meta) if name in stated}
-    notes, rest = meta.pop("notes"), stated.get("radius at rest")
+    meta, notes, paths_of_meta = _meta(stated)
+    used |= paths_of_meta | {one.path for one in picked}
+    rest = stated.get("radius at rest")
     shots = _histories(picked)
     plain = si or first.rank == 0  # in s and m if the numbers allow it
     names = [_named(one, [shot[k] for shot in shots], plain) for k, one in enumerate(picked)]
@@ -293,14 +292,18 @@ def _with_rest(
     return curve, set()
 
 
-def _meta(stated: Mapping[str, _Stated]) -> dict[str, Any]:
-    """Return the `meta` of a curve with what is stated of medium and stretch, and its notes."""
-    medium = {name: one.value for name, one in stated.items() if name in CONSTANTS}
-    meta: dict[str, Any] = {name: stated[name].value for name in ("stretch", "stretch_std") if name in stated}
-    units = {name: constant.unit for name, constant in CONSTANTS.items()} | dict.fromkeys(meta, "")
-    words = ((name, f"{stated[name].value:.6g} {unit}".strip()) for name, unit in units.items() if name in stated)
-    notes = [f"the file states the {name.replace('_', ' ')}: {stated[name].path} = {value}" for name, value in words]
-    return meta | ({"medium": medium} if medium else {}) | {"notes": notes}
+def _meta(stated: Mapping[str, _Stated]) -> tuple[dict[str, Any], list[str], set[str]]:
+    """Return the `meta` of a curve with what is stated of medium and stretch, notes on it, and who states it."""
+    units = {name: constant.unit for name, constant in CONSTANTS.items()} | {"stretch": "", "stretch_std": ""}
+    found = {name: one for name, one in stated.items() if name in units}
+    meta: dict[str, Any] = {name: one.value for name, one in found.items() if name not in CONSTANTS}
+    if medium := {name: one.value for name, one in found.items() if name in CONSTANTS}:
+        meta["medium"] = medium
+    notes = []
+    for name, one in found.items():
+        value = f"{one.value:.6g} {units[name]}".strip()
+        notes.append(f"the file states the {name.replace('_', ' ')}: {one.path} = {value}")
+    return meta, notes, {one.path for one in found.values()}
 
 
 def _left_out(paths: Iterable[str]) -> list[str]:
@@ -374,14 +377,11 @@ def _bdt(arrays: Arrays, density: float, pressure: float) -> list[RadiusCurve]:
         stated[name].value if name in stated else given
         for name, given in (("pressure", pressure), ("density", density))
     )
-    meta, list_of_maxima = _meta(stated), arrays.get("RmaxList")
+    list_of_maxima = arrays.get("RmaxList")
     max_radii = list_of_maxima.read().ravel() if isinstance(list_of_maxima, Numbers) else np.empty(0)
-    used = {
-        *_CELL_ARRAYS,
-        "RmaxList",
-        *(stated[name].path for name in (*meta.get("medium", ()), *meta) if name in stated),
-    }
-    notes = [*meta.pop("notes"), *_left_out(path for path in arrays if path not in used)]
+    meta, notes, used = _meta(stated)
+    used |= {*_CELL_ARRAYS, "RmaxList"}
+    notes += _left_out(path for path in arrays if path not in used)
     per_radius = float(np.sqrt(density / pressure))  # s/m: seconds per metre of R_max and unit of t*
 
     def curve(k: int, radius: Floats, time: Floats) -> RadiusCurve:

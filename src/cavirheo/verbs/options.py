@@ -345,7 +345,7 @@ class MeasuredFiles(AnsweringVerb):
         curves = recordings.curves
         run.require_any(curves, "curve")
         if self.column is not None:
-            from cavirheo.io.shots import with_column
+            from cavirheo.column import with_column
 
             curves = with_column(curves, self.column)
         load_solver()
