@@ -7,13 +7,13 @@ from shutil import copy
 import numpy as np
 import pytest
 from answers import CENTRE, FLAT, NAMES, answer, bubble, empty, seen, shots
+from cavirheo.inference.verify.evidence import ranked
 from conftest import EXAMPLE, code_of, done, refusal
 from scipy.stats import norm
 
 from cavirheo import load, population
+from cavirheo.column import LOG_R_MAX, with_column
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE, likelihood
-from cavirheo.inference.verify.evidence import ranked
-from cavirheo.io.shots import LOG_R_MAX, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json
