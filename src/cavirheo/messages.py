@@ -296,6 +296,7 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
             f": {parameter_of(other).symbol}, of whose larger or smaller values nothing is known"
         ),
     ),
+    "sampled_by_solver": "the emulator does not know this bubble: it was sampled by the solver, more slowly|: {reason}",
     "prior_end": (_prior_end, ""),
     "interval.distrusted": ("the interval is not to be trusted and left out", _distrusted),
     "interval.of_network": "the interval is the network's own: it is not verified by simulations",

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats, relative_weights
-from cavirheo.inference.emulator import emulator
+from cavirheo.inference.emulator import emulator, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.sample import EMULATED, climb, effective_size
+from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
 from cavirheo.inference.weigh import ENOUGH, Weighed, posterior
 from cavirheo.messages import Message
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import CAMERA, Bound, bound_of, units
+from cavirheo.physics.accuracy import BRISK
 from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
 from cavirheo.prior import Prior
 
@@ -33,30 +35,34 @@ SCALED = 0.002  # relative change of R_max, for the slope of G
 
 
 class Target:
-    """Residuals of one experiment at u (k, d), where the prior is standard normal: by the emulator, or simulated."""
+    """Residuals of one experiment at u (k, d), where the prior is standard normal: quickly by the emulator, or by rough
+    simulations where it does not know the bubble (`unknown` says why); and by default simulations."""
 
-    def __init__(self, shot: Experiment, prior: Prior, workers: int | None = 1) -> None:
-        self.shot, self.prior, self.workers = shot, prior, workers
+    def __init__(self, shot: Experiment, workers: int | None = 1) -> None:
+        self.shot, self.prior, self.workers = shot, shot.prior(), workers
         self.measured = shot.measured[shot.counted]
+        usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
+        self.unknown: str = outside(usual, shot.options.bubble, shot.medium, shot.max_radius)
 
-    def emulated(self, u: Floats, scale: float = 1.0) -> Floats:
-        """Residuals (k, n) by the emulator; with frames `scale` times as late."""
-        network = emulator()
+    def quick(self, u: Floats, scale: float = 1.0) -> Floats:
+        """Residuals (k, n); by the emulator also with frames `scale` times as late."""
+        if self.unknown:
+            rough = partial(self.shot.difference, accuracy=BRISK)
+            return np.array(run_jobs(rough, self.prior.to_x(u), self.workers)).reshape(len(u), -1)
         parts = np.array_split(u, max(1, len(u) // 1000))
-        return np.concatenate(
-            [self.measured - self.shot.emulated(self.prior.to_x(part), network, scale) for part in parts]
-        )
+        frames = [self.shot.emulated(self.prior.to_x(part), emulator(), scale) for part in parts]
+        return self.measured - np.concatenate(frames)
 
     def jacobian(self, u: Floats) -> Floats:
-        """(n, d) derivatives of the emulated frames at u (d,)."""
+        """(n, d) derivatives of the frames at u (d,)."""
         step = 1e-3
         places = np.concatenate([u + step * np.eye(len(u)), u - step * np.eye(len(u))])
-        above, below = np.split(-self.emulated(places), 2)
+        above, below = np.split(-self.quick(places), 2)
         return np.asarray(np.nan_to_num((above - below) / (2.0 * step)).T)
 
     def simulated(self, u: Floats) -> Floats:
         """Residuals (k, n) by the default solver; NaN where it fails."""
-        return np.array(run_jobs(self.shot.difference, self.prior.to_x(u), self.workers))
+        return np.array(run_jobs(self.shot.difference, self.prior.to_x(u), self.workers)).reshape(len(u), -1)
 
 
 def sampled_answer(
@@ -64,14 +70,14 @@ def sampled_answer(
 ) -> Posterior:
     """The posterior of an experiment; `empty` gives what does not depend on the draws. Raises SolverError: too few
     bubbles can be simulated."""
-    prior, noise = shot.prior(), shot.noise(discrepancy)
-    target = Target(shot, prior, workers)
-    weighed = posterior(target.emulated, target.simulated, noise, len(prior.names), seed)
+    target, noise = Target(shot, workers), shot.noise(discrepancy)
+    prior, budget = target.prior, SIMULATED if target.unknown else EMULATED
+    weighed = posterior(target.quick, target.simulated, noise, len(prior.names), seed, budget)
     x = prior.to_x(weighed.u)
     best = int(np.argmax(weighed.log_posterior))
     residual = weighed.residuals[best]
     predictive, excess, at = judge(target, noise, weighed, best, seed)
-    messages = list[Message]()
+    messages = [Message("sampled_by_solver", {"reason": target.unknown})] if target.unknown else []
     verdict: Verdict = "ok"
     effective = effective_size(weighed.log_weight)
     names, theta = shot.to_theta(x)
@@ -79,7 +85,7 @@ def sampled_answer(
     switches = _switches(prior, x, relative_weights(weighed.log_weight))
     bounds = shot.bound_messages(x, prior.low, prior.high, weighed.log_weight)
     if bounds:
-        verdict, messages = "undetermined", bounds
+        verdict, messages = "undetermined", [*bounds, *messages]
     if predictive and predictive["p_value"] < REJECTED:
         if not discrepancy or excess > LARGE_MISFIT:
             verdict = "model_does_not_fit"
@@ -202,8 +208,8 @@ def judge(
     excess, at = shot.misfit(residual), prior.to_x(u)
     if predictive and predictive["p_value"] < REJECTED:
         white = Noise(np.full(len(residual), np.median(noise.deviation)), shot.time_since_max[shot.counted], 1.0, False)
-        shift = residual - target.emulated(u[None])[0]
-        nearest = climb(lambda v: target.emulated(v) + shift, white, u[None], EMULATED)[0][0]
+        shift = residual - target.quick(u[None])[0]
+        nearest = climb(lambda v: target.quick(v) + shift, white, u[None], EMULATED)[0][0]
         nearer = shot.misfit(target.simulated(nearest[None])[0])
         if nearer < excess:
             excess, at = nearer, prior.to_x(nearest)
@@ -214,11 +220,11 @@ def modulus_over_scale(target: Target, noise: Noise, weighed: Weighed) -> float 
     """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in units of t_c, so the
     draws are weighted by frames that are moved in this way. None for a law without G or a liquid."""
     names = target.prior.names
-    if "shear_modulus" not in names:
+    if "shear_modulus" not in names or target.unknown:
         return None
     good = np.isfinite(weighed.log_weight)
     u, residuals, weight = weighed.u[good], weighed.residuals[good], relative_weights(weighed.log_weight[good])
-    nearer, farther = (target.emulated(u, 1.0 + side * SCALED) for side in (-0.5, 0.5))
+    nearer, farther = (target.quick(u, 1.0 + side * SCALED) for side in (-0.5, 0.5))
     gain = noise.log_density(residuals + nearer - farther) - noise.log_density(residuals)
     modulus = 10.0 ** target.prior.to_x(u)[:, names.index("shear_modulus")]
     before = np.average(modulus, weights=weight)

@@ -121,13 +121,13 @@ def compute_expectation(
     """`Expectation` of a recording with this truth. Raises InputError: it cannot be read, or SolverError."""
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options)
-    target, noise = Target(shot, shot.prior()), shot.noise(discrepancy=True)
+    target, noise = Target(shot), shot.noise(discrepancy=True)
     prior = target.prior
     start = prior.to_u(shot.from_best(truth), INSIDE)
-    (mode,), (height,), _ = climb(target.emulated, noise, start[None], EMULATED)
+    (mode,), (height,), _ = climb(target.quick, noise, start[None], EMULATED)
     if not np.isfinite(height):
         raise SolverError(f"{curve.name}: there is no such bubble")
-    residual, jacobian = target.emulated(mode[None])[0], target.jacobian(mode)
+    residual, jacobian = target.quick(mode[None])[0], target.jacobian(mode)
     size, (u, covariance) = shot.law_size, linearised(noise, mode, residual, jacobian)
     covariance, slope, middle = covariance[:size, :size], prior.slope(u)[:size], prior.to_x(u)[:size]
     information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)

@@ -10,7 +10,7 @@ T = 0.9147 t_c/sqrt(1 + |S_el(R_max)|/p): there t(s) and R(s) are both smooth, a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,10 +19,11 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, sha256
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Material, Newtonian, Viscous
-from cavirheo.physics.materials import Maxwell
-from cavirheo.physics.media import Medium
+from cavirheo.physics.materials import Maxwell, UpperConvectedMaxwell
+from cavirheo.physics.media import WATER, Medium
 
 STRETCHING = 1.5  # exponent of R in ds = dtau/R^1.5
 S_END, NODES = 30.0, 241  # of a trajectory: the last s, and the number of equally spaced nodes
@@ -56,6 +57,36 @@ class Bubbles:
     damping: Floats
     damage_modulus: Floats
     damage_radius: Floats
+
+
+SIZES = (20e-6, 1.5e-3)  # R_max that was trained, m
+CONSTANTS = {  # of the medium that were trained, SI
+    "density": (850.0, 1250.0),
+    "sound_speed": (1200.0, 2000.0),
+    "surface_tension": (0.015, 0.08),
+    "pressure": (5e4, 5e7),
+    "temperature": (278.0, 325.0),
+}
+
+
+def outside(material: Material, bubble: Bubble, medium: Medium, max_radius: float) -> str:
+    """Why the emulator does not know such bubbles, in words; "" if it does."""
+    arms = material.parts().memory
+    if len(arms) > 1 or any(
+        arm.relaxes_elastic_part or not isinstance(arm, Maxwell | UpperConvectedMaxwell) for arm in arms
+    ):
+        return "the law has more memory than one Maxwell arm"
+    plain = Bubble(bubble.contents, bubble.accommodation, confinement_damping=bubble.confinement_damping)
+    if replace(bubble, damage="none") != plain or bubble.damage not in ("none", "strain"):
+        return f"the {bubble.title} has an option that it was not trained for"
+    if not SIZES[0] <= max_radius <= SIZES[1]:
+        return f"R_max is {max_radius * 1e6:.4g} um, and {SIZES[0] * 1e6:g} to {SIZES[1] * 1e6:g} um were trained"
+    for name, (low, high) in CONSTANTS.items():
+        value = getattr(medium, name)
+        if not low <= value <= high:
+            return f"the {name.replace('_', ' ')} is {value:.5g}, and {low:g} to {high:g} were trained"
+    usual = {**asdict(medium), **{name: getattr(WATER, name) for name in CONSTANTS}, "name": WATER.name}
+    return "" if usual == asdict(WATER) else "constants of its gas or vapour are unusual"
 
 
 class Features(NamedTuple):
