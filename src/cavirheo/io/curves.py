@@ -119,7 +119,7 @@ _WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:], array_titles=("ra
 
 
 class Camera(NamedTuple):
-    """What is known of the camera beside times and radii. frame_rate: 1/s. um_per_px: micrometres per pixel. who says
+    """What is known of the camera beside times and radii. frame_rate: 1/s. um_per_px: micrometres per pixel. Who says
     so: `rate_source`, `scale_source`."""
 
     frame_rate: float | None = None
@@ -249,6 +249,8 @@ def _ask_for(camera: Camera, clock: Column | None, radius: _Radius) -> None:
         missing.append(f"the scale (--um-per-px 3.2) of {title!r}, in pixels unless its title says more")
     if missing:
         what = f"{clock.title!r} has numbers of frames and no times" if clock else f"{title!r} has no times"
+        if camera.frame_rate is not None:
+            what = f"{title!r} has no unit"
         raise InputError(f"{what}: give {' and '.join(missing)}", "table.frame_rate")
 
 
