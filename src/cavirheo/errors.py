@@ -111,11 +111,19 @@ def parse_number_list(
     return sorted(chosen)
 
 
-def parse_number(text: str | None, name: str) -> float | None:
-    """The number that was typed; None for an empty text. Raises InputError: no number, or an ambiguous one (1,234)."""
+def parse_number(text: str | None, name: str, thousands: str = ",") -> float | None:
+    """The number that was typed; None for an empty text. thousands: the marks that may separate thousands in it.
+
+    Raises InputError: no number, or an ambiguous one (1,234; a frame rate of 270.000).
+    """
     number = (text or "").strip()
-    two = f"{name} {number} can be read in two ways: type it without the comma, or with a point"
-    require(not re.fullmatch(r"[+-]?[1-9]\d{0,2}(,\d{3})+", number), two, "input.which_number")
+    if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}[{thousands}]\d{{3}}", number):
+        whole, decimal = (float(re.sub("[.,]", mark, number)) for mark in ("", "."))
+        two = f"{whole:.10g} or {decimal:.10g}"
+        message = f"{name} {number} can be read in two ways, {two}: type it without a mark between thousands"
+        raise InputError(message, "input.which_number")
+    if re.fullmatch(r"[+-]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})+", number):  # 1,000,000
+        number = re.sub("[.,]", "", number)
     try:
         return float(number.replace(",", ".")) if number else None
     except ValueError:

@@ -242,6 +242,9 @@ def _chosen(this: _Model, rivals: Sequence[_Model]) -> str:
 _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     # the recording and its settings
     "check_input.time_order": "times not in order| ({steps} steps back): frames sorted",
+    "check_input.aspherical": "the bubble is no sphere|: its half-axes differ by {share:.0%} where it is large",
+    "check_input.time_digits": "times have too few digits|: they are rounded to {step:.3g} us, and a frame comes every "
+    "{interval:.3g} us: write more digits, or of a table give the frame rate (--fps), or add --trust-input",
     "check_input.density": "check the density|: {density:.5g} kg/m3 makes the frame rate {rate:.5g}/s; a camera at "
     "{usual:.3g}/s means --density {meant:.5g}",
     "check_input.constant": (

@@ -221,6 +221,20 @@ def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     assert all(str(tmp_path) not in str(curve.meta) and "/tmp" not in str(curve.meta) for curve in session.curves)
 
 
+def test_a_table_takes_the_frame_rate_and_the_scale_of_the_page(session, tmp_path):
+    path = tmp_path / "areas.csv"
+    path.write_text("Slice,Area\n" + "".join(f"{k},{1e4 - 6 * (k - 20) ** 2}\n" for k in range(60)), encoding="utf-8")
+    session.add([path], PageSettings(), copy=True)
+    assert session.curves == []
+    assert "(step 1)" in words.page_text(session.problems[0])
+    session.add([path], PageSettings(fps=5e5, um_per_px=3.2), copy=True)
+    assert session.curves[0].max_radius == pytest.approx(3.2e-4 * np.pi**-0.5, rel=1e-3)
+    session.apply_settings(PageSettings(fps=1e6, um_per_px=6.4))
+    assert session.curves[0].max_radius == pytest.approx(6.4e-4 * np.pi**-0.5, rel=1e-3)
+    assert np.allclose(np.diff(session.curves[0].time), 1e-6)
+    assert "--fps 1000000.0 --um-per-px 6.4" in session.command(session.settings)
+
+
 def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
     paths = [single(tmp_path / f"{k}.csv", 1 + 0.01 * k) for k in range(3)]
     with closing(Session(VisitorLimits(files=2, curves=4, frames=200), reader)) as session:
@@ -352,6 +366,7 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
     ({"density": "1050", "window": 2}, [], 1050.0),
     ({"density": "1,050", "stretch": "0.5"}, ["density", "stretch"], None),
     ({"density": "1.05"}, ["density"], None),
+    ({"fps": "270.000", "um_per_px": "-1"}, ["fps", "um_per_px"], None),
     ({"density": "x"}, ["density"], None),
     ({"density": "1.05", "trust_input": True}, [], 1.05),
     ({"density": "1,050", "trust_input": True}, ["density"], None),

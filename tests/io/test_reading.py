@@ -13,7 +13,22 @@ import pytest
 from answers import same
 from bombs import element, mat
 from conftest import code_of, error_of, refused
-from files import R_MAX, R_STAR, RADIUS, T_C, T_STAR, TIME, bdt_variables, hdf5, lines, put, save_v73, saved, text_table
+from files import (
+    R_MAX,
+    R_STAR,
+    RADIUS,
+    T_C,
+    T_STAR,
+    TIME,
+    Make,
+    bdt_variables,
+    hdf5,
+    lines,
+    put,
+    save_v73,
+    saved,
+    text_table,
+)
 from scipy.io import loadmat, savemat
 from scipy.sparse import csc_matrix
 
@@ -90,6 +105,22 @@ def book(hidden=(), **tabs):
 
 HEAD, META = "time_us,radius_um\n", "Camera: Phantom v2512\nOperator: A, B\n\n"
 SHEET, OTHER = ([["time_us", "radius_um"], *zip(US, radius, strict=True)] for radius in (UM, 2 * UM))
+NM, RECORDS = 1e3 * UM, np.rec.fromarrays([US, UM, FRAMES], names="time_us,radius_um,flag")
+BELOW = "End of data\nby A, B\n"
+TRACK = "LABEL,POSITION_T,FRAME,RADIUS\nLabel,T,Frame,Radius\n,(sec),,(micron)\n"
+ELLIPSE = lines(",", US, 1.01 * UM, 1.01**-2 * UM)
+
+
+def grouped(mark: str, point: str) -> str:
+    """Lines of nanoseconds and nanometres with marks between thousands."""
+    texts = (f"{1e3 * t:,.2f};{r:,.2f}\n" for t, r in zip(US, NM, strict=True))
+    return "".join(text.replace(".", "p").replace(",", mark).replace("p", point) for text in texts)
+
+
+def array(values: object) -> Make:
+    return lambda path: np.save(path.open("wb"), values)
+
+
 GAP = [["time_us", None, "radius_um"], *zip(US, [None] * len(US), UM, strict=True)]
 COMMAS = [["Zeit", "Radius"], ["µs", "µm"], *(line.split(";") for line in GERMAN.splitlines())]
 ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
@@ -105,23 +136,41 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "lines above": (META + HEAD + PLAIN, "2 lines above the titles"),
     "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
     "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
-    "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
+    "unit row": ("Time,Radius\nus,um\n" + PLAIN, "below the titles: us, um"),
     "capital unit row": ("Time_us,Radius\nUS,UM\n" + PLAIN, "below the titles: US, UM"),
     "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
     "an empty first frame": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
-    "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), ""),
+    "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), "column 1"),
     "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
     "Durchmesser": ("Zeit_us;Durchmesser (µm)\n" + lines(";", US, 2 * UM, comma=True), "diameters halved"),
-    "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "in pixels is not used"),
+    "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "'R_px'"),
     "control characters": (HEAD + PLAIN.replace(",", "\x07,") + "\x1a", "181 control characters"),
     **{f"{name} text": (f"time_µs,radius_µm\n{PLAIN}".encode(name), "") for name in ("utf-8-sig", "utf-16", "latin-1")},
-    "first visible tab": (book(no=OTHER, a=GAP, b=OTHER, hidden=["no"]), "first sheet"),
-    "heading and commas": (book(a=[["Bubble data"], [None], *COMMAS]), "first sheet"),
+    "first visible tab": (book(no=OTHER, a=GAP, b=OTHER, hidden=["no"]), "'no (hidden)', 'b'"),
+    "heading and commas": (book(a=[["Bubble data"], [None], *COMMAS]), "workbook: 'a'"),
     "tab without a name": (book(**{"": SHEET}), ""),
-    "open document": (lambda path: files.write_ods(path, "".join(map(files.ods_row, SHEET))), "first sheet"),
+    "open document": (lambda path: files.write_ods(path, "".join(map(files.ods_row, SHEET))), "workbook: 'a'"),
     "HDF5 title in Latin 1": (hdf5({b"t_\xb5s": US, b"R_\xb5m": UM, b"notes \xb5": UM[:3]}), "not used: notes µ"),
     "HDF5 group in Latin 1": (hdf5({b"gel \xb5/time_us": US, b"gel \xb5/radius_um": UM}), ""),
+    "a deviation": ("t_us,R_um,err_um\n" + lines(",", US, UM, FRAMES), "'err_um'"),
+    "a column more": ("t_us,R_um,x0,ok\n" + lines(",", US, UM, UM, FRAMES), "'x0', 'ok'"),
+    "Fortran": ("time_s radius_m\n" + lines(" ", TIME, RADIUS).replace("e-", "D-"), ""),
+    "German thousands": ("Zeit (ns);Radius (nm)\n" + grouped(".", ","), "marks between thousands"),
+    "English thousands": ("Time (ns);Radius (nm)\n" + grouped(",", "."), "marks between thousands"),
+    "Swiss thousands": ("Zeit (ns);Radius (nm)\n" + grouped("'", "."), ""),
+    "half-axes": ("t_us,a_um,b_um\n" + ELLIPSE, "half-axes"),
+    "axes of an ellipse": ("t_us,Major (um),Minor (um)\n" + lines(",", US, 2 * UM, 2 * UM), "half the axes"),
+    "areas": ("t_us,Area (µm²)\n" + lines(",", US, np.pi * UM**2), "sqrt(A/pi)"),
+    "lines below": (HEAD + PLAIN + BELOW, "2 lines below the table"),
+    "other comments": ("// by a program\n! of ours\n" + HEAD + PLAIN, ""),
+    "a comment below the units": ("Time,Radius\nus,um\n,shot 1\n" + PLAIN, "shot 1"),
+    "TrackMate": (TRACK + lines(",", FRAMES, TIME, FRAMES, UM), "'LABEL'"),
+    "UTF-16 without a mark": ((HEAD + PLAIN).encode("utf-16-le"), ""),
+    "second sheet": (book(Info=[["Sample", "gel"]], Data=SHEET), "not read: 'Info'"),
+    "array": (array(np.stack([TIME, RADIUS], axis=1)), "numpy"),
+    "array of rows": (array(np.stack([TIME, RADIUS])), "numpy"),
+    "array of records": (array(RECORDS), "'flag'"),
     "MATLAB metres": (saved(Rnew=RADIUS, t=TIME), ""),
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
@@ -129,6 +178,10 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB struct": (saved(packed=True, gel={"exp": {"Roft": RADIUS, "t": TIME}}, G=1.0), "not used: G"),
     "MATLAB units in names": (saved(R_um=UM, t_us=US, R_sim=UM), "not used: R_sim"),
     "MATLAB experiment": (saved(R_exp=RADIUS, t_exp=TIME, R=RADIUS * 2, t=TIME), "not used: R, t"),
+    "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
+    "MATLAB half-axes": (saved(a_um=1.01 * UM, b_um=1.01**-2 * UM, t_us=US, sd="no"), "half-axes"),
+    "MATLAB areas": (saved(Area_um2=np.pi * UM**2, t_us=US), "sqrt(A/pi)"),
+    "MATLAB radius beside axes": (saved(R=RADIUS, t=TIME, a="gel", b=UM), "not used: a, b"),
     "MATLAB diameter": (saved(diameter_um=2 * UM, time_us=US), "diameters halved"),
     "MATLAB whole pixels": (
         saved(R=np.round(UM * 1e3).astype(np.int32), um_per_px=1e-3, fps=1 / (TIME[1] - TIME[0])), "um_per_px",
@@ -154,6 +207,53 @@ def test_one_shot_as_laboratories_write_it(tmp_path, name):
     assert curve.warnings == ()
 
 
+CAMERA = {"frame_rate_hz": 1e6, "um_per_px": 3.2}
+MEASURED = {  # of frames or pixels: what is asked for, and what the notes say when it is given
+    "pixels": ("time_us,radius_px\n" + lines(",", FRAMES, UM / 3.2), ["um-per-px"], "in pixels of 3.2 um"),
+    "diameters in pixels": ("time_us,D (px)\n" + lines(",", FRAMES, UM / 1.6), ["um-per-px"], "halved"),
+    "frames": ("Frame,R_um\n" + lines(",", FRAMES, UM), ["fps"], "'Frame'"),
+    "time in frames": ("time (frames),R_um\n" + lines(",", FRAMES, UM), ["fps"], "as given"),
+    "rounded": ("time_ms,R_um\n" + lines(",", np.round(FRAMES / 1e3, 2), UM), ["too few digits", "fps"], "few digits"),
+    "rounded a little": ("time_us,R_um\n" + lines(",", np.round(1.7 * FRAMES), UM), [], "few digits"),
+    "ImageJ": (" ,Area,Slice\n" + lines(",", FRAMES, np.pi * (UM / 3.2) ** 2, FRAMES), ["fps", "um-per-px"], "sqrt"),
+    "radii alone": ("R_px\n" + lines(",", UM / 3.2), ["fps"], "of the rows"),
+}
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_frames_and_pixels_ask_for_the_camera(tmp_path, name):
+    content, asked, said = MEASURED[name]
+    path = put(tmp_path / "a.csv", content)
+    if asked:
+        refusal = str(error_of(lambda: read_curves(path)[0].max_radius))
+        assert [word for word in asked if word not in refusal] == []
+    else:
+        assert [warning.code for warning in read_curves(path)[0].warnings] == ["check_input.time_digits"]
+    (curve,) = read_curves(path, **CAMERA)
+    assert np.allclose(np.diff(curve.time), 1e-6)
+    assert np.allclose(curve.radius, RADIUS, rtol=1e-4)
+    assert said in "\n".join(curve.notes)
+
+
+def test_deviations_follow_the_unit_and_the_kind_of_the_radius(tmp_path):
+    given = {"R_um,err_um": (1.0, 1.2), "R_px,sd": (1 / 3.2, 1.2 / 3.2), "D_um,dD_um": (2.0, 2.4)}
+    given |= {"R_um,err_nm": (1.0, 1.2e3), "R_um,sd (%)": (1.0, np.nan), "Area (um^2),StdDev": (1.0, np.nan)}
+    for titles, (factor, deviation) in given.items():
+        (curve,) = read_curves(
+            text_table(tmp_path / "a.csv", f"t_us,{titles}", US, factor * UM, 0 * UM + deviation), um_per_px=3.2
+        )
+        expected = np.nan if "%" in titles or "Area" in titles else 1.2e-6
+        assert np.allclose(curve.radius_std, expected, equal_nan=True), titles
+
+
+def test_an_ellipse_is_a_doubt(tmp_path):
+    codes = {}
+    for share in (1.02, 1.06):
+        path = text_table(tmp_path / "a.csv", "t_us,a_um,b_um", US, share * UM, UM)
+        codes[share] = [warning.code for warning in read_curves(path)[0].warnings]
+    assert codes == {1.02: [], 1.06: ["check_input.aspherical"]}
+
+
 def labelled(label, radius):
     return "".join(f'"{label}",{row},"a ""b"", c"\n' for row in lines(",", US, radius).splitlines())
 
@@ -163,6 +263,8 @@ GROUPS |= {"series/second/time_us": US, "series/second/radius_um": 1.5 * UM}
 RADII, QUOTED = lines(",", US, UM, 1.5 * UM), labelled("gel, 1", UM) + labelled("gel, 2", 1.5 * UM)
 BLOCKS = lines(",", [0.0, -1000.0, *US, -1000.0, *US], [7e-310, -1000.0, *UM, -1000.0, *1.5 * UM])
 ROWS = saved(shift_normRnew=np.stack([R_STAR, R_STAR]), Rmax=[[200.0], [300.0]], t=TIME)
+TWICE = HEAD + PLAIN + HEAD + lines(",", US, 1.5 * UM)
+PAIRS = lines(",", US, UM, US, 1.5 * UM)
 SEVERAL = {  # two curves, their names, and what each says
     "plain": (f"t_us,R1_um,R2_um\n{RADII}", "R1_um", "R2_um", "2 columns of radii"),
     "words": (f"Time (us),Radius 1 (um),Radius 2 (um)\n{RADII}", "Radius 1", "Radius 2", "2 columns of radii"),
@@ -171,6 +273,16 @@ SEVERAL = {  # two curves, their names, and what each says
     "blocks": (BLOCKS, "1", "2", "1 blocks of the file hold no radius"),
     "separators in quotes": (f'shot,time_us,radius_um,"note, if any"\n{QUOTED}', "gel, 1", "gel, 2", ""),
     "HDF5 groups": (hdf5(GROUPS | {"first@stretch": 7.0}), "first", "series/second", ""),
+    "pairs": (f"t1_us,R1_um,t2_us,R2_um\n{PAIRS}", "R1_um", "R2_um", "2 columns of radii"),
+    "pairs of one title": (f"t (us),R (um),t (us),R (um)\n{PAIRS}", "1", "2", "2 columns of radii"),
+    "below each other": (HEAD + TWICE.replace(HEAD, ""), "1", "2", "begin again"),
+    "below each other, with titles": (TWICE, "1", "2", "begin again"),
+    "sheets": (
+        book(one=SHEET, notes=[["gel"]], two=[SHEET[0], *zip(US, 1.5 * UM, strict=True)]),
+        "one",
+        "two",
+        "'notes'",
+    ),
     "MATLAB rows": (ROWS, "1", "2", "R/R_max times Rmax"),
     "MATLAB cells": (saved(R=files.cells(RADIUS, 1.5 * RADIUS), t=TIME), "1", "2", ""),
     "MATLAB 7.3 cells": (files.saved73(R=files.cells(RADIUS, 1.5 * RADIUS), t=TIME), "1", "2", ""),
@@ -181,6 +293,7 @@ SEVERAL = {  # two curves, their names, and what each says
         "not used: G",
     ),
     "MATLAB numbers": (saved(R1=RADIUS, t1=TIME, R2=1.5 * RADIUS, t2=TIME, R0=1.0), "R1", "R2", "not used: R0"),
+    "MATLAB below each other": (saved(R=np.r_[RADIUS, 1.5 * RADIUS], t=np.r_[TIME, TIME]), "1", "2", "begin again"),
     "MATLAB columns with times": (saved(R=np.c_[RADIUS, 1.5 * RADIUS], t=np.c_[TIME, TIME]), "1", "2", ""),
 }
 
@@ -281,7 +394,7 @@ def archive(*names):
 
 BAD = {  # content, or what writes it; code; what is named
     "empty.mat": (b"", "reading.empty", "time_us,radius_um"),
-    "prose.mat": (b"Dear reader,\nthis is a letter.\n", "table.columns", "'Dear'"),
+    "prose.mat": (b"Dear reader,\nthis is a letter.\n", "table.columns", "'letter.'"),
     "blank.csv": (b"\n\n# nothing\n", "table.empty", "time_us,radius_um"),
     "words.csv": (b"time_us,radius_um\n1,2\n2,three\n", "tabular.number", "row 3, column 'radius_um': 'three'"),
     "commas.csv": (b"time_us,radius_um\n1,5,200,3\n", "tabular.width", "row 2 has 4 cells"),
@@ -290,7 +403,6 @@ BAD = {  # content, or what writes it; code; what is named
     "swapped.csv": (b"time_um,radius_us\n1,2\n", "table.units", "time in um and radius in us"),
     "length.h5": (hdf5({"time_um": US, "radius_um": UM}), "table.units", "time in um"),
     "time.h5": (hdf5({"time": TIME, "radius_us": UM}), "table.units", "radius in us"),
-    "two kinds.h5": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "table.units", ""),
     "numbers.csv": (b"1,2\n2,3\n", "table.header", "time_us,radius_um"),
     "one comma.csv": (b"t_us;R_um\n1,234;100\n2,345;120\n", "tabular.comma", "1.234"),
     "point and comma.csv": (b"t_us;R_um\n1.5;100\n2,25;120\n", "tabular.comma", "2.25"),
@@ -302,8 +414,11 @@ BAD = {  # content, or what writes it; code; what is named
     "sentence.csv": (b"t_us,R\n," + b"word " * 40 + b"\n1,1\n", "tabular.units", "below the title 'R'"),
     "velocity.csv": (b"t_us,velocity\n1,1\n", "table.columns", "R1_um"),
     "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.summary", "row 4 is a Std."),
-    "thousands.csv": (b"t_ns;R_um\n1,234.5;100\n2,345.5;120\n", "tabular.number", "between thousands"),
     "numbered.txt": (b"t_us R_um\n1 0 100\n2 1 110\n", "tabular.width", "row 2 has 3 cells"),
+    "clock.csv": (b"Time,R_um\n12:30:05.1,100\n", "tabular.number", "'12:30:05.1'"),
+    "one axis.csv": (b"a_um,t_us\n1,1\n", "table.columns", "radius"),
+    "objects.npy": (array(np.array([{"a": 1}], object)), "tabular.array", "numbers"),
+    "three.npy": (array(np.stack([US, UM, UM])), "tabular.array", "(3, 180)"),
     "underscore.csv": (b"time_us,radius_um\n1_0,100\n", "tabular.number", "1_0"),
     "odd scale.csv": (lines(",", US, 0.36 * UM).encode(), "table.header", ""),  # the collapse time contradicts it
     "hollow.txt": (b"-1000,-1000\n1,0\n-1000,-1000\n", "table.empty", "-1000"),
@@ -334,24 +449,50 @@ def test_bad_files_are_refused_in_words(tmp_path, name):
 
 CASES = Path(__file__).parents[1] / "cases" / "read"
 STATED = {"density": 1060.0, "pressure": 83000.0}
-OF_LABORATORIES = {  # medium, stretch and note of a file, and how it is read
-    "01_gui_rho.mat": (STATED, 7.0, "Pinf = 83000 Pa", {}),
-    "28_struct.mat": ({}, 7.0, "not used: expts/R0", {}),
-    "30_time_radius.mat": ({}, None, "taken as m", {}),
-    "30_texp_Rexp.mat": ({"density": 998.0, "pressure": 101325.0}, None, "not used: t_sim, R_sim", {}),
-    "32_Radius_px.mat": ({}, None, "in pixels", {"frame_rate_hz": 1e6, "um_per_px": 3.2}),
+OF_LABORATORIES = {  # what is asked for if no camera is given; what the notes say; medium and stretch; other curves
+    "01_gui_rho.mat": ("", "Pinf = 83000 Pa", STATED, 7.0),
+    "07_px.csv": ("--um-per-px", "in pixels"),
+    "08_imagej.csv": ("--fps --um-per-px", "sqrt(A/pi)"),
+    "09_axes.csv": ("", "half-axes"),
+    "10_pairs.csv": ("", "2 columns of radii"),
+    "11_err.csv": ("", "'err_um'"),
+    "12_fortran.dat": ("", ""),
+    "13_div0.csv": ("", "1 of 118 frames"),
+    "16_ms_rounded2.csv": ("--fps", "too few digits"),
+    "18_concat.csv": ("", "shot 1 of 2"),
+    "23_thousands.csv": ("", "marks between thousands"),
+    "24.npy": ("", "numpy"),
+    "28_struct.mat": ("", "not used: expts/R0", {}, 7.0),
+    "30_time_radius.mat": ("", "taken as m"),
+    "30_texp_Rexp.mat": ("", "not used: t_sim, R_sim", {"density": 998.0, "pressure": 101325.0}, None),
+    "32_Radius_px.mat": ("--fps --um-per-px", "in pixels"),
+    "70_second_sheet.xlsx": ("", "not read: 'Info'"),
 }
 
 
 @pytest.mark.parametrize("name", OF_LABORATORIES)
-def test_what_a_matlab_file_states_beside_its_history(name):
-    medium, stretch, said, how = OF_LABORATORIES[name]
-    (curve,) = read_curves(CASES / name, **how)
-    assert curve.max_radius == pytest.approx(245e-6, rel=0.03)
-    assert curve.frame_rate == pytest.approx(1e6)
-    assert dict(curve.medium) == medium
-    assert curve.stretch == (stretch and pytest.approx(stretch, rel=0.02))
-    assert said in "\n".join(curve.notes)
+def test_files_of_laboratories_by_python_and_by_commands(name, run):
+    asked, said, medium, stretch = (*OF_LABORATORIES[name], {}, None)[:4]
+    shots = {"10_pairs.csv": 2, "18_concat.csv": 2}.get(name, 1)
+    if asked:
+        refusal = error_of(lambda: read_curves(CASES / name)[0].max_radius)
+        assert [option for option in asked.split() if option not in str(refusal)] == []
+    for camera in (CAMERA,) if asked else ({}, CAMERA):
+        curve, *others = read_curves(CASES / name, **camera)
+        assert curve.max_radius == pytest.approx(245e-6, rel=0.03)
+        assert curve.frame_rate == pytest.approx(1e6)
+        assert dict(curve.medium) == medium
+        assert curve.stretch == (stretch and pytest.approx(stretch, rel=0.02))
+        assert np.isfinite(curve.radius_std).any() == (name == "11_err.csv")
+        assert said in "\n".join(curve.notes)
+        assert curve.warnings == ()
+        assert len(others) == shots - 1
+    status, out, _ = run("show", CASES / name, "--fps", "1e6", "--um-per-px", "3.2")
+    assert (status, f"{shots} measured curve" in out) == (0, True)
+
+
+def test_every_case_is_read():
+    assert {path.name for path in CASES.iterdir()} == {*OF_LABORATORIES, "ij_microns.tif"}
 
 
 def test_a_group_states_the_constants_of_its_shots(tmp_path):

@@ -17,8 +17,8 @@ from conftest import refused, rows_of
 from scipy.stats import theilslopes
 
 from cavirheo import infer_many, load, population
+from cavirheo.column import read_column
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io.shots import read_column
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
 from cavirheo.reporting import group, html, result, table, write_report

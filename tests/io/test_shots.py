@@ -49,6 +49,17 @@ def test_verbs_answer_the_chosen_shots_alone_by_their_names(run):
         assert status or [row["name"] for row in json.loads(out)["curves"]] == [one.name for one in every[1:3]]
 
 
+def test_a_frame_rate_that_can_be_two_numbers_is_refused(run):
+    Path("px.csv").write_text("frame,R_px\n" + "".join(f"{k},{90 - abs(k - 9)}\n" for k in range(60)), encoding="utf-8")
+    for text in ("270.000", "270,000", "1.500"):
+        refusal(
+            run("show", "px.csv", "--um-per-px", "3.2", "--fps", text), text, text.replace(",", "").replace(".", "")
+        )
+    refusal(run("show", "px.csv"), "--fps", "--um-per-px")
+    for text in ("270000", "2.7e5", "1.000.000", "1,000,000", "270000.5"):
+        assert run("show", "px.csv", "--um-per-px", "3.200", "--fps", text)[0] == 0
+
+
 def sized(path: Path, factors: dict[str, float], sizes: tuple[str, ...] = (), title: str = "rmax_um") -> Path:
     """A table of one motion at several scales, with a column of R_max where sizes are given."""
     rows = ["shot,time_us,radius_um" + f",{title}" * bool(sizes)]

@@ -412,6 +412,8 @@ def test_real_camera_files(real_data):
     late = read(place / "excerpt.cine")
     assert np.allclose(np.diff(late.time), 0.01)
     assert [one.code for one in late.warnings] == ["check_input.time_stamps"]
+    with refused("video.mraw_pair", "sample_60k_16bit.mraw"):
+        read(place / "sample_60k_16bit.cih")
     packed = read(place / "ball_12bit.cihx")
     assert (packed.frames.shape, packed.frames.max(), packed.frame_rate) == ((15, 384, 384), 4095, 30_000)
     assert read(place / "beam.mraw").frames.shape == (4, 80, 1024)

@@ -81,6 +81,7 @@ class Page:
             with gr.Column(scale=3, min_width=300):
                 self.upload = gr.File(label="Measured R(t), or recordings", file_count="multiple", height=160)
                 _html(words.render("file_kinds", self.visitors.limits.file_mb))
+                self._numbers("fps", "um_per_px")
             with gr.Column(scale=2, min_width=260):
                 _html(words.render("hint", "or look at a shipped example first:"))
                 with gr.Row():
@@ -555,6 +556,8 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
         material: str | None = None,
         bubble: str = "real",
         trust_input: bool = False,
+        fps: float | None = None,
+        um_per_px: float | None = None,
     ) -> dict[str, Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
         values: dict[str, Any] = {**locals()}

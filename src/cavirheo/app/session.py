@@ -25,7 +25,7 @@ from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import check_stretch
 from cavirheo.inference.cards import shipped
 from cavirheo.io.files import without_headers
-from cavirheo.io.shots import check_max_radius, with_maximum_notes
+from cavirheo.io.shots import check_camera, check_max_radius, with_maximum_notes
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.io.videos import Camera, history, parse_camera
 from cavirheo.parallel import Stoppable
@@ -72,6 +72,8 @@ class PageSettings:
     surface_tension: float | None = None
     pressure: float | None = None
     temperature: float | None = None
+    fps: float | None = None  # of tables
+    um_per_px: float | None = None  # of tables
     rmax_um: float | None = None
     stretch: float | str | None = None  # or "free"
     window: int | None = None
@@ -105,7 +107,8 @@ class PageSettings:
         for field_, value in zip(fields(cls), values, strict=True):
             try:
                 numeric, name = "float" in str(field_.type) and value != "free", field_.name.replace("_", " ")
-                single: dict[str, Any] = {field_.name: parse_number(value, name) if numeric else value or None}
+                marks = ".," if name == "fps" else ","
+                single: dict[str, Any] = {field_.name: parse_number(value, name, marks) if numeric else value or None}
                 _, settings = cls(**(vouch | single)).read_options, settings | single
             except InputError as error:
                 errors[field_.name] = str(error)
@@ -125,7 +128,9 @@ class PageSettings:
         """The options of `read_shots`. Raises InputError."""
         liquid, scale = self.liquid, None if self.rmax_um is None else self.rmax_um * 1e-6
         check_max_radius(scale)
-        return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale, "group": self.group}
+        options = {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale, "group": self.group}
+        check_camera(self.fps, self.um_per_px)
+        return options | {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px}
 
     @property
     def analysis(self) -> Analysis:

@@ -48,6 +48,8 @@ GROUPS = [
 ]
 NUMBER_FIELDS = {  # label, and what an empty field means, of settings that need not be given
     "density": ("Density (kg/m³)", "as the medium"),
+    "fps": ("Frames per second", "of tables that number their frames"),
+    "um_per_px": ("µm per pixel", "of tables in pixels"),
     "rmax_um": ("True R_max (µm)", "as measured"),
     "stretch": ("λ = R_max/R_0", "fitted; free: without the file's prior"),
     "sound_speed": ("Sound speed (m/s)", "as the medium"),
@@ -86,7 +88,8 @@ _PAGE_WORDS = {  # text in messages (options of the command line or of Python): 
     "add --trust-input": "vouch for it in step 2",
     "(--rmax-um)": "(step 2)",
     "--rmax-um": "R_max in step 2",
-    "(--fps)": "(in the file)",
+    "(--fps)": "(step 1)",
+    "(--um-per-px)": "(step 1)",
     "--roi": "cavirheo measure --roi",
     "; give --um-per-px": ": type it",
 }

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, printable, require, sha256
+from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.io.files import file_label, guarded
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 VARIABLE = "pIMR_array"
 VOCABULARY = Vocabulary(
     {
-        "R_max": Term("rmax maxradius maximumradius largestradius", {**LENGTH_UNITS, "nm": 1e-9}),
+        "R_max": Term("rmax maxradius maximumradius largestradius", LENGTH_UNITS),
         "lambda": Term("stretch lambda λ lmax lambdamax λmax rmaxr0 rmaxreq"),
         "t_1": Term("t1 collapsetime tcollapse firstcollapse", TIME_UNITS),
         "name": Term("shot curve name"),
@@ -201,9 +201,9 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
 
     Raises InputError: the table lacks a unit or lambda, a cell is not a number, or the file cannot be read.
     """
-    with guarded(path):
-        with opened(path) as arrays:
-            leaf = (arrays or {}).get(VARIABLE)
+    with guarded(path) as source:
+        with opened(source) as arrays:
+            leaf = arrays.get(VARIABLE)
             array: Any = leaf.read() if isinstance(leaf, Numbers) else None
         if leaf is not None:
             shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
@@ -215,7 +215,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             name, notes = None, [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
         else:
             try:
-                (table,) = read_columns(path, VOCABULARY)
+                (table,) = read_columns(source, VOCABULARY)
             except InputError as error:
                 if error.code.startswith(_TABLE_ERRORS):
                     raise
@@ -232,7 +232,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         rows = np.column_stack([radius, stretches, time]).tolist()
         names = name.text if name else map(str, range(1, len(rows) + 1))
         shots = selected([_shot(text, origin, *row) for text, row in zip(names, rows, strict=True)], chosen)
-        head: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
+        head: Any = {"source": file_label(path), "source_sha256": source.sha256, "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=shots, **head)
 
 

@@ -110,8 +110,8 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
 
     Raises InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
-    with guarded(Path(path)):
-        (table,) = read_columns(Path(path), _VOCABULARY)
+    with guarded(Path(path)) as source:
+        (table,) = read_columns(source, _VOCABULARY)
     names = [_VOCABULARY.name(title) for title in table.titles]
     for title, (kind, unit, _) in zip(table.titles, names, strict=True):
         place = f"{path}, line {table.line}, column {title or '(empty)'}"

@@ -23,7 +23,7 @@ from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, printable, require, sha256
+from cavirheo.errors import InputError, printable, require
 from cavirheo.io.files import file_label, guarded
 from cavirheo.io.tables import Row, Table, Term, Vocabulary, read_columns
 from cavirheo.reporting.group import Published, PublishedValue
@@ -274,8 +274,8 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
     """
     path, sweeps, refusals = Path(path), list[Sweep](), list[str]()
-    with guarded(path):
-        parts = [part for table in read_columns(path, VOCABULARY) for part in _intervals(table)]
+    with guarded(path) as source:
+        parts = [part for table in read_columns(source, VOCABULARY) for part in _intervals(table)]
         for number, (label, table) in enumerate(parts, 1):
             try:
                 sweeps.append(_sweep(table, label or (str(number) if len(parts) > 1 else "")))
@@ -284,7 +284,7 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
                     raise
                 refusals.append(str(error))
         require(bool(sweeps), "; ".join(refusals), _NO_SWEEP)
-        digest = sha256(path)
+        digest = source.sha256
     for sweep in sweeps:
         stem = printable(path.stem)
         sweep.name = f"{stem}[{sweep.name}]" if len(sweeps) > 1 and sweep.name else stem

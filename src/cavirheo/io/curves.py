@@ -2,18 +2,22 @@
 
 A header names the columns, as in `time_us,radius_um`, in lower or upper case and in several languages. The units (s,
 ms, us, ns; m, mm, um, px) are part of the titles (`time_s`, `t [us]`, `R (microns)`) or stand in the row below. Frame
-numbers with a frame rate may replace the times, and diameters the radii. A file of several curves has a column `curve`
-or `shot`, or one column of radii per curve (`R1_um,R2_um`, `Shot 1 (um)`). Optional columns are `radius_std_um`, and
-for each curve `rmax_um` (the true R_max) and `stretch` with `stretch_std` (R_max/R_0 and its standard deviation).
+numbers with a frame rate may replace the times; diameters, half-axes or areas may replace the radii, in pixels with a
+scale, too. A file of several curves has a column `curve` or `shot`, one column of radii per curve (`R1_um,R2_um`,
+`Shot 1 (um)`), a column of times for each of them (`t1,R1,t2,R2`), or the shots below each other. Optional columns are
+`radius_std_um`, and for each curve `rmax_um` (the true R_max) and `stretch` with `stretch_std` (R_max/R_0 and its
+standard deviation). The notes name the columns that are not used.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,10 +26,10 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.files import guarded
+from cavirheo.io.files import Source, guarded
 from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Column, Name, Table, Term, Vocabulary, read_columns, unit_of
 from cavirheo.messages import Message
-from cavirheo.parameters import FRAME_RATE, RADIUS
+from cavirheo.parameters import RADIUS
 from cavirheo.writing.document import write_rows
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a placeholder factor until R_max is given
@@ -33,13 +37,20 @@ _PLAUSIBLE = (5e-6, 5e-3)  # m; limits of the largest radius: a number is within
 _LARGEST_NUMBER = 1e9  # in any unit; larger numbers are damaged data and would overflow later
 _TIME_TOLERANCE = 1e-15  # s; times closer than this are one time and differ only by rounding
 _LEAST_RADIUS = 1e-9  # m; a smaller radius means an empty frame (one published file has denormal numbers there)
+_SHARED_TIMES = 0.05  # largest part of the frames that may have the time of another one
+_ROUNDED_SHARE, _COARSE = 0.2, 0.1  # least part of the shorter or longer intervals, and of an interval, for a rounding
+_FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier times are out of order
+_LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
+_ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _UNITS = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # recognises a unit of another quantity, to report it
+_AREA_UNITS = {f"{unit}2": unit for unit in RADIUS_UNITS} | {"px": "px"}  # the unit of length that belongs to an area
 _SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
 _NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last number in a title
 _SEPARATOR = -1000.0
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 _ADVICE = "begin the file with a header line such as time_us,radius_um, or time_us,R1_um,R2_um for several shots"
+_ADVICE += "; if it has no times, give the frame rate (--fps)"
 
 
 def _shot_name(title: str) -> Name:
@@ -50,7 +61,7 @@ def _shot_name(title: str) -> Name:
     shot, number = match.groups()
     words = f"{title[: match.start()]} {title[match.end() :]}".strip()
     kind, unit, _ = CURVES.name_by_words(words)
-    if kind in ("time", "radius", "diameter"):
+    if kind in ("time", "frame", "radius", "diameter", "area", "radius_std"):
         return Name(kind, unit, number)
     unit = unit_of(words.strip("_[]()/ "), RADIUS_UNITS)
     return Name("radius", unit, number) if shot and (unit or not words) else Name()
@@ -58,36 +69,92 @@ def _shot_name(title: str) -> Name:
 
 CURVES = Vocabulary(
     {
-        "time": Term("t time elapsedtime zeit temps tiempo tempo 時間 时间", _UNITS),
+        "time": Term(
+            "t time elapsedtime reltime relativetime timestamp positiont xvalue zeit temps tiempo tempo 時間 时间",
+            {**_UNITS, "frame": np.nan},
+        ),
         "frame": Term(
-            "frame frames frameno framenumber framenr frameindex framenum image imageno imagenumber bild bildnr "
+            "frame frames frameno framenumber framenr frameindex framenum image imageno imagenumber slice bild bildnr "
             "bildnummer fotograma cuadro numeroimage numerodimage フレーム フレーム番号 コマ 帧 帧号 帧数",
             _UNITS,
         ),
         "radius": Term(
             "r radius rt rnew bubbleradius radiusofbubble radiusofthebubble meanradius averageradius equivalentradius "
-            "blasenradius rayon rayonbulle rayondebulle rayondelabulle radio radioburbuja radiodeburbuja "
-            "radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
+            "effectiveradius fittedradius radiusfit rfit reff req rbubble radiusmean rmean radiusr blasenradius "
+            "mittlererradius rayon rayonbulle rayondebulle rayondelabulle rayonmoyen rayonequivalent radio "
+            "radioburbuja radiodeburbuja radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
             _UNITS,
             duplicate_advice="the shots of a file are R1_um, R2_um, or have a column `shot`",
         ),
         "max_radius": Term("rmax truermax maxradius maximumradius", _UNITS),
         "stretch": Term("stretch lambdamax lambdamaxmean"),
         "stretch_std": Term("stretchstd lambdamaxstd"),
-        "radius_std": Term("radiusstd rstd radiussd rsd", _UNITS),
-        "diameter": Term(
-            "diameter bubblediameter meandiameter equivalentdiameter durchmesser blasendurchmesser diametre "
-            "diametrebulle diametredebulle diametredelabulle diametro 直径 直徑 気泡直径 气泡直径",
+        "radius_std": Term(
+            "radiusstd rstd radiussd rsd err error radiuserr radiuserror rerr rerror errr errradius dr drad deltar "
+            "sd std stdev stddev stdradius stdr sdr sigma sigmar radiussigma uncertainty radiusuncertainty "
+            "dd derr dstd sem σ σr ± δr ur fehler radiusfehler standardabweichung erreur incertitude ecarttype",
             _UNITS,
         ),
-        "curve": Term("curve shot"),
+        "diameter": Term(
+            "d diam diameter bubblediameter meandiameter equivalentdiameter equivdiameter durchmesser "
+            "blasendurchmesser diametre diametrebulle diametredebulle diametredelabulle diametreequivalent diametro "
+            "直径 直徑 気泡直径 气泡直径",
+            _UNITS,
+        ),
+        "half_a": Term("a semimajor semimajoraxis majorsemiaxis halfmajoraxis", _UNITS),
+        "half_b": Term("b semiminor semiminoraxis minorsemiaxis halfminoraxis", _UNITS),
+        "major": Term("major majoraxis majoraxislength majordiameter dmajor", _UNITS),
+        "minor": Term("minor minoraxis minoraxislength minordiameter dminor", _UNITS),
+        "area": Term("area bubblearea aire flache", {**_UNITS, **dict.fromkeys(_AREA_UNITS, np.nan)}),
+        "curve": Term("curve shot trackid"),
     },
     _ADVICE,
-    required=("time|frame", "radius|diameter"),
+    required=("time|frame", "radius|diameter|half_b|minor|area"),
     codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
     fallback=_shot_name,
-    allows_no_header=True,
+    of_shots=True,
+    array_titles=("time", "radius"),
 )
+_WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:], array_titles=("radius",))
+
+
+class Camera(NamedTuple):
+    """What is known of the camera beside times and radii. frame_rate: 1/s. um_per_px: micrometres per pixel. Who says
+    so: `rate_source`, `scale_source`."""
+
+    frame_rate: float | None = None
+    um_per_px: float | None = None
+    rate_source: str = "as given"
+    scale_source: str = "as given"
+
+
+class Form(NamedTuple):
+    """How columns of these kinds give the radius: a note, and R of their numbers. deviation: that of R over that of the
+    column; 0 if a column of deviations is of something else."""
+
+    kinds: tuple[str, ...]
+    note: str
+    radius: Callable[..., Floats]
+    deviation: float = 0.0
+
+
+FORMS = (  # the first ones that a table has are used
+    Form(("radius",), "", lambda radius: radius, 1.0),
+    Form(("diameter",), "diameters halved", lambda diameter: 0.5 * diameter, 0.5),
+    Form(("half_a", "half_b"), "R = (a^2 b)^(1/3) of the half-axes", lambda a, b: np.cbrt(a * a * b)),
+    Form(("major", "minor"), "R = (a^2 b)^(1/3) of half the axes", lambda a, b: 0.5 * np.cbrt(a * a * b)),
+    Form(("area",), "R = sqrt(A/pi) of the areas A", lambda area: np.sqrt(np.where(area < 0.0, np.nan, area) / np.pi)),
+)
+
+
+class _Radius(NamedTuple):
+    """(rows,) radii in a unit, from one column or two. warnings: doubts about them."""
+
+    columns: Sequence[Column]
+    form: Form
+    numbers: Floats
+    unit: str | None
+    warnings: tuple[Message, ...]
 
 
 _TRACE = Vocabulary(
@@ -101,38 +168,152 @@ _TRACE = Vocabulary(
 )
 
 
-def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
-    """Read the curves of a table. Raises InputError: unknown layout, a missing column, or a cell that is no number."""
-    (table,) = read_columns(path, CURVES)
-    curves = _read_with_header(table, frame_rate) if table.titles else _read_without_header(table, density, pressure)
-    return [curve.with_notes("read from the first sheet of the workbook") if table.sheet else curve for curve in curves]
+def read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of a table. Raises InputError: unknown layout, a missing column, a cell that is no number, or a
+    frame rate or scale that is needed and not given."""
+    curves = []
+    tables = _tables(source, camera)
+    for table in tables:
+        found = read_table(table, camera) if table.titles else _read_without_header(table, density, pressure)
+        for k, curve in enumerate(found, 1):
+            label = f"{table.sheet}, {curve.meta.get('label', k)}" if len(found) > 1 else table.sheet
+            curves.append(curve.labelled(label=label) if len(tables) > 1 else curve)
+    return curves
 
 
-def _read_with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
-    shot, std, max_radius, *stretches = map(table.find, ("curve", "radius_std", "max_radius", "stretch", "stretch_std"))
-    radii, (times, time_unit) = _radii(table), _times(table, frame_rate)
-    if std and len(radii) > 1:
-        table.notes.append(f"{std.title!r} is not used: there are {len(radii)} columns of radii")
-        std = None
-    for column in radii:
-        check_units(f"the header {table.titles}", time_unit, column.unit, std.unit if std else None)
-    deviation = std.numbers if std else np.full(len(times), np.nan)
-    message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other" if shot else ""
-    require(not shot or len(radii) == 1, message, "table.twice")
+def _tables(source: Source, camera: Camera) -> list[Table]:
+    """Return the tables with times, or with a frame rate also those without. Raises InputError as `read_columns`."""
+    try:
+        return read_columns(source, CURVES)
+    except InputError as error:
+        if camera.frame_rate is not None and error.code in ("table.columns", "tabular.array"):
+            with suppress(InputError):
+                return read_columns(source, _WITHOUT_TIMES)
+        raise
+
+
+def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of a table with titles, or of named arrays. Raises InputError as `read`."""
+    shot, max_radius, *stretches = map(table.find, ("curve", "max_radius", "stretch", "stretch_std"))
+    clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
+    radii = _radii(table, camera, several=len(clocks) > 1)
+    if shot and len(radii) > 1:
+        message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other"
+        raise InputError(message, "table.twice")
+    clock_of: list[Column | None] = [*_partners(radii, clocks)] or [table.at_most_one(clocks)] * len(radii)
+    _ask_for(camera, clock_of[0], radii[0])
+    deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
+    deviations = _partners(radii, deviations) if radii[0].form.deviation else []
+    of_radii = [column for radius in radii for column in radius.columns]
+    _note_columns(table, [*of_radii, *deviations, *filter(None, (shot, max_radius, *stretches, *clock_of))])
     shots: dict[str, list[int]] = {}
-    for k, label in enumerate(shot.text if shot else [""] * len(table.rows)):
+    for k, label in enumerate(shot.text if shot else [""] * table.size):
         shots.setdefault(label, []).append(k)
     limits.check(len(shots) * len(radii), limits.CURVES, "curves")
-    curves = []
-    for column in radii:
-        radius = column.numbers * (0.5 if column.name.kind == "diameter" else 1.0)
+    curves: list[RadiusCurve] = []
+    names = [re.sub(r"\s*[\[(].*", "", radius.columns[0].title) or radius.columns[0].title for radius in radii]
+    if len({*names}) < len(names):
+        names = [str(k) for k in range(1, len(names) + 1)]
+    for k, (radius, clock, deviation) in enumerate(zip(radii, clock_of, deviations or repeat(None), strict=False)):
+        time = clock.numbers if clock else np.arange(float(table.size))
+        std = _deviations(deviation, radius, camera.um_per_px) if deviation else np.full(len(time), np.nan)
         for label, rows in shots.items():
-            meta = _stretch_meta(stretches, rows, table.notes)
-            if shot or len(radii) > 1:
-                meta["label"] = label if shot else re.sub(r"\s*[\[(].*", "", column.title) or column.title
-            curve = make_curve(times[rows], radius[rows], deviation[rows], time_unit, column.unit, meta)
-            curves.append(_scaled_to_column(curve, max_radius, rows) if max_radius else curve)
+            if len(clocks) > 1:  # rows below a shot that is shorter than another one
+                rows = [row for row in rows if np.isfinite([time[row], radius.numbers[row]]).any()]
+            parts = _parts(time[rows])
+            limits.check(len(curves) + len(parts), limits.CURVES, "curves")
+            for number, part in enumerate(parts, 1):
+                chosen = [rows[at] for at in part]
+                meta = _stretch_meta(stretches, chosen, table.notes)
+                seconds, unit = _times(time[chosen], clock, camera, meta["notes"])
+                _check_units(f"the header {table.titles}", unit, radius.unit)
+                name = [label] if shot else [names[k]] if len(radii) > 1 else []
+                if len(parts) > 1:
+                    meta["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
+                    name.append(str(number))
+                if name:
+                    meta["label"] = ", ".join(name)
+                curve = make_curve(seconds, radius.numbers[chosen], std[chosen], unit, radius.unit, meta)
+                curve = curve.labelled(warnings=(*curve.warnings, *radius.warnings))
+                curves.append(_scaled_to_column(curve, max_radius, chosen) if max_radius else curve)
     return curves
+
+
+def _ask_for(camera: Camera, clock: Column | None, radius: _Radius) -> None:
+    """Raise InputError if there are no times, and no frame rate, or no unit of the radius and no scale."""
+    if clock and not _counts_frames(clock):
+        return
+    title = radius.columns[0].title
+    missing = ["the frame rate (--fps 1e6)"] if camera.frame_rate is None else []
+    if camera.um_per_px is None and _is_in_pixels(radius.numbers, radius.unit) and (missing or radius.unit is None):
+        missing.append(f"the scale (--um-per-px 3.2) of {title!r}, in pixels unless its title says more")
+    if missing:
+        what = f"{clock.title!r} has numbers of frames and no times" if clock else f"{title!r} has no times"
+        if camera.frame_rate is not None:
+            what = f"{title!r} has no unit"
+        raise InputError(f"{what}: give {' and '.join(missing)}", "table.frame_rate")
+
+
+def _counts_frames(clock: Column) -> bool:
+    return clock.name.kind == "frame" or clock.unit == "frame"
+
+
+def _note_columns(table: Table, used: Sequence[Column]) -> None:
+    """Add a note that names the columns that are not used."""
+    taken = {column.index for column in used}
+    filled = {k for row in table.rows for k, cell in enumerate(row.texts) if cell} or {*range(len(table.arrays))}
+    titles = [repr(title) if title else f"column {k}, without a title" for k, title in enumerate(table.titles, 1)]
+    if left := sorted(filled - taken):
+        table.notes.append(f"columns not used: {', '.join(titles[k] for k in left)}")
+
+
+def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str]) -> tuple[Floats, str | None]:
+    """Return ((n,) times, their unit) of the frames of one shot, from its times, or its numbers of frames and the frame
+    rate; that counts the frames, too, where the digits of the times are too few."""
+    rate = camera.frame_rate
+    if clock is None or _counts_frames(clock):
+        assert rate is not None  # it was asked for
+        what = f"of the numbers in {clock.title!r}" if clock else "of the rows"
+        notes.append(f"times {what} at {rate:.6g} frames per second, {camera.rate_source}")
+        return time / rate, "s"
+    shared = np.count_nonzero(np.diff(time) == 0.0) > _SHARED_TIMES * len(time)
+    if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
+        notes.append(
+            f"times in {clock.title!r} have too few digits: frames at {rate:.6g} per second, {camera.rate_source}"
+        )
+        return np.arange(len(time)) / rate, "s"
+    if rate is not None:
+        notes.append(f"the frame rate, {camera.rate_source}, is not used: the file has times")
+    return time, clock.unit
+
+
+def _deviations(column: Column, radius: _Radius, um_per_px: float | None) -> Floats:
+    """Return the (rows,) standard deviations in the unit of the radius. Raises InputError: their units do not agree."""
+    column.table.notes.append(f"{column.title!r} is taken as the standard deviation of the radius in each frame")
+    of_radius = radius.columns[0].unit
+    unit = column.unit or of_radius
+    if unit == of_radius:
+        factor = 1.0 if radius.unit == of_radius else um_per_px or 1.0
+    else:
+        lengths = unit in LENGTH_UNITS and of_radius in LENGTH_UNITS
+        message = f"{column.title!r} is in {unit} and the radius in {of_radius}: give both in one unit"
+        require(lengths, message, "table.units")
+        factor = LENGTH_UNITS[str(unit)] / LENGTH_UNITS[str(of_radius)]
+    return radius.form.deviation * factor * column.numbers
+
+
+def _is_in_pixels(numbers: Floats, unit: str | None) -> bool:
+    """Whether radii are in pixels if a scale is given: without a unit, those that are no bubble in m or mm."""
+    return unit == "px" or (unit is None and bool(np.nanmax(numbers, initial=0.0) > 1e3 * _PLAUSIBLE[1]))
+
+
+def _parts(time: Floats) -> list[NDArray[np.intp]]:
+    """Return the indices of the frames of each shot in a column of times (n,), which begins again with each."""
+    parts = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) < 0) + 1)
+    whole = time[parts[0]]
+    latest = whole[0] + _LATEST_START * np.ptp(whole) if len(whole) else np.nan
+    again = all(len(part) >= _FEWEST_FRAMES and time[part[0]] <= latest for part in parts)
+    return parts if again else [np.arange(len(time))]
 
 
 def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
@@ -169,41 +350,66 @@ def _stretch_meta(columns: list[Column | None], rows: list[int], notes: list[str
     return meta
 
 
-def _radii(table: Table) -> list[Column]:
-    """Return the columns of radii. Raises InputError: it is unclear which columns to use."""
-    radii = table.all("radius") or table.all("diameter")
-    table.notes.extend(["diameters halved"] * (radii[0].name.kind == "diameter"))
-    if scaled := [column for column in radii if column.unit != "px"]:
-        note = "the column in pixels is not used: there is one in a unit of length"
-        table.notes.extend([note] * (len(scaled) < len(radii)))
-        radii = scaled
-    unnumbered = [column for column in radii if not column.name.number]
-    if unnumbered and len(unnumbered) < len(radii):
-        titles = " and ".join(repr(column.title) for column in radii[:2])
-        message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
-        raise InputError(message, "table.twice")
-    table.at_most_one(unnumbered)
-    message = f"two columns {radii[0].title!r}; number them"
-    require(len({column.title for column in radii}) == len(radii), message, "table.twice")
-    if len(radii) > 1:
-        titles = ", ".join(column.title for column in radii[:6]) + (", ..." if len(radii) > 6 else "")
-        table.notes.append(f"{len(radii)} columns of radii, a curve each: {titles}")
-    return radii
+def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
+    """Return the radii of each curve. several: each has its own times. Raises InputError: it is unclear which columns
+    to use."""
+    form = next((form for form in FORMS if all(map(table.all, form.kinds))), None)
+    if form is None:
+        message = f"one of two axes among {table.titles}: expected both, as in a_um and b_um"
+        raise InputError(message, "table.columns")
+    found = list(zip(*map(table.all, form.kinds), strict=False))
+    found = [columns for columns in found if columns[0].unit not in ("px", "px2")] or found
+    firsts = [columns[0] for columns in found]
+    if not several:
+        unnumbered = [column for column in firsts if not column.name.number]
+        if unnumbered and len(unnumbered) < len(firsts):
+            titles = " and ".join(repr(column.title) for column in firsts[:2])
+            message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
+            raise InputError(message, "table.twice")
+        table.at_most_one(unnumbered)
+        if len({column.title for column in firsts}) < len(firsts):
+            raise InputError(f"two columns {firsts[0].title!r}; number them", "table.twice")
+    if form.note:
+        table.notes.append(form.note)
+    if len(found) > 1:
+        titles = ", ".join(column.title for column in firsts[:6]) + (", ..." if len(firsts) > 6 else "")
+        table.notes.append(f"{len(found)} columns of radii, a curve each: {titles}")
+    return [_radius(table, form, columns, camera) for columns in found]
 
 
-def _times(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
-    """Return ((rows,) times, their unit), from the times in the file or from its frame numbers and the frame rate."""
-    time, frame = table.find("time"), table.find("frame")
-    if time:
-        table.notes.extend(["the frame rate that is given is not used: the file has times"] if frame_rate else [])
-        return time.numbers, time.unit
-    assert frame is not None  # a header without times has frame numbers
-    if frame_rate is None:
-        message = f"{frame.title!r} has numbers of frames and no times: give the frame rate (--fps 1e6)"
-        raise InputError(message, "table.frame_rate")
-    FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
-    table.notes.append(f"times of the numbers in {frame.title!r} at {frame_rate:.6g} frames per second, as given")
-    return frame.numbers / frame_rate, "s"
+def _radius(table: Table, form: Form, columns: Sequence[Column], camera: Camera) -> _Radius:
+    """Return the radii of one curve, in um if they are in pixels of a known size. Raises InputError: no unit."""
+    title, unit = columns[0].title, columns[0].unit
+    if any(column.unit != unit for column in columns):
+        raise InputError(f"{' and '.join(column.title for column in columns)}: give both in one unit", "table.units")
+    if form.kinds == ("area",):
+        if unit is not None and unit not in _AREA_UNITS:
+            raise InputError(f"{title!r} is in {unit}: expected a unit of area, as in Area [um^2]", "table.units")
+        if unit is None:
+            table.notes.append(f"{title!r} has no unit: taken to be in px^2")
+        unit = _AREA_UNITS.get(unit or "px")
+    numbers = form.radius(*(column.numbers for column in columns))
+    if camera.um_per_px is not None:
+        note = f"the scale, {camera.scale_source}, is not used"
+        if _is_in_pixels(numbers, unit):
+            note = f"radii in pixels of {camera.um_per_px:g} um, {camera.scale_source}"
+            numbers, unit = numbers * camera.um_per_px, "um"
+        table.notes.extend({note} - {*table.notes})
+    warnings: tuple[Message, ...] = ()
+    if len(columns) == 2:
+        a, b = (column.numbers for column in columns)
+        large = numbers > 0.5 * np.nanmax(numbers, initial=0.0)
+        share = float(np.median(np.abs(a - b)[large] / np.maximum(a, b)[large])) if large.any() else 0.0
+        warnings = (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
+    return _Radius(columns, form, numbers, unit, warnings)
+
+
+def _partners(radii: list[_Radius], columns: list[Column]) -> list[Column]:
+    """Return the column that belongs to each radius, by number, else by order; none if their counts differ."""
+    numbers = {column.name.number: column for column in columns}
+    if len(radii) == len(columns) and len(numbers) == len(columns):
+        return [numbers.get(radius.columns[0].name.number, columns[k]) for k, radius in enumerate(radii)]
+    return columns if len(radii) == len(columns) else []
 
 
 def _read_without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
@@ -212,7 +418,8 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
     values = [Column(table, index, "", Name(), Term("")).numbers for index in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # an empty column: each line ends with a separator
         values.pop()
-    require(len(values) == 2, f"{len(values)} columns and no header; {_ADVICE}", "table.header")
+    if len(values) != 2:
+        raise InputError(f"{len(values)} columns and no header; {_ADVICE}", "table.header")
     numbers = np.column_stack(values)
     separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
     if len(separators):
@@ -225,12 +432,15 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
         note += f"; {without} blocks of the file hold no radius and were left out" if without else ""
         curves = (make_curve(block[:, 0], block[:, 1], meta={"notes": (note,)}) for block in filled)
         return [curve.with_notes(*table.notes) for curve in curves]
-    meta = {"notes": ("no header: columns taken as time and radius",)}
-    curve = make_curve(values[0], values[1], meta=meta).with_notes(*table.notes)
-    ratio = curve.rayleigh_ratio(density, pressure)
-    proven = ratio is not None and _RATIOS[0] <= ratio <= _RATIOS[1]
-    require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
-    return [curve]
+    shots = []
+    for part in _parts(values[0]):
+        note = "no header: columns taken as time and radius"
+        curve = make_curve(values[0][part], values[1][part], meta={"notes": (note, *table.notes)})
+        ratio = curve.rayleigh_ratio(density, pressure)
+        proven = ratio is not None and _RATIOS[0] <= ratio <= _RATIOS[1]
+        require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
+        shots.append(curve)
+    return shots
 
 
 def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
@@ -239,8 +449,8 @@ def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
 
     Raises InputError: the file cannot be read, lacks these columns, or has a cell that is no number.
     """
-    with guarded(path):
-        (table,) = read_columns(path, _TRACE)
+    with guarded(path) as source:
+        (table,) = read_columns(source, _TRACE)
         return table.column("time").si, table.column("pressure").si, table.notes
 
 
@@ -257,18 +467,17 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     write_rows(path, list(columns), texts, remark)
 
 
-def check_units(where: str, time: str | None, radius: str | None, radius_std: str | None) -> None:
-    """Check the units. Raises InputError: one is of another quantity, or radii and their deviations differ in unit."""
+def _check_units(where: str, time: str | None, radius: str | None) -> None:
+    """Check the units. Raises InputError: one is of another quantity."""
     fine = time in (None, *TIME_UNITS) and radius in (None, *RADIUS_UNITS)
     message = f"{where} gives time in {time} and radius in {radius}; expected units of time and of length"
     require(fine, message, "table.units")
-    message = f"radius is in {radius} but radius_std in {radius_std}; give both in one unit"
-    require(radius_std in (None, radius), message, "table.units")
 
 
 def unusable_curve(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
     """Return a curve without samples, with the reason. fields: other fields of the curve."""
-    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, **fields, unusable=reason)
+    notes = (*meta.get("notes", ()), reason)
+    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": notes}, **fields, unusable=reason)
 
 
 def make_curve(
@@ -283,9 +492,10 @@ def make_curve(
     """Clean one curve: (n,) times and radii (and their deviations) in their units; None: infer the unit from the size.
 
     Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames without a time are left out.
-    Frames are sorted by time, and the radii of one time are averaged. The notes count each of these cases, after the
-    notes in `meta`; times out of order are also among the curve's `warnings`. If the size contradicts the unit of the
-    radius, the curve is unscaled. fields: other fields of the curve.
+    Frames are sorted by time, and a few radii of one time are averaged; if many frames share times, the curve is
+    unusable. The notes count each of these cases, after the notes in `meta`; times out of order are also among the
+    curve's `warnings`. If the size contradicts the unit of the radius, the curve is unscaled. fields: other fields of
+    the curve.
 
     Raises InputError: the unit of time is not given and cannot be inferred.
     """
@@ -305,8 +515,15 @@ def make_curve(
     backwards = np.count_nonzero(np.diff(t) < 0)
     order = np.argsort(t, kind="stable")
     first = np.flatnonzero(np.diff(t[order], prepend=-np.inf) > _TIME_TOLERANCE)
+    if reason := _shared_times(t, r[order], first):
+        return unusable_curve(reason, meta, **fields)
     t, r, std = t[order][first], _averaged(r[order], first), _averaged(std[order], first)
-    warnings = (Message("check_input.time_order", {"steps": int(backwards)}),) if backwards else ()
+    warnings: tuple[Message, ...] = ()
+    if backwards:
+        warnings += (Message("check_input.time_order", {"steps": int(backwards)}),)
+    if step := _rounding(t):
+        values = {"step": 1e6 * step, "interval": 1e6 * float(np.mean(np.diff(t)))}
+        warnings += (Message("check_input.time_digits", values),)
     remarks = {
         f"{len(timed) - n} of {len(timed)} frames without a time left out": n < len(timed),
         time_hint: time_hint,
@@ -330,6 +547,36 @@ def make_curve(
         return unusable_curve(str(error), meta, **fields)
 
 
+def _shared_times(t: Floats, r: Floats, first: NDArray[np.intp]) -> str:
+    """Return why the times cannot be right, "" if they can: too many frames share them with frames of other radii. r:
+    sorted by time, `first` the indices where the times change."""
+    if len(t) == len(first):
+        return ""
+    sizes = np.diff(first, append=len(r))
+    differ = np.fmax.reduceat(r, first) > np.fmin.reduceat(r, first)
+    shared = int(np.sum(sizes[differ] - 1))
+    if shared <= _SHARED_TIMES * len(t):
+        return ""
+    if np.count_nonzero(np.abs(np.diff(t)) <= _TIME_TOLERANCE) < shared / 2:
+        return (
+            f"{shared} frames have the times of other ones: two shots? give each one as a file or a column of its own"
+        )
+    few = f"times have too few digits: {len(t)} frames share {len(first)} times"
+    return f"{few}; write more digits, or of a table give the frame rate (--fps)"
+
+
+def _rounding(t: Floats) -> float:
+    """Return the decimal step of ascending times (n,) if it moves the frames: intervals are m or m + 1 steps, and not
+    many steps; else 0."""
+    interval = float(np.mean(np.diff(t))) if len(t) > 2 else 0.0
+    decades = [10.0**-k for k in range(13) if 10.0**-k < 2.0 * interval]
+    step = next((step for step in decades if np.all(np.abs(t / step - np.round(t / step)) < 1e-3)), 0.0)
+    counts = np.round(np.diff(t) / step) if step else np.empty(0)
+    shares = [np.mean(counts == counts.min() + more) for more in (0, 1)] if len(counts) else [0.0, 0.0]
+    moves = min(shares) > _ROUNDED_SHARE and sum(shares) > 0.95 and step > _COARSE * interval
+    return step if moves else 0.0
+
+
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
     """Return the mean of the finite values in each run (NaN without any); the runs begin at the indices `first`."""
     finite = np.isfinite(values)
@@ -343,8 +590,9 @@ def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
     finite = np.sort(r[np.isfinite(r) & (r > _LEAST_RADIUS)])  # the limit holds in any unit
     largest = float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))  # the two largest may be wrong
     if unit == "px":
-        return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
-    fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
+        return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}): give the scale (--um-per-px)"
+    units = dict.fromkeys(filter(None, ("m", "mm", "um", unit)))
+    fits = [u for u in units if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
     if largest <= 0.0 or unit in fits:
         return RADIUS_UNITS[unit or "um"], "", ""
     words = f"the radius is given in {unit}" if unit else "no unit is given for the radius"

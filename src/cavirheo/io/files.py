@@ -1,26 +1,43 @@
-"""Select the files to read: those that the command line names, if they are regular files that can be opened."""
+"""Select the files to read: those that the command line names, if they are regular files that can be opened; and decide
+what a file is (`Source`)."""
 
 from __future__ import annotations
 
 import atexit
 import glob
+import hashlib
 import shutil
 import stat
+import struct
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 from os.path import exists, isdir  # these two also work for names that no file can have
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, printable, require
+from cavirheo.errors import InputError, printable, require, sha256
 from cavirheo.io import limits
 from cavirheo.video.frames import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
 
-FILE_ENDINGS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
+_TEXT_ENDINGS = {".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"}
+FILE_ENDINGS = {".mat", ".npy", ".h5", ".hdf5", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", *_TEXT_ENDINGS, *ENDINGS}
+Kind = Literal["empty", "text", "workbook", "numpy", "matlab", "matlab4", "matlab73", "hdf5", "binary"]
+_KINDS: dict[bytes, Kind] = {  # by the first bytes
+    b"PK\x03\x04": "workbook",
+    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "workbook",
+    b"\x93NUMPY": "numpy",
+    b"MATLAB 7.3": "matlab73",
+    b"MATLAB 5.0": "matlab",
+    b"\x89HDF\r\n\x1a\n": "hdf5",
+    b"\xff\xfe": "text",  # the byte order marks of UTF-16
+    b"\xfe\xff": "text",
+}
 _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is then in the same folder
     "result.csv": "result.json",
     "comparison.csv": "result.json",
@@ -38,8 +55,48 @@ def file_label(path: Path) -> str:
     return path.name if path in _temporary else printable(str(path))
 
 
+@dataclass(frozen=True)
+class Source:
+    """A file that is read: what it is, its content, and its digest; nothing is read before it is asked for."""
+
+    path: Path
+
+    @cached_property
+    def head(self) -> bytes:
+        """Its first bytes."""
+        with self.path.open("rb") as file:
+            return file.read(1024)
+
+    @cached_property
+    def kind(self) -> Kind:
+        """What its first bytes show; HDF5 in a file that is called .mat is of MATLAB 7.3."""
+        found = next((kind for start, kind in _KINDS.items() if self.head.startswith(start)), None)
+        if found == "hdf5" and self.path.suffix.lower() == ".mat":
+            return "matlab73"
+        if found is None and self.head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
+            return "matlab"
+        if found is None and self.path.suffix.lower() == ".mat" and len(self.head) > 20:
+            number_type, _, _, imaginary, length = struct.unpack("<5I", self.head[:20])
+            if number_type < 53 and imaginary < 2 and 1 < length < 64:
+                return "matlab4"
+        odd = self.head[1::2]
+        is_utf16 = odd.count(0) > 0.8 * len(odd) > 0 and b"\x00" not in self.head[::2]  # without its mark
+        binary = b"\x00" in self.head and not is_utf16
+        return found or ("empty" if not self.head else "binary" if binary else "text")
+
+    @cached_property
+    def content(self) -> bytes:
+        """All of its bytes, for files whose size is limited."""
+        return self.path.read_bytes()
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the content, in hexadecimal digits."""
+        return hashlib.sha256(self.content).hexdigest() if "content" in vars(self) else sha256(self.path)
+
+
 @contextmanager
-def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator[None]:
+def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator[Source]:
     """Guard the reading of a file (or a folder, if allowed): turn every error into an InputError that names the file.
 
     Raises:
@@ -51,14 +108,14 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     _check(path, name, folder=folder)
     try:
         with np.errstate(all="ignore"):  # a damaged file may hold any number; the results are checked
-            yield
+            yield Source(path)
     except InputError as error:
         raise error.within(name) from None
     except Exception as error:  # the libraries raise nearly any exception for damaged files
         if isinstance(error, PermissionError):
             raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
         message = f"{name} cannot be read, it may be damaged ({type(error).__name__}: {str(error)[:300]})"
-        raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from error
+        raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from None
 
 
 def _check(path: Path, name: str, *, folder: bool) -> None:

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from copy import copy
 from functools import partial
 from math import prod
-from pathlib import Path
 from typing import Any
 
 import h5py
@@ -20,6 +19,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
+from cavirheo.io.files import Source
 from cavirheo.io.named_arrays import Leaf, Numbers, Other, cells_of
 
 _REAL = "fiub"  # numpy's dtype kinds of real numbers
@@ -29,12 +29,12 @@ _ELSEWHERE = Other("in another file: copy it into this one", "limits.elsewhere")
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[dict[str, Leaf]]:
+def opened(source: Source) -> Iterator[dict[str, Leaf]]:
     """Give the datasets and attributes of a file by their paths, while it is open.
 
     Raises InputError: there are too many, or, where one is read, it exceeds a limit.
     """
-    with h5py.File(path, "r") as file:
+    with h5py.File(source.path, "r") as file:
         yield _Walk(file).found
 
 

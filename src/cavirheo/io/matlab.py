@@ -14,16 +14,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from math import prod
-from pathlib import Path
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.io import limits
+from cavirheo.io.files import Source
 from cavirheo.io.named_arrays import Leaf, Numbers, Other, cells_of
 
-HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of an HDF5 file, the format of version 7.3
 _HEAD_SIZE = 1024  # bytes that contain the header of an array, which ends with its name
 _NUMBER_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _DEFLATED = 14, 15
@@ -42,35 +41,28 @@ _Elements = Iterator[tuple[int, bytes]]
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[dict[str, Leaf] | None]:
-    """Give the arrays of a .mat file of version 5 to 7.3, by name (structs: name/field); None for any other file.
+def opened(source: Source) -> Iterator[dict[str, Leaf]]:
+    """Give the arrays of a MATLAB or HDF5 file by their paths (name, struct/field, group/dataset); none of others.
 
     Raises InputError: the file is of version 4, violates its format, or exceeds a limit.
     """
-    with path.open("rb") as file:
-        head = file.read(128)
-    if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
+    if source.kind in ("matlab73", "hdf5"):
         from cavirheo.io import hdf5  # imports h5py, which takes a quarter of a second
 
-        with hdf5.opened(path) as arrays:
+        with hdf5.opened(source) as arrays:
             yield arrays
         return
-    if head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
-        yield _Version5(path).arrays()
-        return
-    kind, _, _, imaginary, length = struct.unpack("<5I", head[:20].ljust(20, b"\xff"))
-    old = path.suffix.lower() == ".mat" and kind < 53 and imaginary < 2 and 1 < length < 64
     message = "a MATLAB file of version 4; in MATLAB: load('old.mat'); save('shot.mat', '-v7')"
-    require(not old, message, "matlab.version4")
-    yield None
+    require(source.kind != "matlab4", message, "matlab.version4")
+    yield _Version5(source).arrays() if source.kind == "matlab" else {}
 
 
 class _Version5:
     """A file of version 5 to 7; `left` bytes may still be unpacked."""
 
-    def __init__(self, path: Path) -> None:
-        limits.check(path.stat().st_size, limits.INFLATED, "bytes")
-        self.content, self.left = path.read_bytes(), limits.INFLATED
+    def __init__(self, source: Source) -> None:
+        limits.check(source.path.stat().st_size, limits.INFLATED, "bytes")
+        self.content, self.left = source.content, limits.INFLATED
         self.order = {b"IM": "<", b"MI": ">"}.get(self.content[126:128], "")
         require(self.order != "", "not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged", _DAMAGED)
 

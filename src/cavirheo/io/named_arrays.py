@@ -27,13 +27,14 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.io.curves import CURVES, RADIUS_UNITS, check_units, make_curve, unusable_curve
-from cavirheo.io.tables import TIME_UNITS, Term, Vocabulary, unit_of
+from cavirheo.io.curves import CURVES, FORMS, RADIUS_UNITS, Camera, Form, make_curve, read_table, unusable_curve
+from cavirheo.io.tables import TIME_UNITS, Name, Table, Term, Vocabulary, unit_of
 from cavirheo.messages import Message
-from cavirheo.parameters import FRAME_RATE
 from cavirheo.physics.media import CONSTANTS
 
+KINDS = ("matlab", "matlab4", "matlab73", "hdf5")  # of files that hold them
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
+_KINDS_OF_SERIES = {kind for form in FORMS for kind in form.kinds} | {"time", "radius_std"}
 _LARGEST_RADIUS = 0.01  # m, largest radius of a bubble
 _LONGEST_TIME = 0.1  # s, of a recording
 _LISTED = 12  # most names in a note
@@ -89,13 +90,6 @@ Leaf = Any  # Numbers, Other, or a list of them, the cells of an array
 Arrays = Mapping[str, Leaf]  # by their paths: radius, group/radius, structs(2)/R, group@attribute
 
 
-class Camera(NamedTuple):
-    """What the user gives: frames per second, and um per pixel."""
-
-    frame_rate: float | None = None
-    um_per_px: float | None = None
-
-
 class _Series(NamedTuple):
     """An array of times or radii. rank: IMR's Rnew is 0, an experiment's R_exp 1, any other 2."""
 
@@ -125,9 +119,8 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
     folders: dict[str, list[_Series]] = {}
     for one in filter(None, map(_series, arrays, arrays.values())):
         folders.setdefault(folder_of(one.path), []).append(one)
-    kinds = {folder: {one.kind for one in members} for folder, members in folders.items()}
-    with_radii = [folder for folder in folders if kinds[folder] & {"radius", "diameter"}]
-    shots = [folder for folder in with_radii if "time" in kinds[folder]] or with_radii
+    with_radii = [folder for folder, members in folders.items() if _form(members)]
+    shots = [folder for folder in with_radii if any(one.kind == "time" for one in folders[folder])] or with_radii
     if not shots:
         raise _no_history(arrays, si)
     inside: dict[str, list[str]] = {folder: [] for folder in ["", *shots]}  # "": outside all others
@@ -141,7 +134,8 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
     for folder in shots:
         around = [path for path in inside[""] if path not in outside] if folder else []
         paths, members = inside[folder] + around, folders[folder]
-        numbered = {one.number: one.path for one in members if one.kind in ("radius", "diameter")}
+        form = _form(members)
+        numbered = {one.number: one.path for one in members if form and one.kind in form.kinds}
         for number in [""] if "" in numbered else sorted(numbered, key=int):
             others = {one.path for one in members if number and one.number not in ("", number)}
             mine = [one for one in members if one.path not in others]
@@ -168,11 +162,18 @@ def _series(path: str, leaf: Leaf) -> _Series | None:
     word = _EXPERIMENT.sub("", plain)
     kind, unit, number = CURVES.name("radius" if word.lower() == "roft" else word)
     several = any(map(_several, leaf)) if isinstance(leaf, list) else _several(leaf)
-    if "@" in path or not several or kind not in ("time", "radius", "diameter", "radius_std"):
+    std_of_words = kind == "radius_std" and isinstance(leaf, Other)
+    if "@" in path or not several or std_of_words or kind not in _KINDS_OF_SERIES:
         return None
     attribute = leaf.unit if isinstance(leaf, Numbers) else ""
     unit = unit or unit_of(attribute, CURVES.terms["time"].units) or attribute or None
     return _Series(path, kind, number, unit, 0 if plain == "Rnew" else 1 if word != plain else 2, leaf)
+
+
+def _form(members: Iterable[_Series]) -> Form | None:
+    """Return how these arrays give radii, if they do."""
+    kinds = {one.kind for one in members}
+    return next((form for form in FORMS if kinds >= {*form.kinds}), None)
 
 
 def _several(leaf: Leaf) -> bool:
@@ -235,65 +236,74 @@ def _shot(
     arrays: Arrays, paths: Sequence[str], members: Sequence[_Series], label: str, camera: Camera, si: bool
 ) -> list[RadiusCurve]:
     """Return the curves of the times and radii among `members`. paths: of all that is in the shot or around it."""
-    radius, time, std = (_pick(members, kind) for kind in ("radius", "time", "radius_std"))
-    diameter = None if radius else _pick(members, "diameter")
-    radius = radius or diameter
-    assert radius is not None  # it makes the folder a shot
-    stated, notes, factor = _read_stated(arrays, paths), list[str](), 0.5 if diameter else 1.0
-    notes += ["diameters halved"] if diameter else []
-    used = {one.path for one in (radius, time, std) if one}
-    scale, interval = _scale(stated, camera), _interval(stated, camera)
-    pairs = _histories(radius, time, interval.value if interval else np.nan)
-    largest = max(float(np.nanmax(r, initial=0.0)) for _, r in pairs)
-    plain = si or radius.rank == 0  # in s and m if the numbers allow it
-    unit = radius.unit or ("m" if plain and largest < _LARGEST_RADIUS else None)
-    in_pixels = unit == "px" or (unit is None and largest > 1.0 and (time is None or scale is not None))
-    missing = ["--fps 1e6 (in Python frame_rate_hz=1e6)"] if time is None and interval is None else []
-    missing += ["--um-per-px 3.2 (um_per_px=3.2)"] if in_pixels and time is None and scale is None else []
-    lacks = f"{radius.path} has no times" + (" and no unit" if len(missing) > 1 else "")
-    require(not missing, f"{lacks}: give {' and '.join(missing)}", "table.frame_rate")
-    hints: tuple[str, ...] = ()
-    if in_pixels and scale:
-        hints = (f"radii in pixels: scaled by {scale.path} = {1e6 * scale.value:.5g} um",)
-        notes += hints
-        factor, unit = factor * scale.value, "m"
-        used.add(scale.path)
-    if time is None and interval:
-        notes.append(f"frame times from {interval.path}: {1e6 * interval.value:.6g} us between frames")
-        used.add(interval.path)
-    longest = max(float(np.ptp(t)) if t.size else 0.0 for t, _ in pairs)
-    time_unit = time.unit or ("s" if plain and longest < _LONGEST_TIME else None) if time else "s"
-    check_units(f"the group {label or '/'}", time_unit, unit, (std.unit or unit) if std else None)
-    meta = _meta(stated)
-    used |= {stated[name].path for name in (*meta.get("medium", ()), *meta) if name in stated}
-    notes += meta.pop("notes")
+    form = _form(members)
+    assert form is not None  # it makes the folder a shot
+    kinds = (*form.kinds, "time", "radius_std")
+    picked = [one for kind in kinds if (one := _pick(members, kind))]
+    first = picked[0]
+    picked = [one for one in picked if one.kind == "time" or _shape(one.leaf) == _shape(first.leaf)]
+    stated = _read_stated(arrays, paths)
+    camera, used = _camera(stated, camera)
+    meta, notes, paths_of_meta = _meta(stated)
+    used |= paths_of_meta | {one.path for one in picked}
+    rest = stated.get("radius at rest")
+    shots = _histories(picked)
+    plain = si or first.rank == 0  # in s and m if the numbers allow it
+    names = [_named(one, [shot[k] for shot in shots], plain) for k, one in enumerate(picked)]
+    titles = [one.path for one in picked]
     made = []
-    for k, (t, r) in enumerate(pairs, 1):
-        deviation = std.leaf.read().ravel() * factor if std and len(pairs) == 1 else None
-        about = {**meta, "notes": notes, "hints": hints} | (
-            {"label": f"{label}[{k}]" if pairs[1:] else label} if label else {}
-        )
-        curve = make_curve(t, factor * r, deviation, time_unit, unit, about)
-        rest = stated.get("radius at rest")
-        if rest and not curve.stretch:
-            per_number = float(np.nanmax(curve.radius, initial=0.0)) / max(float(np.nanmax(r, initial=0.0)), 1e-300)
-            with suppress(InputError):  # no scale, or no maximum
-                stretch = curve.max_radius / (rest.value * (1.0 if rest.unit else per_number))
-                if 1.0 < stretch < 100.0:
-                    note = f"the file states the stretch {stretch:.4g}: R_max over {rest.path}"
-                    curve, used = curve.labelled(stretch=stretch).with_notes(note), used | {rest.path}
-        made.append(curve.with_notes(*_left_out(path for path in paths if path not in used)))
+    for k, shot in enumerate(shots, 1):
+        name = (f"{label}[{k}]" if label else str(k)) if len(shots) > 1 else label
+        if len({*map(len, shot)}) > 1:
+            lengths = ", ".join(f"{len(values)} of {title}" for title, values in zip(titles, shot, strict=True))
+            found = [unusable_curve(f"arrays of different lengths: {lengths}", {"notes": notes})]
+        else:
+            columns = list(zip(names, shot, strict=True))
+            found = read_table(Table(CURVES, [], [*notes], titles=titles, arrays=columns), camera)
+        for curve in found:
+            labels = [text for text in (name, curve.meta.get("label", "")) if text]
+            about = {**meta, "label": ", ".join(labels)} if labels else meta
+            curve, at_rest = _with_rest(curve.labelled(**about), rest, first, shot[0])
+            made.append(curve.with_notes(*_left_out(path for path in paths if path not in used | at_rest)))
     return made
 
 
-def _meta(stated: Mapping[str, _Stated]) -> dict[str, Any]:
-    """Return the `meta` of a curve with what is stated of medium and stretch, and its notes."""
-    medium = {name: one.value for name, one in stated.items() if name in CONSTANTS}
-    meta: dict[str, Any] = {name: stated[name].value for name in ("stretch", "stretch_std") if name in stated}
-    units = {name: constant.unit for name, constant in CONSTANTS.items()} | dict.fromkeys(meta, "")
-    words = ((name, f"{stated[name].value:.6g} {unit}".strip()) for name, unit in units.items() if name in stated)
-    notes = [f"the file states the {name.replace('_', ' ')}: {stated[name].path} = {value}" for name, value in words]
-    return meta | ({"medium": medium} if medium else {}) | {"notes": notes}
+def _named(one: _Series, shots: Sequence[Floats], plain: bool) -> Name:
+    """Return what a column of an array is. plain: without a unit it is in s or m, unless it is too large for that."""
+    values = np.concatenate(shots)
+    finite = values[np.isfinite(values)]
+    largest = float(np.ptp(finite) if one.kind == "time" else finite.max()) if finite.size else 0.0
+    usual, limit = ("s", _LONGEST_TIME) if one.kind == "time" else ("m", _LARGEST_RADIUS)
+    return Name(one.kind, one.unit or (usual if plain and largest < limit and one.kind != "area" else None))
+
+
+def _with_rest(
+    curve: RadiusCurve, rest: _Stated | None, first: _Series, numbers: Floats
+) -> tuple[RadiusCurve, set[str]]:
+    """Return the curve with the stretch that follows from a radius at rest, and the path of that if it is used."""
+    if rest is None or curve.stretch or not (rest.unit or first.kind in ("radius", "diameter")):
+        return curve, set()
+    per_number = float(np.nanmax(curve.radius, initial=0.0)) / max(float(np.nanmax(numbers, initial=0.0)), 1e-300)
+    with suppress(InputError):  # no scale, or no maximum
+        stretch = curve.max_radius / (rest.value * (1.0 if rest.unit else per_number))
+        if 1.0 < stretch < 100.0:
+            note = f"the file states the stretch {stretch:.4g}: R_max over {rest.path}"
+            return curve.labelled(stretch=stretch).with_notes(note), {rest.path}
+    return curve, set()
+
+
+def _meta(stated: Mapping[str, _Stated]) -> tuple[dict[str, Any], list[str], set[str]]:
+    """Return the `meta` of a curve with what is stated of medium and stretch, notes on it, and who states it."""
+    units = {name: constant.unit for name, constant in CONSTANTS.items()} | {"stretch": "", "stretch_std": ""}
+    found = {name: one for name, one in stated.items() if name in units}
+    meta: dict[str, Any] = {name: one.value for name, one in found.items() if name not in CONSTANTS}
+    if medium := {name: one.value for name, one in found.items() if name in CONSTANTS}:
+        meta["medium"] = medium
+    notes = []
+    for name, one in found.items():
+        value = f"{one.value:.6g} {units[name]}".strip()
+        notes.append(f"the file states the {name.replace('_', ' ')}: {one.path} = {value}")
+    return meta, notes, {one.path for one in found.values()}
 
 
 def _left_out(paths: Iterable[str]) -> list[str]:
@@ -302,51 +312,57 @@ def _left_out(paths: Iterable[str]) -> list[str]:
     return [f"not used: {_listed(names)}"] if names else []
 
 
-def _interval(stated: Mapping[str, _Stated], camera: Camera) -> _Stated | None:
-    """Return the time between frames, s: of the user, else of the file."""
-    if camera.frame_rate:
-        FRAME_RATE.check("the frame rate", camera.frame_rate, "table.frame_rate")
-        return _Stated("the frame rate that is given", 1.0 / camera.frame_rate)
-    rate = stated.get("frame rate")
-    return stated.get("frame interval") or (_Stated(rate.path, 1.0 / rate.value) if rate else None)
+def _camera(stated: Mapping[str, _Stated], camera: Camera) -> tuple[Camera, set[str]]:
+    """Return the camera as the user gives it, else as the file states it; and the paths of what is taken from it."""
+    used = set[str]()
+    rate = stated.get("frame interval") or stated.get("frame rate")
+    if rate and camera.frame_rate is None:
+        per_second = 1.0 / rate.value if "frame interval" in stated else rate.value
+        camera = camera._replace(frame_rate=per_second, rate_source=f"as {rate.path} states")
+        used.add(rate.path)
+    scale = stated.get("pixel") or stated.get("um per pixel")
+    if scale and camera.um_per_px is None:
+        um = 1e6 * scale.value if "pixel" in stated else scale.value
+        camera = camera._replace(um_per_px=um, scale_source=f"as {scale.path} states")
+        used.add(scale.path)
+    return camera, used
 
 
-def _scale(stated: Mapping[str, _Stated], camera: Camera) -> _Stated | None:
-    """Return the size of a pixel, m: of the user, else of the file."""
-    if camera.um_per_px:
-        return _Stated("the um per pixel that are given", 1e-6 * camera.um_per_px)
-    um = stated.get("um per pixel")
-    return stated.get("pixel") or (_Stated(um.path, 1e-6 * um.value) if um else None)
+def _shape(leaf: Leaf) -> Any:
+    """Return the number of numbers of an array, or that of each of its cells."""
+    return list(map(_shape, leaf)) if isinstance(leaf, list) else leaf.size if isinstance(leaf, Numbers) else 0
 
 
-def _histories(radius: _Series, time: _Series | None, interval: float) -> list[tuple[Floats, Floats]]:
-    """Return (times, radii) of each shot: the cells, or the rows (columns) of a matrix as long as the times; without
-    times by the interval between frames. Raises InputError: cells that do not match."""
-    if isinstance(radius.leaf, list) or (time and isinstance(time.leaf, list)):
-        radii, times = ([one.leaf] if isinstance(one.leaf, Numbers) else one.leaf for one in (radius, time or radius))
-        times = times * len(radii) if len(times) == 1 else times
-        sizes = [
-            (t.size, r.size)
-            for t, r in zip(times, radii, strict=False)
-            if isinstance(t, Numbers) and isinstance(r, Numbers)
-        ]
-        fits = len(sizes) == len(radii) == len(times) and all(one == other for one, other in sizes)
-        message = (
-            f"{radius.path} and {time.path if time else ''} are cells that do not match; expected as many times as "
-        )
+def _histories(picked: Sequence[_Series]) -> list[list[Floats]]:
+    """Return, for each shot, (n,) numbers of each array, the first of which has radii: the cells, or the rows (columns)
+    of a matrix as long as the times. Raises InputError: cells that do not match."""
+    if any(isinstance(one.leaf, list) for one in picked):
+        cells = [one.leaf if isinstance(one.leaf, list) else [one.leaf] for one in picked]
+        count = max(map(len, cells))
+        cells = [leaves * count if len(leaves) == 1 else leaves for leaves in cells]
+        leaves_of = list(zip(*cells, strict=False))
+        fits = all(len(leaves) == count for leaves in cells)
+        fits = fits and all(isinstance(leaf, Numbers) for leaves in cells for leaf in leaves)
+        fits = fits and all(len({leaf.size for leaf in leaves}) == 1 for leaves in leaves_of)
+        message = f"{' and '.join(one.path for one in picked)} are cells that do not match; expected as many times as "
         require(fits, f"{message}radii in each, or arrays of numbers, as cell2mat makes them", "matlab.cells")
-        read = [r.read().ravel() for r in radii]
-        return [
-            (t.read().ravel() if time else interval * np.arange(r.size), r) for t, r in zip(times, read, strict=True)
-        ]
-    r = radius.leaf.read()
-    if r.ndim != 2 or min(r.shape) <= 1:
-        r = r.reshape(1, -1)
-    t = time.leaf.read() if time else interval * np.arange(max(r.shape))
-    if min(t.shape) > 1 and t.shape == r.shape:  # the times of each shot
-        r, t = (r, t) if (np.diff(t, axis=1) > 0).all() else (r.T, t.T)
-        return list(zip(t, r, strict=True))
-    return [(t.ravel(), shot) for shot in (r if r.shape[1] == t.size else r.T if r.shape[0] == t.size else r)]
+        return [[leaf.read().ravel() for leaf in leaves] for leaves in leaves_of]
+    values = [one.leaf.read() for one in picked]
+    radius = values[0]
+    if radius.ndim != 2 or min(radius.shape) <= 1:
+        return [[numbers.ravel() for numbers in values]]
+    time = next((numbers for one, numbers in zip(picked, values, strict=True) if one.kind == "time"), None)
+    if time is not None and time.shape == radius.shape:
+        in_rows = bool((np.diff(time, axis=1) > 0).all())
+    else:
+        length = max(radius.shape) if time is None else time.size
+        in_rows = radius.shape[1] == length or radius.shape[0] != length
+    count = radius.shape[0 if in_rows else 1]
+    shots = [
+        list(numbers if in_rows else numbers.T) if numbers.shape == radius.shape else [numbers.ravel()] * count
+        for numbers in values
+    ]
+    return [list(shot) for shot in zip(*shots, strict=True)]
 
 
 def _bdt(arrays: Arrays, density: float, pressure: float) -> list[RadiusCurve]:
@@ -361,14 +377,11 @@ def _bdt(arrays: Arrays, density: float, pressure: float) -> list[RadiusCurve]:
         stated[name].value if name in stated else given
         for name, given in (("pressure", pressure), ("density", density))
     )
-    meta, list_of_maxima = _meta(stated), arrays.get("RmaxList")
+    list_of_maxima = arrays.get("RmaxList")
     max_radii = list_of_maxima.read().ravel() if isinstance(list_of_maxima, Numbers) else np.empty(0)
-    used = {
-        *_CELL_ARRAYS,
-        "RmaxList",
-        *(stated[name].path for name in (*meta.get("medium", ()), *meta) if name in stated),
-    }
-    notes = [*meta.pop("notes"), *_left_out(path for path in arrays if path not in used)]
+    meta, notes, used = _meta(stated)
+    used |= {*_CELL_ARRAYS, "RmaxList"}
+    notes += _left_out(path for path in arrays if path not in used)
     per_radius = float(np.sqrt(density / pressure))  # s/m: seconds per metre of R_max and unit of t*
 
     def curve(k: int, radius: Floats, time: Floats) -> RadiusCurve:

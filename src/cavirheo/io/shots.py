@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -13,24 +13,12 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number_list, require, sha256
-from cavirheo.io.curves import SCALE_TOLERANCE
-from cavirheo.io.files import file_label, guarded
-from cavirheo.io.named_arrays import Camera
-from cavirheo.io.tables import Name, Term, Vocabulary, kind_of, read_columns
-from cavirheo.parameters import RADIUS
+from cavirheo.errors import InputError, as_path, parse_number_list, require
+from cavirheo.io.curves import SCALE_TOLERANCE, Camera
+from cavirheo.io.files import Source, file_label, guarded
+from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.video.frames import is_video
 
-R_MAX = "R_max"  # given instead of the path of a table
-LOG_R_MAX = "log10(R_max/µm)"  # title of the column that `R_MAX` stands for
-_LISTED = 5  # most names in a message
-_COLUMN_TABLE = Vocabulary(
-    {"any": Term("")},
-    "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
-    ["any"],
-    dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
-    fallback=lambda title: Name("any" if title else ""),
-)
 Chosen = str | Iterable[int] | None  # which shots of a file: "1,4-7", numbered from 1 in the order of the file
 Item = TypeVar("Item")
 GROUPINGS = ("auto", "file", "folder", "name", "none")
@@ -64,9 +52,9 @@ def read_curves(
         density: kg/m3. It and `pressure` turn dimensionless times into seconds, t = t* R_max sqrt(rho/p), and check
             the units of a table without a header. They do not change times in seconds.
         pressure: Pa.
-        frame_rate_hz: 1/s, of a recording, and of a table that has frame numbers and no times.
+        frame_rate_hz: 1/s, of a recording, and of a table without times, or with times of too few digits.
         shots: the curves to return, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file; None: all.
-        um_per_px: micrometres per pixel of a recording, which is measured (`cavirheo.measure`).
+        um_per_px: micrometres per pixel, of a recording (measured as by `cavirheo.measure`) or of a table in pixels.
         exposure: s, of a frame of a recording.
         exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
 
@@ -88,33 +76,28 @@ def read_curves(
         return selected([with_maximum_notes(curve)], shots)
     message = f"{file_label(path)}: frames are excluded of recordings; of a table empty their radius"
     require(exclude is None, message, "reading.exclude")
-    with guarded(path, _EXPECTED):
-        with path.open("rb") as file:
-            head = file.read(1024)
-        require(len(head) > 0, f"the file is empty; {_EXPECTED}", "reading.empty")
-        curves = _read(head, path, density, pressure, Camera(frame_rate_hz, um_per_px))
+    check_camera(frame_rate_hz, um_per_px)
+    with guarded(path, _EXPECTED) as source:
+        curves = _read(source, density, pressure, Camera(frame_rate_hz, um_per_px))
         require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
-        origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": sha256(path)}
+        origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": source.sha256}
         labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
         labels = labels if len(curves) > 1 else [path.stem]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)
         return [with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
 
 
-def _read(head: bytes, path: Path, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of a file that begins with the bytes `head`."""
+def _read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of a file."""
     from cavirheo.io import curves, matlab, named_arrays
 
-    with matlab.opened(path) as arrays:
-        if arrays is not None:
-            return named_arrays.curves(arrays, camera, density, pressure)
-    if head.startswith(matlab.HDF5):
-        from cavirheo.io import hdf5
-
-        with hdf5.opened(path) as arrays:
-            return named_arrays.curves(arrays, camera, density, pressure, si=True)
-    require(kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
-    return curves.read(path, density, pressure, camera.frame_rate)
+    if source.kind in ("empty", "binary"):
+        found = "the file is empty" if source.kind == "empty" else "binary data of no known format"
+        raise InputError(f"{found}; {_EXPECTED}", f"reading.{source.kind}")
+    if source.kind not in named_arrays.KINDS:
+        return curves.read(source, density, pressure, camera)
+    with matlab.opened(source) as arrays:
+        return named_arrays.curves(arrays, camera, density, pressure, si=source.kind == "hdf5")
 
 
 def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
@@ -271,97 +254,17 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
     return scaled, [option + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]
 
 
+def check_camera(frame_rate: float | None, um_per_px: float | None) -> None:
+    """Raise InputError unless the frame rate (1/s) and the scale are None or possible."""
+    if frame_rate is not None:
+        FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
+    if um_per_px is not None and not 0 < um_per_px < np.inf:
+        raise InputError(f"the scale must be a number of um per pixel above 0, got {um_per_px!r}", "table.scale")
+
+
 def check_max_radius(max_radius: float | None) -> None:
     """Raise InputError unless `max_radius` (m) is None or a plausible radius of a bubble."""
     if max_radius is not None:
         low, high = (1e6 * end for end in RADIUS[:2])
         message = f"the true R_max must be a radius in micrometres, {low:g} to {high:g}, got {1e6 * max_radius:.6g}"
         require(RADIUS.low <= max_radius <= RADIUS.high, message, "curve.max_radius")
-
-
-def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
-    """Return the curves, each with its value from a table (`read_column`), or log10 of its R_max if `path` is `R_MAX`.
-
-    Raises InputError: no such table, a name without a curve, a curve without a value, or no group with several values.
-    """
-    if is_r_max(path):
-        title, labelled = LOG_R_MAX, with_r_max(curves)
-    else:
-        title, values = read_column(path)
-        require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
-        labelled, unknown, without = with_values(curves, title, values)
-        names = listed([curve.name for curve in curves])
-        message = f"{path}: nothing here is called {listed(unknown)}; there is {names}"
-        require(not unknown, message, "column.unknown")
-        message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
-        require(not without, message, "column.missing")
-    groups: dict[tuple[str, str], set[float]] = {}
-    for curve in labelled:
-        groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
-    names = listed([name for name, _ in groups])
-    message = f"{path}: one value of {title} in each group ({names}): a trend needs several"
-    message += "; --group folder makes one group of all files of a folder"
-    require(any(len(numbers) > 1 for numbers in groups.values()), message, "column.constant")
-    return labelled
-
-
-def is_r_max(path: str | Path) -> bool:
-    """Whether `path` means the R_max of each shot, not a table. Raises InputError: a file of this name exists."""
-    message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename the file (to {R_MAX}.csv)"
-    require(str(path) != R_MAX or not Path(path).is_file(), message, "column.size")
-    return str(path) == R_MAX
-
-
-def with_r_max(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
-    """Return the curves; each one with an R_max has log10 of it (in um) as its value."""
-    labelled = list(curves)
-    for k, curve in enumerate(curves):
-        with suppress(InputError):  # no scale, or no maximum
-            labelled[k] = curve.labelled(column={LOG_R_MAX: float(np.log10(1e6 * curve.max_radius))})
-    return labelled
-
-
-def with_values(
-    curves: Sequence[RadiusCurve], title: str, values: Mapping[str, float]
-) -> tuple[list[RadiusCurve], list[str], list[str]]:
-    """Return (the curves, with their values if any; names that no curve has; the names of curves without a value)."""
-    names_of_curves: set[str] = set()
-    labelled, without = [], []
-    for curve in curves:
-        source = Path(curve.source)
-        names = [curve.name, source.name, source.stem, curve.group]  # names for it in a table, most specific first
-        names_of_curves.update(names)
-        value = next((values[name] for name in names if name in values), None)
-        labelled.append(curve if value is None else curve.labelled(column={title: value}))
-        without += [curve.name] if value is None else []
-    return labelled, [name for name in values if name not in names_of_curves], without
-
-
-def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
-    """Return (the title of the numbers, the number for each name) of a table such as
-
-        shot,concentration_percent
-        gel_1.csv,0.5
-        gel_2.csv,1.0
-
-    A name is that of a curve, a file (with or without its ending) or a group. Raises InputError: no such table.
-    """
-    path = Path(path)
-    with guarded(path):
-        (table,) = read_columns(path, _COLUMN_TABLE)
-        two = len(table.titles) == 2 and len(table.columns) == 2
-        require(two, f"the titles are {', '.join(table.titles[:3])}; {_COLUMN_TABLE.expected}", "column.head")
-        names, numbers = table.columns
-        values: dict[str, float] = {}
-        for (line, texts), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
-            message = f"line {line}: expected a name and a number, found {listed(texts)}"
-            require(len(texts) == 2 and bool(np.isfinite(value)), message, "column.number")
-            require(name not in values, f"line {line}: {name} is there twice", "column.twice")
-            values[name] = float(value)
-    return numbers.title, values
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return the first names, and how many more there are, for a message."""
-    unique = list(dict.fromkeys(names))
-    return (", ".join(unique[:_LISTED]) or "nothing") + f" and {len(unique) - _LISTED} more" * (len(unique) > _LISTED)

@@ -1,16 +1,19 @@
-"""Read tables: a text of any dialect, or a workbook, becomes columns in SI, named by a vocabulary of quantities.
+"""Read tables: a text of any dialect, a workbook, or an array of numpy becomes columns in SI, named by a vocabulary of
+quantities.
 
 Text: the cells are separated by tabs, semicolons, commas or spaces; a quoted cell may contain the separator. Commas
 that do not separate cells may be decimal. The encoding is UTF-8, UTF-16 with its byte order mark, or else Latin-1.
 Lines that begin with # or % are comments, except the titles above columns of numbers (as numpy.savetxt writes them).
 Workbooks: .xlsx, .xls, .xlsb, .ods; the visible sheets in the order of their tabs.
 
-The meaning of a comma is decided once for all rows of numbers in a sheet: `1,5` and `0,123` have decimal commas. The
-numbers are refused if every comma may separate thousands (`1,234` alone), or if other numbers have a decimal point.
+The meaning of points and commas is decided once for all rows of numbers in a sheet: `1,5` and `1.000,92` have decimal
+commas, `1,000.92` has a decimal point. Numbers with commas are refused if the sheet can be read in both ways (`1,234`
+alone), or in none.
 
 A vocabulary lists the quantities that columns may hold, with the words for each, as people write them (`R [um]`,
-`Zeit / µs`), and its units. Other lines may stand above the titles; the units are in the titles or in the row below.
-The `notes` count what is left out or recognised. A table whose last row is a mean, a sum or the like is refused.
+`Zeit / µs`), and its units. Other lines may stand above the titles and below the table; the units are in the titles or
+in the row below. The `notes` count what is left out or recognised. A table whose last row is a mean, a sum or the like
+is refused.
 """
 
 from __future__ import annotations
@@ -24,16 +27,17 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import islice, takewhile
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, from_cell, is_float, require, without_invisible
 from cavirheo.io import limits
+from cavirheo.io.files import Source
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "cm": 1e-2}
 _WORDS_OF_UNITS = {
     "s": "sec second seconds sekunde sekunden seconde secondes segundo segundos 秒",
     "ms": "msec millisecond milliseconds millisekunden millisecondes milisegundos ミリ秒 毫秒",
@@ -43,14 +47,19 @@ _WORDS_OF_UNITS = {
     "mm": "millimeter millimeters millimetre millimetres milimetros ミリメートル 毫米",
     "um": "micron microns micrometer micrometers micrometre micrometres mikrometer micrometros マイクロメートル 微米",
     "px": "pixel pixels pix pixeles ピクセル 像素",
+    "px2": "pixel2 pixels2",
+    "frame": "frames",
+    "um2": "micron2 microns2 sqmicrons squm",
 }
 _UNITS_BY_WORD = {word: unit for unit, words in _WORDS_OF_UNITS.items() for word in words.split()}
 _SEPARATORS = ("\t", ";", ",", None)  # None: spaces
-_UTF16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
-_MISSING_WORDS = {"nan", "na", "n/a", "null", "none", "#n/a"}
-_COMMA_NUMBER = re.compile(r"[+-]?\d+,\d*(e[+-]?\d+)?", re.I)
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
-_POINT_NUMBER = re.compile(r"[+-]?(\d+\.\d*|\.\d+)(e[+-]?\d+)?", re.I)
+# no number: the words of programs, "#DIV/0!" of spreadsheets in any language, "1.#QNAN" of compilers, signs such as ---
+_MISSING = re.compile(r"-?nan|n\.?/?a\.?|null|none|#[a-zäöü]+(/[0a])?[!?]?|-?1\.#\w+|\W*", re.I)
+_POINTED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(,\d{3})+)?(\.\d*)?(?<=\d|\.)(e[+-]?\d+)?", re.I)  # 1,000.92
+_COMMAED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)?(,\d*)?(?<=\d|,)(e[+-]?\d+)?", re.I)  # 1.000,92
+_FORTRAN = re.compile(r"([+-]?\d*\.?\d+|[+-]?\d+\.)d([+-]?\d+)", re.I)  # 1.0D-04
+_SPACED = re.compile(r"[+-]?\d{1,3}(['’\u2009\u00a0\u202f ]\d{3})+([.,]\d*)?")  # 1'000.92
+_COMMENT = re.compile(r"\s*(%|//|!|#(?!div/0|n/a|nv\b|[a-z]+[!?]))", re.I)
 _LONGEST_TITLE = 120  # characters of a title; a longer text is a sentence, and slow to match
 # words that mark a row which is no measurement, in the form of `plain_title`
 _SUMMARIES = "mean average avg median sum total std sd stdev stddev min max mittel mittelwert summe moyenne media"
@@ -96,7 +105,8 @@ class Vocabulary:
     codes: Mapping[str, str] = field(default_factory=dict)  # error code by mistake, if not "tabular.<mistake>"
     fallback: Callable[[str], Name] | None = None  # interprets a title that no term names
     sections: bool = False
-    allows_no_header: bool = False  # whether numbers without titles are a table, too
+    of_shots: bool = False  # numbers without titles are a table, too; so is every sheet with the titles of the first
+    array_titles: Sequence[str] = ()  # titles of the columns of an array without names
 
     @lru_cache(4096)  # noqa: B019  a vocabulary lives as long as the program
     def name(self, title: str) -> Name:
@@ -154,6 +164,7 @@ class Column:
     title: str  # as it is written, with the unit from the row below, if any
     name: Name
     term: Term
+    values: Floats | None = None  # (rows,) its numbers, of an array
 
     @property
     def unit(self) -> str | None:
@@ -163,26 +174,30 @@ class Column:
     @property
     def text(self) -> list[str]:
         """(rows,) cells; "" for a missing one."""
+        if self.values is not None:
+            return list(map(str, self.values.tolist()))
         return [texts[self.index] if self.index < len(texts) else "" for _, texts in self.table.rows]
 
     @cached_property
     def numbers(self) -> Floats:
         """(rows,) numbers in the unit of the column; NaN for a missing one. Raises InputError: a cell is no number, or
         has a comma of unknown meaning."""
+        if self.values is not None:
+            return self.values
         return np.array([self._number(*pair) for pair in zip(self.table.rows, self.text, strict=True)], dtype=float)
 
     def _number(self, row: Row, cell: str) -> float:
         if is_float(cell):
             return float(cell)
         vocabulary, place = self.table.vocabulary, f"row {row.number}, column {self.title!r}: {cell[:30]!r}"
-        if _COMMA_NUMBER.fullmatch(cell):
-            two = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
+        if _MISSING.fullmatch(cell):
+            return np.nan
+        if is_number(cell):
+            two = f"{cell.replace('.', '').replace(',', '.')} or {cell.replace(',', '')}"
             message = f"{place} could be {two}: is the comma decimal? export with decimal points only"
             raise vocabulary.error("comma", message)
-        if not is_number(cell):
-            message = f"{place} is not a number (none has marks between thousands)"
-            raise vocabulary.error("number", f"{message}; leave the cell empty where there is none")
-        return np.nan
+        advice = "expected a plain number; leave the cell empty where there is none, or remove the row"
+        raise vocabulary.error("number", f"{place} is not a number: {advice}")
 
     @property
     def si(self) -> Floats:
@@ -221,11 +236,23 @@ class Table:
     sheet: str = ""  # its name in a workbook
     titles: list[str] = field(default_factory=list)  # as they are written, with units from the row below
     line: int = 1  # number of the line with the titles
+    arrays: Sequence[tuple[Name, Floats]] = ()  # (rows,) numbers of each title, and what they are; then `rows` is empty
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.arrays[0][1]) if self.arrays else len(self.rows)
 
     @cached_property
     def columns(self) -> list[Column]:
         """The columns whose titles the vocabulary knows."""
         name, term = self.vocabulary.name, self.vocabulary.term
+        if self.arrays:
+            arrays = zip(self.titles, self.arrays, strict=True)
+            return [
+                Column(self, k, title, name, self.vocabulary.terms[name.kind], values)
+                for k, (title, (name, values)) in enumerate(arrays)
+            ]
         titles = [(index, title) for index, title in enumerate(self.titles) if name(title).kind]
         return [Column(self, index, title, name(title), term(title)) for index, title in titles]
 
@@ -255,25 +282,38 @@ class Table:
         return replace(self, rows=rows)
 
 
-def read_columns(path: Path, vocabulary: Vocabulary) -> list[Table]:
-    """Read the table of a text file or of a workbook's first sheet; with `sections`, all tables of all sheets. There is
-    at least one table, and in a table with titles no row has more cells than titles.
+def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
+    """Read the table of a text file, of an array, or of the first sheet with one in a workbook; with `sections`, all
+    tables of all sheets. There is at least one table, and in a table with titles no row has more cells than titles.
 
     Raises:
         InputError: the file exceeds a limit (limits.py), is damaged, or is neither text nor a workbook. Or, with the
             codes of the vocabulary: no rows ("empty"), no header ("columns"), nothing below it ("rows", if there is
             such a code), cells without titles or the reverse ("width"), two units ("units"), a mean ("summary").
     """
-    sheets = _read_sheets(path, vocabulary)
+    sheets = _read_sheets(source, vocabulary)
     tables = [table for sheet in sheets for table in _tables(sheet)]
     rows = [row.texts for sheet in sheets for row in sheet.rows]
-    if not tables and vocabulary.allows_no_header and rows and all(map(is_number, rows[0])):
-        return sheets
+    if not tables and vocabulary.of_shots:
+        tables = [sheet for sheet in sheets if sheet.rows and all(map(is_number, sheet.rows[0].texts))]
+    if tables and not vocabulary.sections:
+        tables = [table for table in tables if vocabulary.of_shots and table.titles == tables[0].titles] or tables[:1]
+        _note_sheets(tables, sheets)
     if not tables:
         raise _no_titles(rows, vocabulary)
     if "rows" in vocabulary.codes and not any(table.rows for table in tables):
         raise vocabulary.error("rows", f"a header but no rows of data; {vocabulary.expected}")
     return tables
+
+
+def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
+    """Add a note to the tables of a workbook: which sheets are read, and which are not."""
+    read = [table.sheet for table in tables]
+    left = ", ".join(repr(sheet.sheet) for sheet in sheets if sheet.sheet not in read)
+    if any(sheet.sheet for sheet in sheets):
+        for table in tables:
+            note = f"read from the workbook: {', '.join(map(repr, read))}"
+            table.notes.insert(0, note + (f"; not read: {left}" if left else ""))
 
 
 def _no_titles(rows: list[list[str]], vocabulary: Vocabulary) -> InputError:
@@ -297,11 +337,18 @@ def _tables(sheet: Table) -> Iterator[Table]:
         rows, notes = sheet.rows[at + 1 : end], [*sheet.notes]
         notes += [f"{at} line{'s' * (at > 1)} above the titles left out"] if at and not vocabulary.sections else []
         titles, below = _titles_with_units(sheet.rows[at].texts, rows, vocabulary)
-        rows = rows[len(below) :]
-        units = ", ".join(cell for row in below for cell in row.texts if cell)
-        notes += [f"units from the row below the titles: {units}"] if units else []
+        words = ", ".join(cell for row in below for cell in row.texts if cell)
+        notes += [f"row of words below the titles: {words}"] if words else []
+        heads = [sheet.rows[at].texts, *(row.texts for row in below)]
+        rows = [row for row in rows if row.texts not in heads]  # titles may stand above each shot
         if vocabulary.sections:
             rows = list(takewhile(lambda row: not _begins_section(row), rows))
+        measured = [k for k, title in enumerate(titles) if vocabulary.term(title).units]
+        footer = []
+        while measured and rows and _has_words_alone(rows[-1], measured):
+            footer.append(rows.pop())
+        if footer:
+            notes += [f"{len(footer)} lines below the table left out: {' '.join(footer[-1].texts)[:60]}"]
         if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
             message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
             raise vocabulary.error("width", f"{message}: is a comma decimal, or part of a text that needs quotes?")
@@ -310,11 +357,17 @@ def _tables(sheet: Table) -> Iterator[Table]:
             message = f"row {sheet.rows[at].number} has {len(titles)} titles, the rows below at most {widest} cells: "
             message += "quote a title that holds a comma, or write the empty cells, too"
             raise vocabulary.error("width", message)
-        last = rows[-1].texts if rows and any(vocabulary.term(title).units for title in titles) else []
-        if word := next((cell for cell in last if plain_title(cell) in _SUMMARIES.split()), ""):
-            message = f"row {rows[-1].number} is a {word} and no measurement: remove it, and others like it"
-            raise vocabulary.error("summary", message)
+        for row in (*rows[-1:], *footer) if measured else ():
+            if word := next((cell for cell in row.texts if plain_title(cell) in _SUMMARIES.split()), ""):
+                message = f"row {row.number} is a {word} and no measurement: remove it, and others like it"
+                raise vocabulary.error("summary", message)
         yield Table(vocabulary, rows, notes, sheet.sheet, titles, sheet.rows[at].number)
+
+
+def _has_words_alone(row: Row, measured: list[int]) -> bool:
+    """Whether a row has words and no number in these columns."""
+    cells = [row.texts[k] for k in measured if k < len(row.texts)] or row.texts[:1]
+    return not all(map(is_number, cells)) and not any(is_float(cell) for cell in cells)
 
 
 def _begins_section(row: Row) -> bool:
@@ -331,9 +384,10 @@ def _titles_with_units(titles: list[str], rows: list[Row], vocabulary: Vocabular
             kind, unit, _ = vocabulary.name(title)
             units, inner = vocabulary.term(title).units, cell.strip("[]() ")
             written = unit_of(inner, units)
-            if not units or (written is None and is_number(inner)):
+            comment = written is None and (unit is not None or is_number(inner) or vocabulary.name(inner).kind == kind)
+            if not units or comment:
                 continue
-            if unit not in (None, written or inner):
+            if unit not in (None, written):
                 both = f"the column {title!r} has the unit {unit!r} in its title, and {cell!r} in the row below"
                 raise vocabulary.error("units", both)
             if not unit:
@@ -354,20 +408,19 @@ def _is_row_of_words(titles: list[str], texts: list[str], vocabulary: Vocabulary
     return not all(map(is_number, words)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in words)
 
 
-def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Table]:
-    """Read the table of a text file, or the sheets of a workbook (only the first if there are no sections)."""
-    with path.open("rb") as file:
-        kind = kind_of(file.read(1024))
-    require(kind != "binary", "neither text nor a workbook", "tabular.binary")
-    if kind == "text":
-        limits.check(path.stat().st_size, limits.TEXT, "bytes of text")
-        content = path.read_bytes()
-        limits.check(content.count(b"\n") + 1, limits.ROWS, "lines")
-        sheets = [_text_table(_decoded(content), vocabulary)]
+def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
+    """Read the table of a text file or of an array, or the sheets of a workbook."""
+    if source.kind in ("text", "empty"):
+        limits.check(source.path.stat().st_size, limits.TEXT, "bytes of text")
+        limits.check(source.content.count(b"\n") + 1, limits.ROWS, "lines")
+        sheets = [_text_table(_decoded(source.content), vocabulary)]
+    elif source.kind == "numpy":
+        return [_array_table(source.path, vocabulary)]
     else:
+        require(source.kind == "workbook", "neither text nor a workbook", "tabular.binary")
         from cavirheo.io.workbook import read_workbook
 
-        books = read_workbook(path, None if vocabulary.sections else 1)
+        books = read_workbook(source.path, whole=vocabulary.sections)
         sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in books]
     for sheet in sheets:
         limits.check(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
@@ -375,16 +428,41 @@ def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Table]:
     return sheets
 
 
-def kind_of(head: bytes) -> Literal["text", "workbook", "binary"]:
-    """Return the kind of a file that begins with these bytes."""
-    if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")):
-        return "workbook"
-    return "text" if head.startswith(_UTF16) or b"\x00" not in head else "binary"
+def _array_table(path: Path, vocabulary: Vocabulary) -> Table:
+    """Return the table in an array of numpy: (n, columns) or (columns, n), or (n,) records, whose fields name the
+    columns."""
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)  # nothing is read yet
+    except ValueError as error:
+        message = f"the array cannot be read ({error}): save numbers alone, numpy.save(file, numpy.stack([t, R]))"
+        raise InputError(message, "tabular.array") from None
+    limits.check(array.size, limits.ROWS, "numbers of an array")
+    limits.check(array.nbytes, limits.SHEET, "bytes of an array")
+    titles = list(array.dtype.names or vocabulary.array_titles)
+    shape = array.shape
+    if array.dtype.names:
+        array = np.stack([array[name] for name in titles], axis=-1)
+    elif array.ndim == 2 and shape[1] != len(titles):
+        array = array.T
+    elif array.ndim == 1 and len(titles) == 1:
+        array = array[:, None]
+    expected = f"{titles[0]} and {' and '.join(titles[1:])}" if titles else "no array here"
+    message = f"an array {shape} of {array.dtype}: expected numbers of the shape (n, {len(titles)}), {expected}"
+    fits = array.ndim == 2 and array.shape[1] == len(titles) and array.dtype.kind in "fiu"
+    require(fits, message, "tabular.array")
+    rows = [Row(k, list(map(repr, row))) for k, row in enumerate(array.tolist(), 1)]
+    note = f"an array {shape} of numpy, taken as {', '.join(titles)}"
+    return Table(vocabulary, rows, [note], titles=titles, line=0)
 
 
 def _decoded(content: bytes) -> str:
     """Decode UTF-16, UTF-8 or Latin-1, without the byte order mark. Raises InputError: damaged UTF-16."""
-    for encoding in ["utf-16"] if content.startswith(_UTF16) else ["utf-8-sig", "latin-1"]:
+    encodings = ["utf-8-sig", "latin-1"]
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ["utf-16"]
+    elif content[1:2] == b"\x00":  # without the mark
+        encodings = ["utf-16-le"]
+    for encoding in encodings:
         with suppress(UnicodeDecodeError):
             return content.decode(encoding)
     raise InputError("begins as UTF-16 text and does not go on so", "tabular.encoding")
@@ -397,10 +475,10 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     lines = text.splitlines()
     limits.check(len(lines), limits.ROWS, "lines")
     limits.check(max(map(len, lines), default=0), limits.LINE, "characters in one line")
-    data = ["" if line.lstrip().startswith(("#", "%")) else line for line in lines]
+    data = ["" if _COMMENT.match(line) else line for line in lines]
     rows = _rows_with_header(data, vocabulary)
     if rows is None and data != lines:
-        rows = _rows_with_header([line.lstrip("#% ") for line in lines], vocabulary)
+        rows = _rows_with_header([line.lstrip("#%/! ") for line in lines], vocabulary)
     if rows is None:
         sample = [line for line in data if line.strip()][:20]
         separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
@@ -418,10 +496,11 @@ def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | N
             continue
         rows = list(_split(lines, separator))
         at = next(k for k, row in enumerate(rows) if vocabulary.is_header(row.texts))
-        titles, below = rows[at].texts, rows[at + 1 : at + 2]
+        titles = rows[at].texts
+        below = next((row.texts for row in rows[at + 1 :] if any(map(is_float, row.texts))), titles)
         if len(titles) == 1:  # a single column, without separators
             return [*rows[: at + 1], *(Row(row.number, [" ".join(row.texts)]) for row in rows[at + 1 :])]
-        if not below or len(below[0].texts) >= (len(titles) if separator is None else 2):
+        if len(below) >= (len(titles) if separator is None else 2):
             return rows
         unclear = separator is None
     message = "titles with spaces in them over columns separated by spaces; separate the columns by commas"
@@ -446,25 +525,42 @@ def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
 
 
 def _replace_signs(sheet: Table) -> None:
-    """Give the numbers of a sheet decimal points and plain minus signs."""
+    """Write the numbers of a sheet with decimal points, plain minus signs, and no marks between thousands."""
     rows = [row.texts for row in sheet.rows]
     for texts in rows:
-        texts[:] = [cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts]
+        texts[:] = map(_plain_number, texts)
+    if not any("," in cell for texts in rows for cell in texts):
+        return
     data = [texts for texts in rows if all(map(is_number, texts))] or rows  # lines above a table do not count
-    values = {cell for texts in data for cell in texts}
-    commas = filter(_COMMA_NUMBER.fullmatch, values)
-    # commas are decimal if no number has a point and at least one comma cannot separate thousands
-    if not any(map(_POINT_NUMBER.fullmatch, values)) and not all(map(_THOUSANDS.fullmatch, commas)):
-        count = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for texts in rows for cell in texts)
-        sheet.notes.append(f"{count} decimal commas")
-        for texts in rows:
-            texts[:] = [cell.replace(",", ".") if _COMMA_NUMBER.fullmatch(cell) else cell for cell in texts]
+    marked = {cell for texts in data for cell in texts if re.search(r"\d", cell) and re.search("[.,]", cell)}
+    with_points, with_commas = (set(filter(form.fullmatch, marked)) for form in (_POINTED, _COMMAED))
+    if with_points == with_commas or (with_points - with_commas and with_commas - with_points):
+        return  # every number can be read in two ways, or each way is that of a number
+    form, thousands, word = (_POINTED, ",", "points") if with_points - with_commas else (_COMMAED, ".", "commas")
+    counts = dict.fromkeys((f"decimal {word}", "marks between thousands"), 0)
+    for texts in rows:
+        for k, cell in enumerate(texts):
+            if form.fullmatch(cell):
+                texts[k] = cell.replace(thousands, "").replace(",", ".")
+                counts[f"decimal {word}"] += form is _COMMAED and "," in cell
+                counts["marks between thousands"] += cell.count(thousands)
+    sheet.notes.extend(f"{count} {what}" for what, count in counts.items() if count)
+
+
+def _plain_number(cell: str) -> str:
+    """Return a number with a plain minus sign, an exponent as in 1e-4, and without spaces or ' between thousands; any
+    other cell as it is."""
+    if is_float(cell):
+        return cell
+    plain = re.sub(r"^−(?=[\d.])|(?<=[eEdD])−", "-", cell)
+    if _SPACED.fullmatch(plain):
+        return re.sub(r"[^\d.,+-]", "", plain)
+    return _FORTRAN.sub(r"\1e\2", plain) if _FORTRAN.fullmatch(plain) else plain
 
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number or marks a missing one: it is empty, a word such as nan, or signs such as ---."""
-    missing = cell.strip().lower() in _MISSING_WORDS or not re.search(r"\w", cell)
-    return missing or is_float(cell) or bool(_COMMA_NUMBER.fullmatch(cell))
+    return is_float(cell) or bool(_MISSING.fullmatch(cell) or _POINTED.fullmatch(cell) or _COMMAED.fullmatch(cell))
 
 
 def _plain(text: str) -> str:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple, Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number, require, sha256
-from cavirheo.io.files import file_label, guarded
+from cavirheo.errors import InputError, as_path, parse_number, require
+from cavirheo.io.files import Source, file_label, guarded
 from cavirheo.video.frames import CAMERA_ENDINGS, STACK_ENDINGS
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
@@ -51,13 +51,16 @@ def examine(
 
 def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
     """Return the curve of a measurement, with its name and the file it comes from. Raises InputError."""
-    digest = None if path.is_dir() else sha256(path)
+    digest = None if path.is_dir() else Source(path).sha256
     origin = {"name": path.stem, "group": path.stem, "source": file_label(path), "source_sha256": digest}
     if sheet:
         from cavirheo.video.picture import contact_sheet, data_url
 
         origin["contact_sheet"] = data_url(contact_sheet(measurement))
     return measurement.curve(**origin)
+
+
+_THOUSANDS = {"frame_rate": ".,"}  # marks that may separate thousands, by field
 
 
 class Camera(NamedTuple):
@@ -87,7 +90,7 @@ def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -
     values: list[float | None] = [None, None, None]
     for k, (text, field) in enumerate(zip(texts, Camera._fields, strict=True)):
         try:
-            if (value := parse_number(text, field.replace("_", " "))) is not None:
+            if (value := parse_number(text, field.replace("_", " "), _THOUSANDS.get(field, ","))) is not None:
                 values[k], errors[k] = value, "" if 0 < value < inf else "must be a positive number"
         except InputError as error:
             errors[k] = str(error)

@@ -21,46 +21,55 @@ _TOO_LARGE, _NO_BOOK = 3, 4  # exit statuses of the child; after the first, its 
 _PARTS = ("[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml")  # a zipped workbook has one of them
 
 
-def read_workbook(path: Path, max_sheets: int | None = None) -> list[tuple[str, list[tuple[int, list[str]]]]]:
-    """Return (name, [(row number from 1, cells)]) for each of the first `max_sheets` visible sheets (None: all), in the
-    order of their tabs, without empty rows.
+def read_workbook(path: Path, *, whole: bool = True) -> list[tuple[str, list[tuple[int, list[str]]]]]:
+    """Return (name, [(row number from 1, cells)]) for each sheet of cells, in the order of their tabs, without empty
+    rows. A hidden sheet has no rows and is named as hidden, unless all are. Unless `whole`, the sheets before one that
+    is beyond a limit are returned, too, and that one has no rows.
 
     Raises:
         InputError: no workbook, or damaged ("tabular.workbook"); another archive ("tabular.archive"); beyond a limit
             ("limits.bytes", "limits.unpacked", "limits.cells", "limits.text", "limits.memory", "limits.time").
     """
-    from cavirheo.errors import InputError, require, without_invisible
+    from cavirheo.errors import InputError, without_invisible
     from cavirheo.io import limits
 
-    arguments = (max_sheets or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.WORKBOOK_CELLS, limits.TEXT)
+    arguments = (MEMORY, limits.SHEET, limits.UNPACKED, limits.WORKBOOK_CELLS, limits.TEXT)
     command = [sys.executable, "-P", __file__, str(path), *map(str, arguments)]
     try:
         child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired:
         message = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
         raise InputError(message, "limits.time") from None
-    answer = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-    archive = f"a zip archive of {answer}, and no workbook: unpack it, and give the files or the folder that holds them"
-    require(child.returncode != _NO_BOOK, archive, "tabular.archive")
-    if child.returncode == _TOO_LARGE:
-        code, _, message = answer.partition(" ")
-        raise InputError(f"the workbook {message} are not read; save the table alone as CSV", code)
-    # killed by a signal, or a message such as "MemoryError" or "memory allocation ... failed"
-    memory_ended = child.returncode < 0 or b"emory" in child.stderr
-    require(not memory_ended, "the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
-    damaged = f"the workbook cannot be read, it may be damaged ({answer[:300]})"
-    require(child.returncode == 0, damaged, "tabular.workbook")
     sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
-    for number, texts in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
-        texts = [text if text.isprintable() else without_invisible(text)[0] for text in texts]
-        if number:
-            sheets[-1][1].append((number, texts))
-        else:
-            sheets.append((texts[0], []))
+    with suppress(ValueError):  # the last line of a child that ended early
+        for number, texts in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
+            texts = [text if text.isprintable() else without_invisible(text)[0] for text in texts]
+            if number:
+                sheets[-1][1].append((number, texts))
+            else:
+                sheets.append((texts[0], []))
+    if child.returncode != 0:
+        if whole or len(sheets) < 2:
+            raise InputError(*_problem(child))
+        sheets[-1] = f"{sheets[-1][0]} (and any after it: beyond a limit)", []
     return sheets
 
 
-def _write_rows(path: str, max_sheets: int, max_bytes: int, max_unpacked: int, max_cells: int, max_text: int) -> None:
+def _problem(child: subprocess.CompletedProcess[bytes]) -> tuple[str, str]:
+    """Return (message, code) for a child that failed."""
+    answer = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    if child.returncode == _NO_BOOK:
+        advice = "unpack it, and give the files or the folder that holds them"
+        return f"a zip archive of {answer}, and no workbook: {advice}", "tabular.archive"
+    if child.returncode == _TOO_LARGE:
+        code, _, message = answer.partition(" ")
+        return f"the workbook {message} are not read; save the table alone as CSV", code
+    if child.returncode < 0 or b"emory" in child.stderr:  # "MemoryError" or "memory allocation ... failed"
+        return "the workbook takes more memory than is given to it; save it as CSV", "limits.memory"
+    return f"the workbook cannot be read, it may be damaged ({answer[:300]})", "tabular.workbook"
+
+
+def _write_rows(path: str, max_bytes: int, max_unpacked: int, max_cells: int, max_text: int) -> None:
     """Print the sheets, in the child: lines of JSON, each a list of (row number, cells); (0, [name]) begins a sheet."""
     import zipfile
 
@@ -81,20 +90,22 @@ def _write_rows(path: str, max_sheets: int, max_bytes: int, max_unpacked: int, m
     sheets = [sheet for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
     if not sheets:
         raise ValueError("no sheet of cells")
-    visible = [sheet for sheet in sheets if sheet.visible == SheetVisibleEnum.Visible] or sheets
+    hidden = [sheet.name for sheet in sheets if sheet.visible != SheetVisibleEnum.Visible]
+    hidden = hidden if len(hidden) < len(sheets) else []
     written = total = 0
-    for metadata in visible[: max_sheets or None]:
-        sheet = book.get_sheet_by_name(metadata.name)
+    for name in (sheet.name for sheet in sheets):
+        print(json.dumps([(0, [f"{name} (hidden)" if name in hidden else name])]), flush=True)
+        if name in hidden:
+            continue
+        sheet = book.get_sheet_by_name(name)
         total += sheet.height * sheet.width
         _exit_above(total, max_cells, "limits.cells has", "cells")
         rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), (sheet.start or (0, 0))[0] + 1)
-        chunk = [(0, [metadata.name])]
-        while chunk:
-            line = json.dumps([(number, filled) for number, filled in chunk if any(filled) or not number])
+        while chunk := list(islice(rows, 100)):
+            line = json.dumps([(number, filled) for number, filled in chunk if any(filled)])
             written += len(line)
             _exit_above(written, max_text, "limits.text holds", "characters")
             print(line)
-            chunk = list(islice(rows, 100))
 
 
 def _exit_above(count: int, limit: int, beginning: str, unit: str) -> None:
@@ -109,10 +120,10 @@ def _text(cell: object) -> str:
 
 
 if __name__ == "__main__":
-    _max_sheets, _memory, *_limits = map(int, sys.argv[2:])
+    _memory, *_limits = map(int, sys.argv[2:])
     with suppress(ImportError, ValueError, OSError):  # no such limit on this system: only the time limit holds
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_AS, (_memory, _memory))
-    _write_rows(sys.argv[1], _max_sheets, *_limits)
+    _write_rows(sys.argv[1], *_limits)

@@ -259,7 +259,7 @@ def population_record(
 
 def _trends_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
     """The slopes in words: 'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
-    from cavirheo.io.shots import LOG_R_MAX
+    from cavirheo.column import LOG_R_MAX
 
     changes = [(digits.symbol_and_unit(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
     if column == LOG_R_MAX:

@@ -164,7 +164,7 @@ class Watch(options.Inference):
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
-        from cavirheo.io.shots import is_r_max, read_column
+        from cavirheo.column import is_r_max, read_column
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table

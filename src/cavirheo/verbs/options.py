@@ -6,7 +6,6 @@ verb. Options without a panel are on the first screen of `--help`.
 
 import inspect
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from pkgutil import resolve_name
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, BadParameter, Option
 
-from cavirheo.errors import require
+from cavirheo.errors import InputError, parse_number, require
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -39,14 +38,24 @@ def option(help: str, panel: str | None = None, *names: str, **keywords: Any) ->
     return Option(*names, help=help, rich_help_panel=panel, **keywords)
 
 
-def number(help: str, panel: str | None = None, *words: str, kind: Callable[[str], Any] = float) -> Any:
-    """Return an option that takes a number or one of these words; without words, a number above 0."""
+def number(
+    help: str, panel: str | None = None, *words: str, kind: Callable[[str], Any] = float, thousands: str = ","
+) -> Any:
+    """Return an option that takes a number or one of these words; without words, a number above 0. thousands: the marks
+    that may separate thousands in it (`parse_number`)."""
 
     def parse(text: str) -> Any:
-        with suppress(ValueError):
-            value: Any = text if text in words else kind(text)
-            if words or value > 0:
+        if text in words:
+            return text
+        try:
+            value: Any = kind(text) if kind is int else parse_number(text, "the number", thousands)
+            if value is not None and (words or value > 0):
                 return value
+        except InputError as error:
+            if error.code == "input.which_number":
+                raise BadParameter(error.message) from None
+        except ValueError:  # of int
+            pass
         expected = f"a number or {' or '.join(map(repr, words))}" if words else "a number above 0"
         raise BadParameter(f"must be {expected}, got {text!r}")
 
@@ -116,8 +125,9 @@ ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=mo
 _LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid"
 Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
 MaterialOfSets = Annotated[str | None, option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)]
-Fps = Annotated[Any, number("frames per second, of videos and of files that number their frames")]
-UmPerPx = Annotated[Any, number("micrometres per pixel of a video")]
+_FPS = "frames per second, of videos and of tables that number their frames"
+Fps = Annotated[Any, number(_FPS, thousands=".,")]
+UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels")]
 Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]
 Shots = Annotated[str | None, option("shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
 _GROUP = "shots of one material; name: soft_1, soft_2 are soft; auto: those of a file, or all files of one shot"
@@ -332,7 +342,7 @@ class MeasuredFiles(AnsweringVerb):
         curves = recordings.curves
         run.require_any(curves, "curve")
         if self.column is not None:
-            from cavirheo.io.shots import with_column
+            from cavirheo.column import with_column
 
             curves = with_column(curves, self.column)
         load_solver()

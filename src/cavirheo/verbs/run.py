@@ -63,8 +63,7 @@ class Run:
 
     def files(self, patterns: list[Path]) -> list[Path]:
         """Return the files of the folders, patterns and `-` (standard input); one without any file is refused alone."""
-        from cavirheo.errors import sha256
-        from cavirheo.io.files import expand
+        from cavirheo.io.files import Source, expand
         from cavirheo.writing.document import CLAIM
 
         files: list[Path] = []
@@ -72,7 +71,7 @@ class Run:
             try:
                 files += expand([pattern], self.say)
                 if str(pattern) == "-" and (claim := CLAIM.get()):
-                    claim.inputs.append(sha256(files[-1]))
+                    claim.inputs.append(Source(files[-1]).sha256)
             except InputError as error:
                 self.note_unreadable([str(error)])
         self.require_any(files, "file")

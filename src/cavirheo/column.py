@@ -1,0 +1,113 @@
+"""The number of each shot along which a trend is asked for (`--column`): of a table, or log10 of its R_max."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, require
+from cavirheo.io.files import guarded
+from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
+
+R_MAX = "R_max"  # given instead of the path of a table
+LOG_R_MAX = "log10(R_max/µm)"  # title of the column that `R_MAX` stands for
+_LISTED = 5  # most names in a message
+_COLUMN_TABLE = Vocabulary(
+    {"any": Term("")},
+    "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
+    ["any"],
+    dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
+    fallback=lambda title: Name("any" if title else ""),
+)
+
+
+def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
+    """Return the curves, each with its value from a table (`read_column`), or log10 of its R_max if `path` is `R_MAX`.
+
+    Raises InputError: no such table, a name without a curve, a curve without a value, or no group with several values.
+    """
+    if is_r_max(path):
+        title, labelled = LOG_R_MAX, with_r_max(curves)
+    else:
+        title, values = read_column(path)
+        require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
+        labelled, unknown, without = with_values(curves, title, values)
+        names = listed([curve.name for curve in curves])
+        message = f"{path}: nothing here is called {listed(unknown)}; there is {names}"
+        require(not unknown, message, "column.unknown")
+        message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
+        require(not without, message, "column.missing")
+    groups: dict[tuple[str, str], set[float]] = {}
+    for curve in labelled:
+        groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
+    names = listed([name for name, _ in groups])
+    message = f"{path}: one value of {title} in each group ({names}): a trend needs several"
+    message += "; --group folder makes one group of all files of a folder"
+    require(any(len(numbers) > 1 for numbers in groups.values()), message, "column.constant")
+    return labelled
+
+
+def is_r_max(path: str | Path) -> bool:
+    """Whether `path` means the R_max of each shot, not a table. Raises InputError: a file of this name exists."""
+    message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename the file (to {R_MAX}.csv)"
+    require(str(path) != R_MAX or not Path(path).is_file(), message, "column.size")
+    return str(path) == R_MAX
+
+
+def with_r_max(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
+    """Return the curves; each one with an R_max has log10 of it (in um) as its value."""
+    labelled = list(curves)
+    for k, curve in enumerate(curves):
+        with suppress(InputError):  # no scale, or no maximum
+            labelled[k] = curve.labelled(column={LOG_R_MAX: float(np.log10(1e6 * curve.max_radius))})
+    return labelled
+
+
+def with_values(
+    curves: Sequence[RadiusCurve], title: str, values: Mapping[str, float]
+) -> tuple[list[RadiusCurve], list[str], list[str]]:
+    """Return (the curves, with their values if any; names that no curve has; the names of curves without a value)."""
+    names_of_curves: set[str] = set()
+    labelled, without = [], []
+    for curve in curves:
+        source = Path(curve.source)
+        names = [curve.name, source.name, source.stem, curve.group]  # names for it in a table, most specific first
+        names_of_curves.update(names)
+        value = next((values[name] for name in names if name in values), None)
+        labelled.append(curve if value is None else curve.labelled(column={title: value}))
+        without += [curve.name] if value is None else []
+    return labelled, [name for name in values if name not in names_of_curves], without
+
+
+def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
+    """Return (the title of the numbers, the number for each name) of a table such as
+
+        shot,concentration_percent
+        gel_1.csv,0.5
+        gel_2.csv,1.0
+
+    A name is that of a curve, a file (with or without its ending) or a group. Raises InputError: no such table.
+    """
+    path = Path(path)
+    with guarded(path) as source:
+        (table,) = read_columns(source, _COLUMN_TABLE)
+        two = len(table.titles) == 2 and len(table.columns) == 2
+        require(two, f"the titles are {', '.join(table.titles[:3])}; {_COLUMN_TABLE.expected}", "column.head")
+        names, numbers = table.columns
+        values: dict[str, float] = {}
+        for (line, texts), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
+            message = f"line {line}: expected a name and a number, found {listed(texts)}"
+            require(len(texts) == 2 and bool(np.isfinite(value)), message, "column.number")
+            require(name not in values, f"line {line}: {name} is there twice", "column.twice")
+            values[name] = float(value)
+    return numbers.title, values
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first names, and how many more there are, for a message."""
+    unique = list(dict.fromkeys(names))
+    return (", ".join(unique[:_LISTED]) or "nothing") + f" and {len(unique) - _LISTED} more" * (len(unique) > _LISTED)
