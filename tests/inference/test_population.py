@@ -7,13 +7,15 @@ from shutil import copy
 import numpy as np
 import pytest
 from answers import CENTRE, FLAT, NAMES, answer, bubble, empty, seen, shots
-from cavirheo.inference.verify.evidence import ranked
-from conftest import EXAMPLE, code_of, done, refusal
+from conftest import EXAMPLE, code_of, done, refusal, slow
 from scipy.stats import norm
 
 from cavirheo import load, population
 from cavirheo.column import LOG_R_MAX, with_column
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE, likelihood
+from cavirheo.inference.population.switches import share_switches
+from cavirheo.inference.which_law import ranked
+from cavirheo.physics.bubble import FIELD, REAL
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json
@@ -165,7 +167,7 @@ def test_shots_that_only_bound_a_parameter_tell_the_others_as_well():
 
 
 @pytest.mark.parametrize(
-    ("viscosity", "error"), [(1e-5, 0.01), (1e-3, 0.005), (0.012, 0.01), (0.01, [0.002, 0.02] * 6)]
+    ("viscosity", "error"), [(1e-5, 0.01), slow(1e-3, 0.005), slow(0.012, 0.01), (0.01, [0.002, 0.02] * 6)]
 )
 def test_bounds_multiply_as_on_a_grid(viscosity, error):
     """One mu for all shots: the product of their likelihoods, which are known in closed form."""
@@ -342,3 +344,60 @@ def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_ar
     assert np.allclose(found.share @ found.mean, mean, atol=1e-3)
     assert np.allclose(whole, covariance, rtol=0.01)
     assert len(likelihood(theta[:400], np.zeros(400), np.zeros(400), *OPEN).share) == 1
+
+
+def switched(seed, liquid=0.0, stiffening=0.0, field=0.0, *, mu=0.03, draws=400) -> Posterior:
+    """Draws by the default family: these shares are of a liquid, of a gel that stiffens, of the field's bubble. A
+    liquid's viscosity is twice that of the gel, so that the two heaps lie apart."""
+    rng = np.random.default_rng(seed)
+    of_liquid, stiff, of_field = (np.arange(draws) < round(share * draws) for share in (liquid, stiffening, field))
+    modulus, alpha = 3.8 + 0.05 * rng.standard_normal(draws), -1.0 + 0.05 * rng.standard_normal(draws)
+    modulus[of_liquid] = alpha[of_liquid] = -np.inf
+    stiff = stiff[::-1] & ~of_liquid
+    alpha[~stiff] = -np.inf
+    viscosity = np.log10(mu) + 0.05 * rng.standard_normal(draws) + np.log10(2.0) * of_liquid
+    damping = np.where(rng.permutation(of_field), 0.0, 0.2)
+    names = ("log10_shear_modulus", "log10_stiffening", "log10_viscosity", "confinement_damping")
+    order = rng.permutation(draws)
+    theta = np.column_stack([modulus, alpha, viscosity, damping])[order]
+    flat = {NAMES[0]: FLAT[NAMES[0]], NAMES[1]: FLAT[NAMES[1]], "log10_stiffening": (-3.0, 0.5)}
+    found = {"liquid": liquid, "stiffening": stiffening, "field_bubble": field}
+    about = {"prior": flat, "switches": found, "bubble": REAL, "log_weight": np.zeros(draws)}
+    return Posterior(names, ("Pa", "1", "Pa s", "1"), theta, Checks("ok"), "auto", "verified", **about)
+
+
+GROUPS = {  # switches of the shots, and law, viscosity and bubble of the material
+    "nearly all say liquid": ([dict(liquid=0.9)] * 4 + [dict(liquid=0.2)], "newtonian", 0.06, REAL),
+    "each is unsure, all are not": ([dict(liquid=0.2)] * 6, "nhkv", 0.03, REAL),
+    "a shot without a liquid outvotes": ([dict(liquid=0.8)] * 2 + [dict()] * 2, "nhkv", 0.03, REAL),
+    "stiffening": ([dict(stiffening=0.8)] * 4, "fung + newtonian", 0.03, REAL),
+    "each is unsure of the field's bubble": ([dict(field=0.4)] * 6, "nhkv", 0.03, FIELD),
+    "the field's bubble": ([dict(field=0.9)] * 4 + [dict(field=0.3)], "nhkv", 0.03, FIELD),
+}
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_shots_of_one_material_share_its_switches(name):
+    """Two heaps of draws, of a liquid and of a gel: the material has those of one of them alone."""
+    shares, law, viscosity, bubble_model = GROUPS[name]
+    answers = [switched(k, **share) for k, share in enumerate(shares)]
+    shared = share_switches(answers, only_trusted=True)
+    assert {one.material for one in shared} == {law}
+    assert {one.bubble for one in shared} == {bubble_model}
+    for one in shared:
+        assert one.median("viscosity") == pytest.approx(viscosity, rel=0.06)
+        assert ("shear_modulus" in one.parameters) == (law != "newtonian")
+        assert ("stiffening" in one.parameters) == (law == "fung + newtonian")
+        assert not np.isinf(one.theta).any()
+    found = population(answers)
+    assert found.material == law
+    low, _, high = found.interval("viscosity")
+    assert low < viscosity < high < 1.5 * low
+
+
+def test_a_doubtful_shot_has_no_vote_in_the_switches():
+    liquids, gel = [switched(k, liquid=0.95) for k in range(2)], switched(9)
+    wrong = replace(gel, checks=Checks("model_does_not_fit"))
+    assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True)} == {"newtonian"}
+    plain = seen(CENTRE, 0.05)  # by another law
+    assert share_switches([plain], only_trusted=True) == [plain]

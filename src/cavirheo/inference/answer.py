@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from cavirheo.arrays import Floats, relative_weights
 from cavirheo.inference.emulator import emulator, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
-from cavirheo.inference.weigh import ENOUGH, Weighed, posterior
+from cavirheo.inference.weigh import ENOUGH, Switch, Weighed, posterior
 from cavirheo.messages import Message
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import CAMERA, Bound, bound_of, units
@@ -55,6 +56,13 @@ class Target:
         frames = [self.shot.emulated(self.prior.to_x(part), emulator(), scale) for part in parts]
         return self.measured - np.concatenate(frames)
 
+    @property
+    def switches(self) -> list[Switch]:
+        """The columns of u that are switches."""
+        zero, infinite = ndtri(self.prior.zero), ndtri(1.0 - self.prior.infinite)
+        rows = zip(range(len(zero)), zero.tolist(), infinite.tolist(), strict=True)
+        return [Switch(*row) for row in rows if np.isfinite(row[1]) or np.isfinite(row[2])]
+
     def groups(self, u: Floats) -> NDArray[np.int64]:
         """(k,) the switches at u (k, d): 0 liquid, 1 gel, 2 stiffening gel, and 3 more for the field's bubble."""
         columns = dict(zip(self.prior.names, self.prior.to_x(u).T, strict=True))
@@ -83,7 +91,9 @@ def sampled_answer(
     bubbles can be simulated."""
     target, noise = Target(shot, workers), shot.noise(discrepancy)
     prior, budget = target.prior, SIMULATED if target.unknown else EMULATED
-    weighed = posterior(target.quick, target.simulated, noise, len(prior.names), seed, budget, target.groups)
+    weighed = posterior(
+        target.quick, target.simulated, noise, len(prior.names), seed, budget, target.groups, target.switches
+    )
     x = prior.to_x(weighed.u)
     best = int(np.argmax(weighed.log_posterior))
     residual = weighed.residuals[best]

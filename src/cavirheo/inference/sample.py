@@ -52,8 +52,8 @@ class Budget:
     """
 
     scanned: int = 10_000
-    climbed: int = 84
-    steps: int = 10
+    climbed: int = 48
+    steps: int = 25
     walkers: int = 160
     settling: int = 4
     rounds: int = 24

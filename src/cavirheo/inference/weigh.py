@@ -31,7 +31,8 @@ from cavirheo.inference.sample import (
 from cavirheo.prior import log_normal
 
 CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
-NEAR_MAXIMUM, REACH = 6, 30.0  # simulations about the maximum of a group, if it is not so far below the best
+LOOKED_AT, NEAR_MAXIMUM, REACH = 4, 5, 30.0  # maxima of a group that are simulated, places about the best
+CROSSED = 4  # highest maxima that are tried with the switches of other groups
 REJECTED = 12.0  # log of Laplace's integral by which a group is too unlikely to be looked at,
 NEGLIGIBLE = 6.0  # and log evidence by which it is too unlikely to be drawn from
 LEAST_WEIGHED = 24  # draws of a group at least
@@ -41,6 +42,14 @@ MOST = 1800  # simulations of an answer
 
 
 Correction = Callable[[Floats], Floats]  # of residuals (k, n) or (n,), at u (k, d)
+
+
+class Switch(NamedTuple):
+    """A column of u that is a switch: below `zero` the parameter is exactly 0, above `infinite` it is infinite."""
+
+    column: int
+    zero: float
+    infinite: float
 
 
 class Part(NamedTuple):
@@ -92,11 +101,13 @@ def posterior(
     seed: int,
     budget: Budget = EMULATED,
     groups: Groups = one_group,
+    switches: Sequence[Switch] = (),
 ) -> Weighed:
     """The posterior of u (d,): scan, climb and sample by a quick source of frames, then weigh by simulations.
 
-    quick, simulated: residuals (k, n) at u (k, d), NaN where there is no bubble. groups: (k,) of u (k, d): where the
-    physics jumps. Each group is sampled and corrected by itself, and counts by its evidence from simulations."""
+    quick, simulated: residuals (k, n) at u (k, d), NaN where there is no bubble. groups: (k,) of u (k, d): where
+    the physics jumps. switches: what decides the group. Each group is sampled and corrected by itself, and
+    counts by its evidence from simulations."""
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     evaluations = [0]
 
@@ -106,6 +117,10 @@ def posterior(
 
     starts = scan(counted, noise, dimension, budget, rng, groups)
     u, value, curvature = climb(counted, noise, starts, budget, groups)
+    if len(switches):  # the highest maxima of all, with the switches of each group
+        crossed = cross(u, value, groups(u), switches)
+        more = climb(counted, noise, crossed, budget, groups)
+        u, value, curvature = (np.concatenate(pair) for pair in zip((u, value, curvature), more, strict=True))
     of, runs = groups(u), list[Group]()
     for g in np.unique(of):
         if np.max(value[of == g]) > np.max(value) - REACH:
@@ -121,6 +136,26 @@ def posterior(
         if estimate > top - NEGLIGIBLE
     ]
     return joined(found, evaluations[0])
+
+
+def cross(u: Floats, value: Floats, of: NDArray[np.int64], switches: Sequence[Switch]) -> Floats:
+    """(k, d) the CROSSED highest of u (m, d), with those switches that differ of the highest of each group, or
+    beside the place where they switch."""
+    order = np.argsort(-value)
+    highest = u[order[:CROSSED]]
+    places = list[Floats]()
+    for g in np.unique(of):
+        for of_group in u[order[of[order] == g][:CROSSED]]:
+            place, beside = highest.copy(), highest.copy()
+            for column, zero, infinite in switches:
+                here, there = place[:, column], of_group[column]
+                differs = ((here < zero) != (there < zero)) | ((here > infinite) != (there > infinite))
+                beside[differs, column] = np.clip(there, zero - 0.3 if there < zero else zero + 0.3, infinite + 0.3)
+                if zero < there < infinite:
+                    beside[differs, column] = zero + 0.3 if np.isfinite(zero) else infinite - 0.3
+                place[differs, column] = there
+            places += [place, beside]
+    return np.unique(np.concatenate(places), axis=0)
 
 
 def _is_in(groups: Groups, group: int, u: Floats) -> NDArray[np.bool_]:
@@ -144,13 +179,20 @@ class Group:
         self.noise, self.maxima, self.inside, self.budget, self.rng = noise, maxima, inside, budget, rng
         self.known = Known(quick, simulated)
         u, value, curvature = maxima
-        best = int(np.argmax(value))
+        order = [i for i in np.argsort(-value) if value[i] > np.max(value) - REACH]
+        apart: list[int] = []
+        for i in order:
+            if all(np.sum((u[i] - u[k]) ** 2) > 0.25 * u.shape[1] for k in apart) and len(apart) < LOOKED_AT:
+                apart.append(int(i))
+        heights = noise.log_density(self.known.simulate(u[apart])) + log_normal(u[apart])
+        best = apart[int(np.argmax(heights))]  # the highest by simulations
         root = np.linalg.cholesky(np.linalg.inv(curvature[best]))
-        near = u[best] + 0.7 * rng.standard_normal((NEAR_MAXIMUM, u.shape[1])) @ root.T
-        near = np.concatenate([u[best : best + 1], near[inside(near)]])
-        self.errors = self.known.add(near), 0.0
-        heights = self.target()(near)
         self.expected = float(np.max(heights) + np.sum(np.log(np.diag(root))))
+        near = u[best] + 0.25 * rng.standard_normal((NEAR_MAXIMUM, u.shape[1])) @ root.T
+        near = np.concatenate([u[best : best + 1], near[inside(near)]])
+        self.known = Known(quick, simulated)
+        self.errors = self.known.add(near), 0.0
+        self.known.count += len(apart)
 
     def target(self) -> Density:
         """The log posterior by corrected quick frames; -inf outside the group."""
@@ -236,7 +278,8 @@ def linear(u: Floats, difference: Floats) -> Correction:
     by ridge regression over the scatter of u."""
     middle, mean, d = u.mean(axis=0), difference.mean(axis=0), u.shape[1]
     if len(u) < 4 * d:
-        return lambda at: mean
+        middle_difference = np.median(difference, axis=0)  # one wild bubble does not count
+        return lambda at: np.asarray(middle_difference)
     whiten = np.linalg.inv(np.linalg.cholesky(np.cov(u.T) + 1e-8 * np.eye(d))).T
     z = (u - middle) @ whiten
     slope = np.linalg.solve(z.T @ z + 3.0 * np.eye(d), z.T @ (difference - mean))
