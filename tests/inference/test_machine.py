@@ -1,5 +1,7 @@
 """The machine of inference: emulator, sampler and weights, each against closed forms or the solver."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -20,7 +22,7 @@ from cavirheo.inference.sample import (
     settle,
     tempered,
 )
-from cavirheo.inference.weigh import joined, linear, posterior, spread
+from cavirheo.inference.weigh import Part, joined, linear, posterior, spread, together
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.laws import table_of
 from cavirheo.physics.media import WATER
@@ -217,14 +219,17 @@ def test_parts_are_joined_by_what_their_draws_are_worth():
 
     def part(log_weight, at, log_evidence):
         u = np.full((100, 1), at)
-        return u, np.zeros((100, 4)), np.zeros(100), log_weight, log_evidence, 0.1
+        return Part(u, np.zeros((100, 4)), np.zeros(100), log_weight, log_evidence, 0.1, effective_size(log_weight))
 
-    found = joined([part(even, 1.0, 5.0), part(one, 2.0, 9.0)], (0.0, 0.0), 10)
+    found = together([part(even, 1.0, 5.0), part(one, 2.0, 9.0)], (0.0, 0.0))
     share = relative_weights(found.log_weight)
     assert share[100:].sum() / share.sum() == pytest.approx(1.0 / 101.0, rel=1e-3)
-    assert found.share == pytest.approx(101.0 / 200.0)
-    mean = np.log(100.0 / 101.0 * np.exp(5.0 - 7.0) + 1.0 / 101.0 * np.exp(9.0) / 100.0)  # of density over proposal
-    assert found.log_evidence == pytest.approx(mean, abs=1e-6)
+    assert found.share == pytest.approx(101.0 / 200.0, rel=0.01)
+    assert found.log_evidence == pytest.approx(np.log((100.0 * np.exp(5.0) + np.exp(9.0)) / 101.0), abs=1e-6)
+    both = joined([found, replace(found, log_evidence=found.log_evidence + np.log(3.0))], 10)  # of two groups
+    share = relative_weights(both.log_weight)
+    assert share[200:].sum() / share.sum() == pytest.approx(0.75)
+    assert both.log_evidence == pytest.approx(found.log_evidence + np.log(4.0))
 
 
 @pytest.mark.parametrize("shape", [-0.3, 0.2, 0.8])
@@ -246,7 +251,7 @@ def test_a_climb_ends_at_the_maximum_with_its_curvature():
     for step in 0.05 * np.vstack([np.eye(3), -np.eye(3)]):
         assert (noise.log_density(residuals(u + step)) + log_normal(u + step) <= value + 1e-3).all()
     blind = climb(lambda u: np.tile(measured, (len(u), 1)), noise, np.array([[0.9, -0.8, 0.7]]), EMULATED)
-    assert blind[0] == pytest.approx(np.zeros((1, 3)), abs=0.05)  # frames that say nothing: the middle of the prior
+    assert blind[0] == pytest.approx(np.array([[0.9, -0.8, 0.7]]))  # a switch that is off stays off
     weight = noise.power / (2.0 + 0.5 * np.sum((residuals(u)[0] / 0.01) ** 2))
     assert curvature[0] == pytest.approx(weight * slopes.T @ slopes / 1e-4 + np.eye(3), rel=0.1, abs=30.0)
 

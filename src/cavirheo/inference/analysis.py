@@ -88,7 +88,10 @@ class Analysis:
             message = f"the model {name} answers {usual}: leave out material {self.material!r}, or the model"
             require(self.material in (None, usual), message, "option.material")
         settings["material"] = self.material or usual
-        (settings["bubble"],) = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
+        bubbles = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
+        message = f"an answer is of one bubble, real or field, got {len(bubbles)}: which_law compares several"
+        require(len(bubbles) == 1, message, "option.bubble")
+        (settings["bubble"],) = bubbles
         if self.free is None:
             settings["free"] = FREE_BY_DEFAULT if self.method == "fit" else tuple(FREE)
         if self.method == "fit":

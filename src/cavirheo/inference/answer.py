@@ -129,6 +129,8 @@ def sampled_answer(
         messages.append(Message("interval.distrusted", unfit))
         theta, verdict = theta[best : best + 1], "no_interval" if verdict == "ok" else verdict
     values = shot.all_values(x[best])
+    if values.get("accommodation") == np.inf:  # the field's bubble, as in theta
+        values |= {"accommodation": 1.0, "confinement_damping": 0.0}
     diagnostics = Diagnostics(
         stretch_source=shot.stretch_source(),
         at_bound=tuple(name for name in pulled if name in CAMERA),

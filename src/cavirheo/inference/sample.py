@@ -52,11 +52,11 @@ class Budget:
     """
 
     scanned: int = 10_000
-    climbed: int = 48
-    steps: int = 25
-    walkers: int = 160
-    settling: int = 4
-    rounds: int = 24
+    climbed: int = 36
+    steps: int = 16
+    walkers: int = 140
+    settling: int = 3
+    rounds: int = 20
 
 
 EMULATED = Budget()

@@ -32,9 +32,10 @@ from cavirheo.prior import log_normal
 
 CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
 LOOKED_AT, NEAR_MAXIMUM, REACH = 4, 5, 30.0  # maxima of a group that are simulated, places about the best
-CROSSED = 4  # highest maxima that are tried with the switches of other groups
+REFINED = 8  # steps at most to a maximum by simulations
+CROSSED = 2  # highest maxima that are tried with the switches of other groups
 REJECTED = 12.0  # log of Laplace's integral by which a group is too unlikely to be looked at,
-NEGLIGIBLE = 6.0  # and log evidence by which it is too unlikely to be drawn from
+NEGLIGIBLE = 5.0  # and log evidence by which it is too unlikely to be drawn from
 LEAST_WEIGHED = 24  # draws of a group at least
 WEIGHED = 150  # draws that are simulated at a time
 ENOUGH = 100.0  # effective draws of an answer
@@ -158,6 +159,10 @@ def cross(u: Floats, value: Floats, of: NDArray[np.int64], switches: Sequence[Sw
     return np.unique(np.concatenate(places), axis=0)
 
 
+def _shifted(quick: Frames, shift: Floats, u: Floats) -> Floats:
+    return quick(u) + shift
+
+
 def _is_in(groups: Groups, group: int, u: Floats) -> NDArray[np.bool_]:
     return np.asarray(groups(u) == group)
 
@@ -184,15 +189,44 @@ class Group:
         for i in order:
             if all(np.sum((u[i] - u[k]) ** 2) > 0.25 * u.shape[1] for k in apart) and len(apart) < LOOKED_AT:
                 apart.append(int(i))
-        heights = noise.log_density(self.known.simulate(u[apart])) + log_normal(u[apart])
-        best = apart[int(np.argmax(heights))]  # the highest by simulations
-        root = np.linalg.cholesky(np.linalg.inv(curvature[best]))
-        self.expected = float(np.max(heights) + np.sum(np.log(np.diag(root))))
-        near = u[best] + 0.25 * rng.standard_normal((NEAR_MAXIMUM, u.shape[1])) @ root.T
-        near = np.concatenate([u[best : best + 1], near[inside(near)]])
+        residuals = self.known.simulate(u[apart])
+        heights = noise.log_density(residuals) + log_normal(u[apart])
+        if not np.isfinite(heights).any():
+            heights, residuals = value[apart], quick(u[apart])
+        best = int(np.argmax(heights))
+        place, height = self._refined(u[apart][best], float(heights[best]), residuals[best])
+        root = np.linalg.cholesky(np.linalg.inv(curvature[apart[best]]))
+        self.expected = height + float(np.sum(np.log(np.diag(root))))
+        near = place + 0.25 * rng.standard_normal((NEAR_MAXIMUM, u.shape[1])) @ root.T
+        near = np.concatenate([place[None], near[inside(near)]])
+        looked = self.known.count
         self.known = Known(quick, simulated)
         self.errors = self.known.add(near), 0.0
-        self.known.count += len(apart)
+        self.known.count += looked
+        self.maxima = (
+            np.vstack([u, place]),
+            np.append(value, height),
+            np.concatenate([curvature, curvature[apart[best]][None]]),
+        )
+
+    def _refined(self, place: Floats, height: float, residual: Floats) -> tuple[Floats, float]:
+        """A maximum by simulations from a place (d,) near it with its residual (n,): each step leads to the maximum of
+        quick frames that are right at the last place."""
+        quick, budget = self.known.quick, replace(self.budget, steps=6)
+        for _ in range(REFINED):
+            shift = residual - quick(place[None])[0]
+            corrected = partial(_shifted, quick, shift)
+            trial = climb(corrected, self.noise, place[None], budget, self._number)[0]
+            found = self.known.simulate(trial)
+            reached = float(self.noise.log_density(found)[0] + log_normal(trial)[0])
+            if not reached > height + 0.1:
+                break
+            place, height, residual = trial[0], reached, found[0]
+        return place, height
+
+    def _number(self, u: Floats) -> NDArray[np.int64]:
+        """1 inside the group, 0 outside."""
+        return self.inside(u).astype(np.int64)
 
     def target(self) -> Density:
         """The log posterior by corrected quick frames; -inf outside the group."""

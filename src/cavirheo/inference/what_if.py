@@ -94,9 +94,10 @@ def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, f
     try:
         check_stretch(values.get("stretch"))
         end = _compared_end(curve, posterior) or compared_window(curve, analysis).end
-        bubble = _bubble_of(posterior, values)
+        best = {**posterior.best, **values}
+        bubble = _bubble_of(posterior, best)
         shot = _experiment(curve, bubble, posterior.material, analysis.medium_for(curve), end)
-        return shot.checks(shot.from_best({**posterior.best, **values}), "ok", [])
+        return shot.checks(shot.from_best(best), "ok", [])
     except (InputError, SolverError) as error:
         return Checks("failed", (message_of_error(error),))
 
