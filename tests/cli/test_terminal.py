@@ -14,7 +14,6 @@ from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
 from cavirheo.inference.cards import card, path_of
 from cavirheo.io import write_csv
-from cavirheo.posterior import WindowAnswer
 from cavirheo.reporting import laws, result, table, write_report
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset, scores
@@ -27,10 +26,9 @@ EVIL = "gel\x1b[31m\x1b]0;title\x07\u202e\x9b2J\udcff"
 
 
 def answers(names, method="least_squares", verdict="ok", message=""):
-    """(curve, its answer) with an interval and other windows, of each name."""
-    window = WindowAnswer({"shear_modulus": 6.4e3, "viscosity": 0.0295}, 2.1, 0.006)
+    """(curve, its answer) with an interval, of each name."""
     theta = np.array([3.8, -1.55, 8.7]) + [0.03, 0.02, 0.4] * np.random.default_rng(0).standard_normal((200, 3))
-    more = {"theta": theta, "method": method, "windows": dict.fromkeys(("1", "2", "3", "all"), window)}
+    more = {"theta": theta, "method": method}
     more |= {"names": (*NAMES, "stretch"), "units": ("Pa", "Pa s", "1")}
     curves = [bubble(name, f"{name}_group", "a.csv") for name in names]
     return [(one, replace(answer(one, verdict=verdict, message=message), **more)) for one in curves]
@@ -178,4 +176,4 @@ def test_show_refuses_in_one_line(run, tmp_path, name):
     for file in ("alone.npz", "wrong.npz"):
         (tmp_path / file).write_bytes(b"npz")
     (tmp_path / "wrong.json").write_text('{"kind": "point"}')
-    refusal(run("show", name), *{"nothing": ["bdt-viscoelastic"], "posterior": ["no measurement"]}.get(name, []))
+    refusal(run("show", name), *{"nothing": ["bdt-viscoelastic"], "emulator": ["no measurement"]}.get(name, []))

@@ -158,7 +158,7 @@ def test_relative_errors_are_exact(fake, folder, tmp_path):
 def test_nothing_is_dropped(fake, run, folder, tmp_path):
     status, out, _ = run("compare", "data", "--references", "data/published.csv", "-o", "c")
     assert status == 2
-    assert {(one.model, one.material, one.bubbles) for one in fake} == {("posterior", "nhkv", (FIELD,))}
+    assert {(one.model, one.material, one.bubble) for one in fake} == {("posterior", "nhkv", FIELD)}
     made = load(tmp_path / "c")
     gel, gone, bare = made.groups
     assert (gel.n, gel.n_failed) == (3, 1)
@@ -207,7 +207,7 @@ def test_settings_reach_the_inference(fake, folder, tmp_path):
     made, unread, _ = compare(folder, sets(folder, *values, head=head), tmp_path / "c", settings=how)
     first, second = fake
     assert (first.model, first.window, first.stretch) == ("posterior", 2, 7.5)
-    assert (first.material, first.bubbles) == ("power-law", (FIELD,))
+    assert (first.material, first.bubble) == ("power-law", FIELD)
     medium = first.medium
     assert (medium.density, medium.sound_speed, medium.surface_tension) == (1040, 1500, 0)
     assert (medium.pressure, medium.temperature) == (90000, 300)

@@ -42,9 +42,8 @@ def test_draws_have_natural_units_and_their_weights(posterior):
     data = posterior.to_arviz()
     assert data["posterior"]["shear_modulus"].attrs["units"] == "Pa"
     assert data["posterior"]["shear_modulus"].dims == ("chain", "draw")
-    assert data["posterior"]["stretch"].values[0] == pytest.approx(posterior.theta[:, 1])
-    assert float(data["sample_stats"]["weight"].sum()) == pytest.approx(1.0)
-    assert data["sample_stats"]["log_weight"].values[0] == pytest.approx(posterior.log_weight)
+    counts = [np.count_nonzero(data["posterior"]["stretch"].values == value) for value in posterior.theta[:, 1]]
+    assert np.max(np.abs(counts - 900 * posterior.weights)) <= 1.0  # resampled by their weights
 
 
 @pytest.mark.parametrize(("name", "method"), [("pandas", "to_dataframe"), ("arviz", "to_arviz")])

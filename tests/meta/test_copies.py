@@ -14,7 +14,7 @@ import cavirheo
 from cavirheo import InputError, Medium, SolverError
 from cavirheo.physics.materials import LAWS, Material, parse
 from cavirheo.physics.media import Pulse, Trace
-from cavirheo.posterior import Bubble, Evidence, WindowAnswer
+from cavirheo.posterior import Bubble, Evidence
 from cavirheo.reporting import result, table
 from cavirheo.writing.document import write_rows
 
@@ -40,7 +40,7 @@ def held() -> dict[str, Any]:
         "simulation": cavirheo.simulate(gel, max_radius=2e-4, stretch=6.0, time=time),
         "pulse": Pulse(1e5, 1e6, 1e-6), "trace": Trace(time, 1e5 * time), "bubble": Bubble("kinetic"),
         "rig": cavirheo.Rig(frames=64),
-        "evidence": Evidence(-3.0, 0.1), "window": WindowAnswer({"viscosity": 0.1}, 3.0, 0.01),
+        "evidence": Evidence(-3.0, 0.1),
         "document": result(list(zip(curves, answers, strict=True)), "cavirheo infer"),
         "input error": InputError("no file", "reading.missing"), "solver error": SolverError("too many steps"),
     }  # fmt: skip

@@ -111,7 +111,7 @@ PLANTED = (
     Planted("scale given later leaves the deviations", "curve.py",
             '"radius_std": self.radius_std * scale', '"radius_std": self.radius_std', ("test_curve",)),
     Planted("diameters taken for radii", "io/curves.py",
-            'column.numbers * (0.5 if column', 'column.numbers * (1.0 if column', ("test_reading",)),
+            'lambda diameter: 0.5 * diameter', 'lambda diameter: 1.0 * diameter', ("test_reading",)),
     Planted("rows of -1000 are frames", "io/curves.py",
             "block[np.any(block != _SEPARATOR, axis=1)]", "block", ("test_reading",)),
     Planted("declared shapes without a limit", "io/hdf5.py",

@@ -240,9 +240,9 @@ def test_a_set_on_the_disk_is_the_set_in_memory_and_a_single_bit_that_changed_is
             read(path.parent)
 
 
-def known(curve, begun=None, failing=()):
+def known(curve, failing=()):
     verdict = "failed" if curve.name in failing else "ok"
-    theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius) + (begun.theta if begun else 0.0)
+    theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius)
     return Posterior(("stretch",), ("1",), theta, Checks(verdict), "nhkv", "verified")
 
 
@@ -258,14 +258,6 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path):
             np.testing.assert_array_equal(answer.theta, known(curve, failing=(curves[2].name,)).theta)
         kept.remove()
         assert code_of(lambda made=answers: made[0]) == "unfinished.gone"
-
-
-def test_answers_begin_with_those_that_are_kept(tmp_path):
-    curves = read_curves(EXAMPLE)
-    two = Unfinished(tmp_path, visible=False)
-    begun = two.answers(curves, KnownAnalysis(of=known))
-    for curve, answer in zip(curves, two.answers(curves, KnownAnalysis(of=known, seed=1), begun), strict=True):
-        np.testing.assert_array_equal(answer.theta, np.full((3, 1), 2.0 * curve.max_radius))
 
 
 class Trap:

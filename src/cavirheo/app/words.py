@@ -89,7 +89,10 @@ _PAGE_WORDS = {  # text in messages (options of the command line or of Python): 
     "(--rmax-um)": "(step 2)",
     "--rmax-um": "R_max in step 2",
     "(--fps)": "(step 1)",
+    "(--fps 1e6)": "(step 1)",
+    "(--fps; in Python frame_rate=)": "(step 1)",
     "(--um-per-px)": "(step 1)",
+    "(--um-per-px 3.2)": "(step 1)",
     "--roi": "cavirheo measure --roi",
     "; give --um-per-px": ": type it",
 }

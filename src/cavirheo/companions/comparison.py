@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 from cavirheo.companions.published_values import ReferenceSet, by_group, read_references
 from cavirheo.errors import InputError, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
-from cavirheo.inference.cards import card, path_of
 from cavirheo.io.files import expand, measurement_files
 from cavirheo.io.shots import CurveSet, read_shots, shot_numbers
 from cavirheo.physics.bubble import Requested
@@ -54,7 +53,7 @@ class AnswerSettings:
         options: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
         options |= {"medium": reference.medium, "given": reference.given, "trust_input": self.trust_input}
         try:
-            if law is None and card(path_of(model)).get("kind") != "point":
+            if law is None and model == DEFAULT:  # a network has its own
                 law = "nhkv" if reference.solid else "newtonian"
             shot_numbers(reference.settings.get("shots"))
             return Analysis("infer", model, law, self.bubble, **options)
