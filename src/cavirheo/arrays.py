@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -24,13 +22,3 @@ def log_sum(log_value: ArrayLike, axis: int | None = None) -> Floats:
     top = np.where(np.isfinite(top), top, 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(np.sum(np.exp(log_value - top), axis=axis)) + np.squeeze(top, axis))
-
-
-@cache
-def even_points(count: int, d: int) -> Floats:
-    """(count, d) points that fill the unit cube evenly: the additive recurrence of the generalised golden ratio
-    (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences")."""
-    ratio = 2.0
-    for _ in range(50):
-        ratio = (1.0 + ratio) ** (1.0 / (d + 1.0))
-    return np.asarray((0.5 + np.outer(np.arange(1, count + 1), ratio ** -np.arange(1.0, d + 1.0))) % 1.0)

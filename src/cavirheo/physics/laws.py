@@ -299,20 +299,6 @@ class Fung(Elastic):
         return self.shear_modulus / 2 * np.exp(self.stiffening * (I1 - 3))
 
 
-def fung_stress(modulus: Floats, stiffening: Floats, ratio: Floats) -> Floats:
-    """(k,) -S_el of Fung's law, Pa, at ratios L > 1 for its parameters (k,): a closed form by Dawson's integral, with
-    I_1 - 3 approximated by 2 L^2 - 3 and the term in q^5 by the neo-Hookean one; within 10 % from L = 3 on."""
-    from scipy.special import dawsn  # simulations do not need it
-
-    root = np.sqrt(2.0 * stiffening)
-
-    def part(ratio: Floats | float) -> Floats:
-        energy = np.exp(np.minimum(stiffening * (2.0 * ratio**2 - 3.0), 50.0))
-        return np.asarray(energy * (2.0 * root * dawsn(root * ratio) - 1.0 / ratio))
-
-    return np.asarray(2.0 * modulus * (part(ratio) - part(1.0) + 0.25 * (1.0 - ratio**-4)))
-
-
 @dataclass(frozen=True)
 class Gent(Elastic):
     """W = -(G J_m/2) ln(1 - (I_1-3)/J_m), shear modulus G in Pa: the chains are taut (lock-up) at I_1 - 3 = J_m.
