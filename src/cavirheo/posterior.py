@@ -241,12 +241,18 @@ class Posterior:
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Central credible interval with the probability `level`, in natural units; None for a point or failed answer,
-        which has no width. Raises InputError: as `draws`, or the level is not between 0 and 1."""
+        which has no width. The high end of an upper bound on a value that may be exactly 0 is that given it is not 0:
+        the bound then does not depend on how probable 0 is. Raises InputError: as `draws`, or the level is not between
+        0 and 1."""
         check_level(level)
         values = self.draws(name)
         if len(values) < 2:
             return None
         low, high = weighted_quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], self.log_weight).tolist()
+        above = values > 0.0
+        if self.bound(name) == "upper" and 0 < np.count_nonzero(above) < len(above):
+            log_weight = None if self.log_weight is None else self.log_weight[above]
+            high = float(weighted_quantile(values[above], 0.5 + 0.5 * level, log_weight))
         return low, high
 
     def _key(self, name: str) -> str:

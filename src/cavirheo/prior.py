@@ -23,7 +23,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Bools, Floats
@@ -109,6 +109,31 @@ class Prior:
         columns = (self.low, self.high, self.mean, self.std, self.zero, self.infinite)
         return Prior(tuple(names), *(values[at] for values in columns))
 
+    def states(self, needed: Mapping[str, str]) -> list[State]:
+        """The states of the switches: parameters that may be exactly 0 (-inf in x) or infinite, and are so or not.
+        needed: {parameter: the switch without which it has no meaning}."""
+        found = [(1.0, dict[str, float]())]
+        order = sorted(range(len(self.names)), key=lambda i: self.names[i] in needed)
+        for i in order:
+            name, zero, infinite = self.names[i], float(self.zero[i]), float(self.infinite[i])
+            split = list[tuple[float, dict[str, float]]]()
+            for probability, fixed in found:
+                if needed.get(name) in fixed:
+                    split.append((probability, fixed | {name: -np.inf if zero else float(self.low[i])}))
+                    continue
+                split.append((probability * (1.0 - zero - infinite), fixed))
+                split += [(probability * zero, fixed | {name: -np.inf})] if zero else []
+                split += [(probability * infinite, fixed | {name: np.inf})] if infinite else []
+            found = split
+        return [self._state(probability, fixed) for probability, fixed in found]
+
+    def _state(self, probability: float, fixed: Mapping[str, float]) -> State:
+        free = [name for name in self.names if name not in fixed]
+        at = [self.names.index(name) for name in free]
+        prior = Prior(tuple(free), self.low[at], self.high[at], self.mean[at], self.std[at])
+        x = np.array([fixed.get(name, 0.0) for name in self.names])
+        return State(prior, np.array(at, dtype=int), x, float(np.log(probability)))
+
     def sample(self, draws: int | range, seed: int) -> Floats:
         """Draws (draws, parameters) of a uniform prior; draw i depends on (seed, i) alone, not on the others."""
         indices = range(draws) if isinstance(draws, int) else draws
@@ -167,6 +192,39 @@ class Prior:
         """{name: [low, high]} or [low, high, mean, standard deviation], in x."""
         rows = np.column_stack([self.low, self.high, self.mean, self.std]).tolist()
         return {n: row[:2] if np.isinf(row[3]) else row for n, row in zip(self.names, rows, strict=True)}
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A state of the switches of a prior.
+
+    Attributes:
+        prior: of the parameters that are free in it, given the state.
+        columns: (m,) of these in x.
+        fixed: (d,) x of the others.
+        log_probability: of the state.
+    """
+
+    prior: Prior
+    columns: NDArray[np.int64]
+    fixed: Floats
+    log_probability: float
+
+    def to_x(self, u: Floats) -> Floats:
+        """x (k, d) of all parameters from u (k, m) of the free ones."""
+        x = np.tile(self.fixed, (len(u), 1))
+        x[:, self.columns] = self.prior.to_x(u)
+        return x
+
+    def to_u(self, x: Floats, inside: float) -> Floats:
+        """u (k, m) of the free parameters from x (k, d); `inside`: least probability between a value and a bound."""
+        return self.prior.to_u(np.clip(x[:, self.columns], self.prior.low, self.prior.high), inside)
+
+    def holds(self, x: Floats) -> bool:
+        """Whether x (d,) is in this state."""
+        others = np.setdiff1d(np.arange(len(x)), self.columns)
+        switched = others[~np.isfinite(self.fixed[others])]
+        return bool(np.all(np.isfinite(x[self.columns])) and np.array_equal(x[switched], self.fixed[switched]))
 
 
 @dataclass(frozen=True)

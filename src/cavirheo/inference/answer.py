@@ -8,21 +8,20 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from cavirheo.arrays import Floats, relative_weights
+from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import emulator, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
-from cavirheo.inference.weigh import ENOUGH, Switch, Weighed, posterior
-from cavirheo.messages import Message
+from cavirheo.inference.sample import EMULATED, SIMULATED, Frames, climb, effective_size
+from cavirheo.inference.weigh import ENOUGH, Model, Weighed, posterior
+from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import CAMERA, Bound, bound_of, units
 from cavirheo.physics.accuracy import BRISK
 from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
-from cavirheo.prior import Prior
+from cavirheo.prior import Prior, State
 
 REPLICATES = 2000  # of the predictive check
 REJECTED = 0.01  # probability under a right law at which the predictive check rejects it
@@ -34,54 +33,60 @@ OPEN_ENDS: dict[str, Bound] = {"stretch": "lower", "accommodation": "upper", "co
 TRADED = 0.3  # correlation of a parameter with a nuisance at its end, above which it is only bounded
 FEWEST = 10  # draws that tell a correlation
 DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters whose bounds make the verdict
+NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation"}
+"""Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
+INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
 SCALED = 0.002  # relative change of R_max, for the slope of G
 
 
 class Target:
-    """Residuals of one experiment at u (k, d), where the prior is standard normal: quickly by the emulator, or by rough
-    simulations where it does not know the bubble (`unknown` says why); and by default simulations."""
+    """Residuals of one experiment at x (k, d): quickly by the emulator, or by rough simulations where it does not know
+    the bubble (`unknown` says why); and by default simulations. states: of the switches."""
 
     def __init__(self, shot: Experiment, workers: int | None = 1) -> None:
         self.shot, self.prior, self.workers = shot, shot.prior(), workers
+        self.states: list[State] = self.prior.states(NEEDED)
         self.measured = shot.measured[shot.counted]
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
         self.unknown: str = outside(usual, shot.options.bubble, shot.medium, shot.max_radius)
 
-    def quick(self, u: Floats, scale: float = 1.0) -> Floats:
+    def quick(self, x: Floats, scale: float = 1.0) -> Floats:
         """Residuals (k, n); by the emulator also with frames `scale` times as late."""
         if self.unknown:
             rough = partial(self.shot.difference, accuracy=BRISK)
-            return np.array(run_jobs(rough, self.prior.to_x(u), self.workers)).reshape(len(u), -1)
-        parts = np.array_split(u, max(1, len(u) // 1000))
-        frames = [self.shot.emulated(self.prior.to_x(part), emulator(), scale) for part in parts]
+            return np.array(run_jobs(rough, x, self.workers)).reshape(len(x), -1)
+        parts = np.array_split(x, max(1, len(x) // 1000))
+        frames = [self.shot.emulated(part, emulator(), scale) for part in parts]
         return self.measured - np.concatenate(frames)
 
-    @property
-    def switches(self) -> list[Switch]:
-        """The columns of u that are switches."""
-        zero, infinite = ndtri(self.prior.zero), ndtri(1.0 - self.prior.infinite)
-        rows = zip(range(len(zero)), zero.tolist(), infinite.tolist(), strict=True)
-        return [Switch(*row) for row in rows if np.isfinite(row[1]) or np.isfinite(row[2])]
+    def simulated(self, x: Floats) -> Floats:
+        """Residuals (k, n) by the default solver; NaN where it fails."""
+        return np.array(run_jobs(self.shot.difference, x, self.workers)).reshape(len(x), -1)
 
-    def groups(self, u: Floats) -> NDArray[np.int64]:
-        """(k,) the switches at u (k, d): 0 liquid, 1 gel, 2 stiffening gel, and 3 more for the field's bubble."""
-        columns = dict(zip(self.prior.names, self.prior.to_x(u).T, strict=True))
-        nothing = np.zeros(len(u))
-        solid = np.isfinite(columns.get("shear_modulus", nothing))
-        stiffens = solid & np.isfinite(columns.get("stiffening", nothing))
-        field = np.isposinf(columns.get("accommodation", nothing))
-        return solid.astype(np.int64) + stiffens + 3 * field
+    def state(self, x: Floats) -> State:
+        """The state of the switches at x (d,)."""
+        return next(state for state in self.states if state.holds(x))
 
-    def jacobian(self, u: Floats) -> Floats:
-        """(n, d) derivatives of the frames at u (d,)."""
+    def jacobian(self, state: State, u: Floats) -> Floats:
+        """(n, d) derivatives of the frames at u (d,) in a state."""
         step = 1e-3
         places = np.concatenate([u + step * np.eye(len(u)), u - step * np.eye(len(u))])
-        above, below = np.split(-self.quick(places), 2)
+        above, below = np.split(-self.quick(state.to_x(places)), 2)
         return np.asarray(np.nan_to_num((above - below) / (2.0 * step)).T)
 
-    def simulated(self, u: Floats) -> Floats:
-        """Residuals (k, n) by the default solver; NaN where it fails."""
-        return np.array(run_jobs(self.shot.difference, self.prior.to_x(u), self.workers)).reshape(len(u), -1)
+    def models(self, noise: Noise) -> list[Model]:
+        """A model for each state of the switches."""
+        return [
+            Model(
+                partial(_in_state, self.quick, state), partial(_in_state, self.simulated, state), noise,
+                len(state.columns), state.log_probability, state.to_x, state.to_u,
+            )
+            for state in self.states
+        ]  # fmt: skip
+
+
+def _in_state(residuals: Frames, state: State, u: Floats) -> Floats:
+    return residuals(state.to_x(u))
 
 
 def sampled_answer(
@@ -91,51 +96,38 @@ def sampled_answer(
     bubbles can be simulated."""
     target, noise = Target(shot, workers), shot.noise(discrepancy)
     prior, budget = target.prior, SIMULATED if target.unknown else EMULATED
-    weighed = posterior(
-        target.quick, target.simulated, noise, len(prior.names), seed, budget, target.groups, target.switches
-    )
-    x = prior.to_x(weighed.u)
+    weighed = posterior(target.models(noise), seed, budget)
+    found = _with_draws(replace(empty, medium=shot.medium), target, weighed)
     best = int(np.argmax(weighed.log_posterior))
-    residual = weighed.residuals[best]
     predictive, excess, at = judge(target, noise, weighed, best, seed)
-    messages = [Message("sampled_by_solver", {"reason": target.unknown})] if target.unknown else []
-    verdict: Verdict = "ok"
+    pulled = _pulled(shot, prior, at)
     effective = effective_size(weighed.log_weight)
-    names, theta = shot.to_theta(x)
-    theta = _switched_off(names, theta)
-    switches = _switches(prior, x, relative_weights(weighed.log_weight))
-    bounds = shot.bound_messages(x, prior.low, prior.high, weighed.log_weight)
-    if any(message.parameters["name"] in DECIDING for message in bounds):
-        verdict = "undetermined"
-    messages = [*bounds, *messages]
+    verdict, messages = _bounds(found, shot.family)
+    if target.unknown:
+        messages.append(Message("sampled_by_solver", {"reason": target.unknown}))
     if predictive and predictive["p_value"] < REJECTED:
         if not discrepancy or excess > LARGE_MISFIT:
             verdict = "model_does_not_fit"
         limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
         chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
         messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
-    traded = trades(prior, x, weighed.log_weight, shot.family.parameters)
+    traded = trades(prior, weighed.x, weighed.log_weight, shot.family.parameters)
     if verdict == "ok" and any(name in DECIDING for name in traded):
         verdict = "undetermined"
-    messages += [
-        Message(f"traded.{name}", {"name": name, "other": other, "bound": bound})
-        for name, (other, bound) in traded.items()
-    ]
-    pulled = _pulled(shot, prior, at)
+    for name, (other, bound) in traded.items():
+        messages.append(Message(f"traded.{name}", {"name": name, "other": other, "bound": bound}))
     messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
     messages += shot.messages
     if effective < ENOUGH:
-        unfit = {"draws": len(x), "effective": effective, "needed": ENOUGH}
+        unfit = {"draws": len(weighed.x), "effective": effective, "needed": ENOUGH}
         messages.append(Message("interval.distrusted", unfit))
-        theta, verdict = theta[best : best + 1], "no_interval" if verdict == "ok" else verdict
-    values = shot.all_values(x[best])
-    if values.get("accommodation") == np.inf:  # the field's bubble, as in theta
-        values |= {"accommodation": 1.0, "confinement_damping": 0.0}
+        verdict = "no_interval" if verdict == "ok" else verdict
+        found = replace(found, theta=found.theta[best : best + 1], log_weight=None)
     diagnostics = Diagnostics(
         stretch_source=shot.stretch_source(),
         at_bound=tuple(name for name in pulled if name in CAMERA),
         frames_left_out=int(np.count_nonzero(~shot.counted)),
-        draws=len(x),
+        draws=len(weighed.x),
         effective_sample_size=effective,
         predictive=predictive,
         systematic_misfit_over_rmax=excess,
@@ -144,14 +136,49 @@ def sampled_answer(
         modulus_over_scale=modulus_over_scale(target, noise, weighed),
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
-    provenance |= noise.describe(residual) | {"evaluations": weighed.evaluations, "share": weighed.share}
+    provenance |= noise.describe(weighed.residuals[best])
+    provenance |= {"evaluations": weighed.evaluations, "share": weighed.share}
+    traded_bounds = {name: bound for name, (_, bound) in traded.items()}
+    checks = shot.checks(weighed.x[best], verdict, messages)
+    return replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics, traded=traded_bounds)
+
+
+def _with_draws(empty: Posterior, target: Target, weighed: Weighed) -> Posterior:
+    """The answer with the draws, their evidence and switches, and the best of them."""
+    shot, prior, x = target.shot, target.prior, weighed.x
+    names, theta = shot.to_theta(x)
+    values = shot.all_values(x[int(np.argmax(weighed.log_posterior))])
+    if values.get("accommodation") == np.inf:  # the field's bubble, as in theta
+        values |= {"accommodation": 1.0, "confinement_damping": 0.0}
     return replace(
-        empty, names=names, units=units(names), theta=theta, provenance=provenance,
-        checks=shot.checks(x[best], verdict, messages), log_weight=weighed.log_weight if len(theta) > 1 else None,
-        best=values, stretch=values["stretch"], evidence=Evidence(weighed.log_evidence, weighed.error),
-        diagnostics=diagnostics, medium=shot.medium, prior=shot.law_prior(prior), stretch_prior=shot.stretch_prior,
-        switches=switches, traded={name: bound for name, (_, bound) in traded.items()},
-    )  # fmt: skip
+        empty,
+        names=names,
+        units=units(names),
+        theta=_switched_off(names, theta),
+        log_weight=weighed.log_weight,
+        best=values,
+        stretch=values["stretch"],
+        evidence=Evidence(weighed.log_evidence, weighed.error),
+        prior=shot.law_prior(prior),
+        stretch_prior=shot.stretch_prior,
+        switches=_switches(prior, x, relative_weights(weighed.log_weight)),
+    )
+
+
+def _bounds(answer: Posterior, family: Family) -> tuple[Verdict, list[Message]]:
+    """A message for each parameter of the law, and for the stretch, that is only bounded, and the verdict. None for a
+    stiffening that may be 0, nor for a G that is 0: the probabilities of the switches say so."""
+    verdict: Verdict = "ok"
+    messages: list[Message] = []
+    for name in (*family.parameters, "stretch"):
+        bound = answer.bound(name) if name in answer.parameters else None
+        ends = answer.interval(name) if bound else None
+        if not bound or not ends or ends[1] == 0.0 or (name in family.atoms and name != "shear_modulus"):
+            continue
+        messages.append(message_of_bound(name, bound, (ends[0], answer.median(name) or 0.0, ends[1])))
+        if name in DECIDING:
+            verdict = "undetermined"
+    return verdict, messages
 
 
 def _switched_off(names: Sequence[str], theta: Floats) -> Floats:
@@ -225,18 +252,18 @@ def judge(
 ) -> tuple[dict[str, Any] | None, float, Floats]:
     """The predictive check at the best draw, the misfit beyond noise, and the place x (d,) that it is judged at: if the
     check rejects, the nearest that the law can come by least squares."""
-    shot, prior = target.shot, target.prior
-    u, residual = weighed.u[best], weighed.residuals[best]
-    jacobian = target.jacobian(u)
-    predictive = predictive_check(residual, jacobian, noise.deviation, seed)
-    excess, at = shot.misfit(residual), prior.to_x(u)
+    shot, at, residual = target.shot, weighed.x[best], weighed.residuals[best]
+    state = target.state(at)
+    u = state.to_u(at[None], INSIDE)
+    predictive = predictive_check(residual, target.jacobian(state, u[0]), noise.deviation, seed)
+    excess = shot.misfit(residual)
     if predictive and predictive["p_value"] < REJECTED:
         white = Noise(np.full(len(residual), np.median(noise.deviation)), shot.time_since_max[shot.counted], 1.0, False)
-        shift = residual - target.quick(u[None])[0]
-        nearest = climb(lambda v: target.quick(v) + shift, white, u[None], EMULATED)[0][0]
-        nearer = shot.misfit(target.simulated(nearest[None])[0])
+        shift = residual - target.quick(at[None])[0]
+        nearest = climb(lambda v: target.quick(state.to_x(v)) + shift, white, u).u
+        nearer = shot.misfit(target.simulated(state.to_x(nearest))[0])
         if nearer < excess:
-            excess, at = nearer, prior.to_x(nearest)
+            excess, at = nearer, state.to_x(nearest)[0]
     return predictive, excess, at
 
 
@@ -247,10 +274,10 @@ def modulus_over_scale(target: Target, noise: Noise, weighed: Weighed) -> float 
     if "shear_modulus" not in names or target.unknown:
         return None
     good = np.isfinite(weighed.log_weight)
-    u, residuals, weight = weighed.u[good], weighed.residuals[good], relative_weights(weighed.log_weight[good])
-    nearer, farther = (target.quick(u, 1.0 + side * SCALED) for side in (-0.5, 0.5))
+    x, residuals, weight = weighed.x[good], weighed.residuals[good], relative_weights(weighed.log_weight[good])
+    nearer, farther = (target.quick(x, 1.0 + side * SCALED) for side in (-0.5, 0.5))
     gain = noise.log_density(residuals + nearer - farther) - noise.log_density(residuals)
-    modulus = 10.0 ** target.prior.to_x(u)[:, names.index("shear_modulus")]
+    modulus = 10.0 ** x[:, names.index("shear_modulus")]
     before = np.average(modulus, weights=weight)
     if before <= 0.0:
         return None

@@ -27,7 +27,7 @@ from cavirheo.inference.answer import Target
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
 from cavirheo.inference.experiment import BOUND_SCALES, BOUND_SIGMAS, ZETA, Experiment
 from cavirheo.inference.noise import GAMMA_A, Noise
-from cavirheo.inference.sample import EMULATED, climb
+from cavirheo.inference.sample import climb
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.bubble import FREE as INFERRED
@@ -122,12 +122,14 @@ def compute_expectation(
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options)
     target, noise = Target(shot), shot.noise(discrepancy=True)
-    prior = target.prior
-    start = prior.to_u(shot.from_best(truth), INSIDE)
-    (mode,), (height,), _ = climb(target.quick, noise, start[None], EMULATED)
-    if not np.isfinite(height):
+    x = shot.from_best(truth)
+    state = target.state(x)
+    prior = state.prior
+    found = climb(lambda u: target.quick(state.to_x(u)), noise, state.to_u(x[None], INSIDE))
+    if not np.isfinite(found.value[0]):
         raise SolverError(f"{curve.name}: there is no such bubble")
-    residual, jacobian = target.quick(mode[None])[0], target.jacobian(mode)
+    mode = found.u[0]
+    residual, jacobian = target.quick(state.to_x(found.u))[0], target.jacobian(state, mode)
     size, (u, covariance) = shot.law_size, linearised(noise, mode, residual, jacobian)
     covariance, slope, middle = covariance[:size, :size], prior.slope(u)[:size], prior.to_x(u)[:size]
     information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)

@@ -21,7 +21,7 @@ from cavirheo.errors import InputError
 from cavirheo.inference.cards import Arrays, card, path_of, read_weights
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.cache import compiled
-from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Material, Newtonian, Viscous
+from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Fung, Material, NeoHookean, Newtonian, Viscous
 from cavirheo.physics.materials import Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.media import WATER, Medium
 
@@ -91,6 +91,16 @@ def outside(material: Material, bubble: Bubble, medium: Medium, max_radius: floa
     return "" if usual == asdict(WATER) else "constants of its gas or vapour are unusual"
 
 
+class Camera(NamedTuple):
+    """When frames are taken. time: (n,) s after R_max; offsets, shares: (m,) instants of an exposure, s, and their
+    weights; origin: (k,) s, by which the clock of each bubble is late. Instants before R_max are mirrored."""
+
+    time: Floats
+    offsets: Floats
+    shares: Floats
+    origin: Floats
+
+
 class Features(NamedTuple):
     """inputs: (k, inputs) of the network, NaN where the law does not hold; unit: (k,) T, s."""
 
@@ -143,9 +153,16 @@ def features(bubbles: Bubbles) -> Features:
 def elastic_stress(law: Elastic, stretch: Floats) -> Floats:
     """(k, radii) S_el, Pa, of a law with parameters (k, 1) at RADII of bubbles with stretches (k,). Beyond the end of
     the law it is LARGEST_STRESS times 1 MPa, with the sign that it has there; NaN if R_max is beyond it."""
-    if hasattr(law, "closed_form"):
-        return law.stress(stretch[:, None] * RADII)
     ratios = stretch[:, None] * RADII
+    if hasattr(law, "closed_form"):
+        return law.stress(ratios)
+    if isinstance(law, Fung) and np.any(plain := np.broadcast_to(law.stiffening == 0.0, (len(stretch), 1))[:, 0]):
+        modulus = np.broadcast_to(law.shear_modulus, (len(stretch), 1))
+        stress = NeoHookean(modulus).stress(ratios)  # type: ignore[arg-type]
+        if not np.all(plain):
+            stiffening = np.broadcast_to(law.stiffening, (len(stretch), 1))
+            stress[~plain] = elastic_stress(Fung(modulus[~plain], stiffening[~plain]), stretch[~plain])
+        return stress
     ends = np.log(np.sort(np.column_stack([ratios, np.sqrt(np.maximum(stretch, 1.0)), np.ones(len(stretch))]), axis=1))
     steps = np.diff(ends, axis=1)
     inside = np.exp(ends[:, :-1, None] + steps[..., None] * _X)
@@ -188,7 +205,7 @@ class Emulator:
             self._first = np.ascontiguousarray(arrays["first.weight"].T), arrays["first.bias"]
             names = ("norm.weight", "norm.bias", "in.weight", "in.bias", "out.weight", "out.bias")
             blocks = sum(name.endswith(".norm.weight") for name in arrays)
-            self._blocks = [[np.ascontiguousarray(arrays[f"{i}.{name}"].T) for name in names] for i in range(blocks)]
+            self._blocks = [_block(*(arrays[f"{i}.{name}"].T for name in names)) for i in range(blocks)]
             decoder, offset = arrays["decoder"], arrays["offset"]
             last, bias = arrays["last.weight"].T @ decoder, arrays["last.bias"] @ decoder + offset
             self._last = np.ascontiguousarray(last), bias
@@ -206,69 +223,77 @@ class Emulator:
         """(k, 2 NODES) R/R_max and t/T at the nodes of s, of inputs (k, inputs)."""
         scaled = np.clip((inputs - self._mean) / self._std, -FARTHEST, FARTHEST).astype(np.float32)
         x = scaled @ self._first[0] + self._first[1]
-        for gain, shift, w_in, b_in, w_out, b_out in self._blocks:
-            centred = x - x.mean(axis=1, keepdims=True)
-            deviation = np.sqrt(np.einsum("ij,ij->i", centred, centred)[:, None] / x.shape[1] + np.float32(1e-5))
-            h = (centred / deviation * gain + shift) @ w_in + b_in
-            h /= 1.0 + np.exp(-h)
-            x += h @ w_out + b_out
+        for w_in, b_in, w_out, b_out in self._blocks:
+            h = x - x.mean(axis=1, keepdims=True)
+            h /= np.sqrt(np.einsum("ij,ij->i", h, h)[:, None] / x.shape[1] + np.float32(1e-5))
+            h = h @ w_in
+            h += b_in
+            e = np.exp(-h)
+            e += 1.0
+            h /= e
+            x += h @ w_out
+            x += b_out
         return np.asarray(x @ self._last[0] + self._last[1])
 
-    def radius(self, bubbles: Bubbles, instants: Floats) -> Floats:
-        """(k, n) R/R_max of k bubbles at their instants (k, n), s after R_max and not negative; NaN for a bubble whose
-        law does not hold. After the end of the emulated trajectory the bubble rests."""
+    def radius(self, bubbles: Bubbles, camera: Camera) -> Floats:
+        """(k, n) R/R_max of k bubbles as a camera sees it; NaN for a bubble whose law does not hold. After the end of
+        the emulated trajectory the bubble rests."""
         made = features(bubbles)
         holds = np.all(np.isfinite(made.inputs), axis=1)
         curves = self.trajectories(np.where(holds[:, None], made.inputs, 0.0))
-        out = np.empty(instants.shape)
-        at_instants(curves, instants / made.unit[:, None], out)
+        out = np.empty((len(curves), len(camera.time)))
+        seen(curves, made.unit, *camera, out)
         out[~holds] = np.nan
         return out
 
 
+def _block(gain: Any, shift: Any, w_in: Any, b_in: Any, w_out: Any, b_out: Any) -> list[Any]:
+    """A block of the network, with the gain and the shift of its normalisation in its first layer."""
+    layers = gain[:, None] * w_in, shift @ w_in + b_in, w_out, b_out
+    return [np.ascontiguousarray(layer, dtype=np.float32) for layer in layers]
+
+
 @compiled
-def at_instants(curves: Any, instants: Floats, out: Floats) -> None:
-    """Write R (k, n) at instants (k, n) into `out`, from R and t (k, 2 NODES) at equal steps of s: cubics in s, on
-    which the instant is found by Newton's method."""
+def seen(curves: Any, unit: Floats, time: Floats, offsets: Floats, shares: Floats, origin: Floats, out: Floats) -> None:
+    """Write the mean radius of frames into `out` (k, n), from R and t (k, 2 NODES) at equal steps of s, with t in units
+    (k,), s: cubics in s, on which an instant is found by Newton's method. The rest: fields of `Camera`."""
     half = curves.shape[1] // 2
-    for a in range(instants.shape[0]):
-        time = np.empty(half)
-        time[0] = 0.0
+    last = half - 1
+    late = np.empty(half)
+    late[0] = 0.0
+    for a in range(curves.shape[0]):
         for i in range(1, half):
-            time[i] = max(time[i - 1], float(curves[a, half + i]))
+            late[i] = max(late[i - 1], float(curves[a, half + i]))
         i = 0
-        for b in range(instants.shape[1]):
-            at = instants[a, b]
-            if at >= time[half - 1]:
-                out[a, b] = curves[a, half - 1]
-                continue
-            if time[i] > at or (i + 8 < half and time[i + 8] <= at):
-                low, high = 0, half - 1
-                while high - low > 1:
-                    middle = (low + high) // 2
-                    if time[middle] <= at:
-                        low = middle
-                    else:
-                        high = middle
-                i = low
-            while time[i + 1] <= at:
-                i += 1
-            t0, t1, r0, r1 = time[i], time[i + 1], float(curves[a, i]), float(curves[a, i + 1])
-            st0 = 0.5 * (t1 - time[i - 1]) if i > 0 else t1 - t0
-            sr0 = 0.5 * (r1 - float(curves[a, i - 1])) if i > 0 else 0.0
-            st1 = 0.5 * (time[i + 2] - t0) if i + 2 < half else t1 - t0
-            sr1 = 0.5 * (float(curves[a, i + 2]) - r0) if i + 2 < half else r1 - r0
-            x = (at - t0) / max(t1 - t0, 1e-12)
-            for _ in range(4):
-                value = t0 + x * (st0 + x * (3 * (t1 - t0) - 2 * st0 - st1 + x * (2 * (t0 - t1) + st0 + st1)))
-                slope = st0 + x * (2 * (3 * (t1 - t0) - 2 * st0 - st1) + x * 3 * (2 * (t0 - t1) + st0 + st1))
-                if slope < 1e-9:
-                    break
-                step = (value - at) / slope
-                x = min(max(x - step, 0.0), 1.0)
-                if abs(step) < 1e-6:
-                    break
-            out[a, b] = r0 + x * (sr0 + x * (3 * (r1 - r0) - 2 * sr0 - sr1 + x * (2 * (r0 - r1) + sr0 + sr1)))
+        for b in range(len(time)):
+            mean = 0.0
+            for c in range(len(offsets)):
+                at = abs(time[b] + offsets[c] - origin[a]) / unit[a]
+                if at >= late[last]:
+                    mean += shares[c] * curves[a, last]
+                    continue
+                while i > 0 and late[i] > at:
+                    i -= 1
+                while late[i + 1] <= at:
+                    i += 1
+                t0, t1, r0, r1 = late[i], late[i + 1], float(curves[a, i]), float(curves[a, i + 1])
+                st0 = 0.5 * (t1 - late[i - 1]) if i > 0 else t1 - t0
+                sr0 = 0.5 * (r1 - float(curves[a, i - 1])) if i > 0 else 0.0
+                st1 = 0.5 * (late[i + 2] - t0) if i + 2 < half else t1 - t0
+                sr1 = 0.5 * (float(curves[a, i + 2]) - r0) if i + 2 < half else r1 - r0
+                t2, t3 = 3 * (t1 - t0) - 2 * st0 - st1, 2 * (t0 - t1) + st0 + st1
+                x = (at - t0) / max(t1 - t0, 1e-12)
+                for _ in range(4):
+                    slope = st0 + x * (2 * t2 + x * 3 * t3)
+                    if slope < 1e-9:
+                        break
+                    step = (t0 + x * (st0 + x * (t2 + x * t3)) - at) / slope
+                    x = min(max(x - step, 0.0), 1.0)
+                    if abs(step) < 1e-3:  # its square is the error that is left
+                        break
+                r2, r3 = 3 * (r1 - r0) - 2 * sr0 - sr1, 2 * (r0 - r1) + sr0 + sr1
+                mean += shares[c] * (r0 + x * (sr0 + x * (r2 + x * r3)))
+            out[a, b] = mean
 
 
 @lru_cache(maxsize=2)

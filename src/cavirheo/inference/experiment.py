@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from threading import Lock
 from typing import Any
 
@@ -23,19 +24,19 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.assumptions import FREE, Family, Options, fixed_bubble
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
-from cavirheo.inference.emulator import Bubbles, Emulator
+from cavirheo.inference.emulator import Bubbles, Camera, Emulator
 from cavirheo.inference.frames import compared_frames
 from cavirheo.inference.noise import Noise
-from cavirheo.messages import Message, message_of_bound
-from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
+from cavirheo.messages import Message
+from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, ZERO_BY_DEFAULT, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import Simulation, simulate
-from cavirheo.posterior import Checks, Verdict, intervals, weighted_quantile
+from cavirheo.posterior import Checks, Verdict
 from cavirheo.prior import Prior
 
-INSTANTS = 5  # of an exposure
+INSTANTS, QUICK_INSTANTS = 5, 3  # of an exposure, for the solver and for the emulator
 MIN_CLOCK, MIN_FACTOR = 0.02, 0.015  # smallest half-widths of the priors of the clock (t_c) and of the R_max factor
 NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 FIELD_PROBABILITY = 0.2  # prior probability that a bubble is the field's
@@ -301,11 +302,9 @@ class Experiment:
             self.family.material(x[:, : self.law_size]), self.medium, radius, values["stretch"], accommodation,
             np.where(real, values["confinement_damping"], 0.0), values["damage_modulus"], values["damage_radius"],
         )  # fmt: skip
-        offsets, shares = exposure_nodes(self.exposure, INSTANTS)
-        since = scale * self.time_since_max[self.counted]
-        instants = np.abs((since[:, None] + offsets).ravel() - size["time_origin"][:, None])
-        at_instants = emulator.radius(bubbles, instants).reshape(k, len(since), len(offsets))
-        return np.asarray(factor[:, None] * (at_instants @ shares))
+        nodes = exposure_nodes(self.exposure, QUICK_INSTANTS)
+        camera = Camera(scale * self.time_since_max[self.counted], *nodes, np.ascontiguousarray(size["time_origin"]))
+        return factor[:, None] * emulator.radius(bubbles, camera)
 
     def _run(
         self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy
@@ -378,23 +377,6 @@ class Experiment:
         deviation = float(np.median(stated)) if len(stated) else self.curve.noise
         return deviation < CLEAN_DEVIATION * self.max_radius
 
-    def bound_messages(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> list[Message]:
-        """A message for each parameter of the law, and for the stretch, of which the central 90 % of x (draws, d) reach
-        an end of the range from low to high (d,). None for a stiffening that may be 0, nor for a G that is 0: the
-        probabilities of the switches say so."""
-        messages = list[Message]()
-        for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
-            if name not in (*self.family.parameters, "stretch") or len(x) < 2:
-                continue
-            low_end, high_end = weighted_quantile(values, np.array([0.05, 0.95]), log_weight)
-            if name in self.family.atoms and (name != "shear_modulus" or np.isneginf(high_end)):
-                continue
-            if bound := bound_of(low_end, high_end, (a, b)):
-                messages.append(
-                    message_of_bound(name, bound, intervals([LOG10 + name], values[:, None], log_weight)[name])
-                )
-        return messages
-
     @property
     def messages(self) -> list[Message]:
         """Messages on frames that do not count, and on the use of a stretch that the recording gives."""
@@ -423,6 +405,7 @@ class Experiment:
         return time >= (np.inf if first is None else first)
 
 
+@lru_cache(maxsize=64)
 def exposure_nodes(exposure: float, count: int) -> tuple[Floats, Floats]:
     """Offsets of `count` Gauss-Legendre instants in an exposure, in its unit, and their weights. An exposure of 0 has
     one instant."""

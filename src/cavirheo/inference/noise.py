@@ -32,6 +32,7 @@ GAMMA_A = 2.0  # A: the frame-to-frame noise is only a guess of the noise
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
 CLOCK_RATIOS = (0.0, 1.0, 4.0)  # s/r
 TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window
+SEEN_SHARE = 1e-5  # a grid point with a smaller share of the density has no part in its slope
 ABSENCE_PROBABILITY = 1.0 / 6.0  # prior probability that there is no discrepancy
 
 
@@ -79,9 +80,13 @@ class Noise:
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
         """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of a residual (n,), measured minus simulated;
         jacobian: (n, d) of the simulated frames."""
-        both = np.column_stack([jacobian, residual])
-        _, gradient, curvature = expanded(both, *self.covariances, self.constants, self.power)
-        return gradient, curvature
+        share = self._shares(residual[None])[1][:, 0]
+        used, d = share > SEEN_SHARE, jacobian.shape[1]
+        weight, shifts, rank, factor = self.covariances
+        some = Covariances(weight, shifts[used], rank[used], factor[used])
+        product = products(np.column_stack([jacobian, residual]), *some)
+        trust = share[used] * self.power / (GAMMA_A + 0.5 * product[:, d, d])
+        return -trust @ product[:, :d, d], np.tensordot(trust, product[:, :d, :d], 1)
 
     def describe(self, residual: Floats) -> dict[str, float]:
         """Of a residual (n,): noise over assumed noise, probability of a discrepancy, and its standard deviation."""
@@ -189,33 +194,3 @@ def squared(residuals: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.
                 one_before[k] = value
         squares[p] = total
     return squares
-
-
-@compiled
-def expanded(
-    columns: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.int64], factor: Floats, constants: Floats,
-    power: float,
-) -> tuple[float, Floats, Floats]:  # fmt: skip
-    """Log density of a residual (n,), the last of the columns (n, d + 1), and gradient (d,) and Gauss-Newton curvature
-    (d, d) of its negative by d parameters, of which the other columns are the derivatives of the simulated frames."""
-    d = columns.shape[1] - 1
-    product = products(columns, weight, shifts, rank, factor)
-    total, share = summed(product[:, d, d], constants, power)
-    gradient, curvature = np.zeros(d), np.zeros((d, d))
-    for p in range(len(rank)):
-        trust = share[p] * power / (GAMMA_A + 0.5 * product[p, d, d])
-        for a in range(d):
-            gradient[a] -= trust * product[p, a, d]
-            for b in range(d):
-                curvature[a, b] += trust * product[p, a, b]
-    return total, gradient, curvature
-
-
-@compiled
-def summed(squares: Floats, constants: Floats, power: float) -> tuple[float, Floats]:
-    """Log density of a residual with these e' C^-1 e (grid,), and the share of each grid point in it, (grid,)."""
-    terms = constants - power * np.log1p(squares / (2.0 * GAMMA_A))
-    top = np.max(terms)
-    share = np.exp(terms - top)
-    whole = np.sum(share)
-    return top + np.log(whole), share / whole

@@ -41,7 +41,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, read_object, require
 from cavirheo.inference.bdt import Forward
 from cavirheo.inference.cards import MAX_BYTES, EmulatorCard, Layers, ModelCard, unpack
-from cavirheo.inference.emulator import NODES, Emulator, at_instants
+from cavirheo.inference.emulator import NODES, Emulator, seen
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.training.dataset import Dataset, Indices, load, load_trajectories
 from cavirheo.training.networks import BubbleTransformer, EmulatorNetwork, Unstandardised, arrays_of, scaling
@@ -348,10 +348,10 @@ def frame_errors(truth: NDArray[np.float32], emulated: NDArray[np.float32]) -> F
     """(k,) RMS error over R_max of FRAMES at equal times, up to the rebound that follows the third collapse."""
     radius, time = np.hsplit(truth, 2)
     end = np.take_along_axis(time, compared_end(radius)[:, None], axis=1)
-    instants = end.astype(float) * np.linspace(0.0, 1.0, FRAMES)
-    expected, found = np.empty(instants.shape), np.empty(instants.shape)
-    at_instants(truth, instants, expected)
-    at_instants(emulated, instants, found)
+    expected, found = np.empty((2, len(truth), FRAMES))
+    instants, nothing = np.linspace(0.0, 1.0, FRAMES), np.zeros(len(truth))
+    for curves, frames in ((truth, expected), (emulated, found)):
+        seen(curves, 1.0 / end[:, 0].astype(float), instants, np.zeros(1), np.ones(1), nothing, frames)
     return np.asarray(np.sqrt(np.mean((found - expected) ** 2, axis=1)))
 
 
