@@ -30,14 +30,14 @@ _EQUATIONS = {
 }
 _METHODS = {  # the sentence with its citations, by method of the answer
     "verified": (
-        "The posterior of the parameters was sampled by Markov chains [TerBraak2008] on a network that was trained on "
-        "simulations, and each draw was weighed by a full simulation, with noise of unknown size and a discrepancy "
+        "The posterior of the parameters was sampled by adaptive importance sampling [Cornuet2012] of a network that was "
+        "trained on simulations, and each draw was weighed by a full simulation, with noise of unknown size and a discrepancy "
         "between law and bubble that was inferred along with them [Kennedy2001]."
     ),
     "least_squares": (
         "The parameters were fitted to the simulation under white noise of unknown size: their posterior was sampled "
-        "by Markov chains [TerBraak2008] on a network that was trained on simulations, and each draw was weighed by a "
-        "full simulation."
+        "by adaptive importance sampling [Cornuet2012] of a network that was trained on simulations, and each draw was "
+        "weighed by a full simulation."
     ),
     "bdt": "A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.",
 }
