@@ -69,10 +69,11 @@ INTERVAL = PlausibleRange(1e-12, 2e-3, 1e-6, "s", _SECONDS)  # between frames
 FRAME_RATE = PlausibleRange(500.0, 1e10, 1e6, "frames per second", {"kHz": (1e3, 0.0), "MHz": (1e6, 0.0)})
 DURATION = PlausibleRange(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
 STRETCH_RANGE = (1.05, 40.0)  # searched range of R_max/R_0
+USUAL_STRETCH = 6.5, 2.0  # R_max/R_0 of bubbles in gels and liquids: middle, and factor of one standard deviation
 
 
 PARAMETERS: dict[str, Parameter] = {
-    "shear_modulus": Parameter("G", "Pa", (1.0, 7.0), (2.7, 5.2)),
+    "shear_modulus": Parameter("G", "Pa", (2.0, 7.0), (2.7, 5.2)),
     "C1": Parameter("C_1", "Pa", (0.7, 5.7), (2.4, 4.9)),
     "C2": Parameter("C_2", "Pa", (-2.0, 5.7), (0.0, 4.0)),
     "C3": Parameter("C_3", "Pa", (-5.0, 3.0), (-3.0, 0.0)),

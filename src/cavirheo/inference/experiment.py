@@ -28,7 +28,7 @@ from cavirheo.inference.emulator import Bubbles, Camera, Emulator
 from cavirheo.inference.frames import compared_frames
 from cavirheo.inference.noise import Noise
 from cavirheo.messages import Message
-from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE
+from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, USUAL_STRETCH
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, ZERO_BY_DEFAULT, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
@@ -243,7 +243,8 @@ class Experiment:
 
     def prior(self) -> Prior:
         """The proper prior of x. log10 of the parameters of law and shot: uniform in the ranges of parameters.py, with
-        the atoms of the family; the stretch is normal if the file or the plateau gives it. A real bubble is the field's
+        the atoms of the family; the stretch is normal about USUAL_STRETCH, or
+        about what the file or the plateau gives. A real bubble is the field's
         with FIELD_PROBABILITY: its accommodation is then infinite. Time origin: uniform within its bound. Radius scale
         and R_max factor: normal, with a third of their bound as standard deviation. Walls and vapour above saturation:
         half-normal."""
@@ -253,6 +254,8 @@ class Experiment:
         for i, name in enumerate(self.names):
             if name == "accommodation" and self.options.bubble == REAL:
                 infinite[i] = FIELD_PROBABILITY
+            if name == "stretch":
+                mean[i], std[i] = np.log10(USUAL_STRETCH)
             if name == "stretch" and self.stretch_prior:
                 value, deviation = self.stretch_prior
                 mean[i], std[i] = float(np.log10(value)), deviation / (value * _LN10)

@@ -30,9 +30,9 @@ _EQUATIONS = {
 }
 _METHODS = {  # the sentence with its citations, by method of the answer
     "verified": (
-        "The posterior of the parameters was sampled by adaptive importance sampling [Cornuet2012] of a network that was "
-        "trained on simulations, and each draw was weighed by a full simulation, with noise of unknown size and a discrepancy "
-        "between law and bubble that was inferred along with them [Kennedy2001]."
+        "The posterior of the parameters was sampled by adaptive importance sampling [Cornuet2012] of a network that "
+        "was trained on simulations, and each draw was weighed by a full simulation, with noise of unknown size and a "
+        "discrepancy between law and bubble that was inferred along with them [Kennedy2001]."
     ),
     "least_squares": (
         "The parameters were fitted to the simulation under white noise of unknown size: their posterior was sampled "
