@@ -65,7 +65,7 @@ PLANTED = (
     Planted("a ridge bends the wrong way", "inference/sample.py",
             "z -= _quadratic(z) @ self.bend", "z += _quadratic(z) @ self.bend", ("test_machine",)),
     Planted("climb without the pull of the prior", "inference/sample.py",
-            ".reshape(m, d) + u", ".reshape(m, d)", ("test_machine",)),
+            "return gradients + u, curvatures", "return gradients, curvatures", ("test_machine",)),
     Planted("clock of emulated frames, sign", "inference/emulator.py",
             "offsets[c] - origin[a]", "offsets[c] + origin[a]", ("test_experiment",)),
     Planted("the factor of R_max is left out of emulated frames", "inference/experiment.py",

@@ -55,7 +55,7 @@ def test_newton_is_the_derivative_of_the_density(discrepancy):
     rng = np.random.default_rng(2)
     noise = Noise(np.full(20, 0.01), np.arange(20.0), 5.0, discrepancy)
     residual, J = 0.02 * rng.standard_normal(20), rng.standard_normal((20, 2))
-    gradient, curvature = noise.newton(residual, J)
+    (gradient,), (curvature,) = noise.newton(residual[None], J[None])
     step = 1e-6
     moved = [(-noise.log_density((residual - s * step * J[:, 0])[None])[0]) for s in (1, -1)]
     assert gradient[0] == pytest.approx((moved[0] - moved[1]) / (2 * step), rel=1e-4)

@@ -1,8 +1,9 @@
 """From start to answer: one simulated shot, 20 in one call on all cores, and the command with one shot.
 
 Seconds are those of the clock, which the load of the machine makes longer, and of the processor (all threads of one
-shot); ratios are of one run. The part `newcomer`, which installs the package in an empty environment, runs where it is
-named alone: it takes minutes and asks a package index.
+shot); ratios are of one run. "worth": processor seconds of an answer over those of a default simulation of its bubble,
+which was run directly after it. The part `newcomer`, which installs the package in an empty environment, runs where it
+is named alone: it takes minutes and asks a package index.
 """
 
 from __future__ import annotations
@@ -18,10 +19,13 @@ import numpy as np
 
 from benchmarks import first_answer
 from benchmarks.default_answer import STREAM, recording
-from cavirheo import infer_many
+from cavirheo import Posterior, RadiusCurve, infer_many
+from cavirheo.inference.assumptions import Family, Options
+from cavirheo.inference.experiment import Experiment
 from validation.numbers import Number, Run, statistic
 
 TOGETHER = 20
+SIMULATED = 20  # simulations that are timed
 PARTS = ("newcomer",)
 STEPS = {  # of benchmarks/first_answer.py
     "pip install .": "install",
@@ -35,6 +39,16 @@ def seconds(work: Callable[[], object]) -> float:
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
+
+
+def simulation_seconds(curve: RadiusCurve, answer: Posterior) -> float:
+    """Processor seconds of one default simulation of the answer's bubble."""
+    shot = Experiment(curve, Family(answer.material), answer.medium, Options(bubble=answer.bubble))
+    x = shot.from_best(answer.best)
+    began = time.process_time()
+    for _ in range(SIMULATED):
+        shot.predict(x)
+    return (time.process_time() - began) / SIMULATED
 
 
 def quantile_95(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -60,11 +74,14 @@ def measure(run: Run) -> Iterator[Number]:
     made = [one[0] for i in range(3 * TOGETHER) if (one := recording("calibration", i))][:TOGETHER]
     infer_many(made[:1])  # what is loaded once does not count
     for law, material in (("one_law", "nhkv"), ("one", None)):
-        alone, busy = [], []
+        alone, busy, worth = [], [], []
         for one in made:
-            began = time.process_time()
-            alone.append(seconds(lambda one=one, how=material: infer_many([one], material=how, trust_input=True)))
+            began, clock = time.process_time(), time.perf_counter()
+            (answer,) = infer_many([one], material=material, trust_input=True)
+            alone.append(time.perf_counter() - clock)
             busy.append(time.process_time() - began)
+            worth.append(busy[-1] / simulation_seconds(one, answer))
+        yield statistic(f"{law}.worth", worth, "simulations", seed=STREAM)
         yield statistic(f"{law}.processor_seconds", busy, "s", seed=STREAM)
         yield statistic(f"{law}.seconds", alone, "s", seed=STREAM)
         yield statistic(f"{law}.seconds.95", alone, "s", quantile_95, STREAM)

@@ -15,7 +15,7 @@ from cavirheo.inference.emulator import emulator, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import EMULATED, SIMULATED, Frames, climb, effective_size
-from cavirheo.inference.weigh import ENOUGH, Model, Weighed, posterior
+from cavirheo.inference.weigh import Model, Weighed, posterior
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import CAMERA, Bound, bound_of, units
@@ -32,6 +32,7 @@ OPEN_ENDS: dict[str, Bound] = {"stretch": "lower", "accommodation": "upper", "co
 """Ends of nuisances beyond which there is physics: a larger stretch, a smaller accommodation, a larger damping."""
 TRADED = 0.3  # correlation of a parameter with a nuisance at its end, above which it is only bounded
 FEWEST = 10  # draws that tell a correlation
+ENOUGH = EMULATED.effective  # draws without which there is no interval
 DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters whose bounds make the verdict
 NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""

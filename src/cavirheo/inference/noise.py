@@ -60,7 +60,7 @@ class Noise:
 
     def products(self, columns: Floats) -> Floats:
         """columns' C^-1 columns (grid, k, k), of columns (n, k)."""
-        return np.asarray(products(np.ascontiguousarray(columns), *self.covariances))
+        return np.asarray(products(np.ascontiguousarray(columns), np.arange(len(self.grid)), *self.covariances))
 
     def _shares(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """Log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
@@ -77,16 +77,19 @@ class Noise:
             log_density[good] = self._shares(residuals[good])[0]
         return log_density
 
-    def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
-        """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of a residual (n,), measured minus simulated;
-        jacobian: (n, d) of the simulated frames."""
-        share = self._shares(residual[None])[1][:, 0]
-        used, d = share > SEEN_SHARE, jacobian.shape[1]
-        weight, shifts, rank, factor = self.covariances
-        some = Covariances(weight, shifts[used], rank[used], factor[used])
-        product = products(np.column_stack([jacobian, residual]), *some)
-        trust = share[used] * self.power / (GAMMA_A + 0.5 * product[:, d, d])
-        return -trust @ product[:, :d, d], np.tensordot(trust, product[:, :d, :d], 1)
+    def newton(self, residuals: Floats, jacobians: Floats) -> tuple[Floats, Floats]:
+        """Gradients (m, d) and Gauss-Newton curvatures (m, d, d) of -log density of residuals (m, n), measured minus
+        simulated; jacobians: (m, n, d) of the simulated frames. Where a residual is not finite there is no slope."""
+        m, _, d = jacobians.shape
+        gradients, curvatures = np.zeros((m, d)), np.zeros((m, d, d))
+        shares = self._shares(residuals)[1]
+        for i in np.flatnonzero(np.all(np.isfinite(residuals), axis=1)):
+            used = np.flatnonzero(shares[:, i] > SEEN_SHARE)
+            product = products(np.column_stack([jacobians[i], residuals[i]]), used, *self.covariances)
+            trust = shares[used, i] * self.power / (GAMMA_A + 0.5 * product[:, d, d])
+            gradients[i] = -trust @ product[:, :d, d]
+            curvatures[i] = np.tensordot(trust, product[:, :d, :d], 1)
+        return gradients, curvatures
 
     def describe(self, residual: Floats) -> dict[str, float]:
         """Of a residual (n,): noise over assumed noise, probability of a discrepancy, and its standard deviation."""
@@ -138,18 +141,22 @@ class Covariances(NamedTuple):
 
 
 @compiled
-def products(columns: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
-    """columns' C^-1 columns (grid, k, k) of columns (n, k), by Woodbury; the rest are fields of `Covariances`."""
+def products(
+    columns: Floats, used: NDArray[np.int64], weight: Floats, shifts: Floats, rank: NDArray[np.int64], factor: Floats
+) -> Floats:
+    """columns' C^-1 columns (used, k, k) of columns (n, k) at these grid points, by Woodbury; the rest are fields of
+    `Covariances`."""
     n, k = columns.shape
     white = np.zeros((k, k))
     for i in range(n):
         for a in range(k):
             for b in range(a + 1):
                 white[a, b] += columns[i, a] * weight[i] * columns[i, b]
-    product = np.empty((len(rank), k, k))
+    product = np.empty((len(used), k, k))
     row, one_before, two_before = np.empty(k), np.empty(k), np.empty(k)
-    for p in range(len(rank)):
-        product[p] = white
+    for q in range(len(used)):
+        p = used[q]
+        product[q] = white
         m = rank[p]
         one_before[:] = 0.0
         two_before[:] = 0.0
@@ -161,13 +168,13 @@ def products(columns: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.i
                 row[a] = (h * columns[i, a] - first_off * one_before[a] - second_off * two_before[a]) * factor[p, 2, j]
             for a in range(k):
                 for b in range(a + 1):
-                    product[p, a, b] -= row[a] * row[b]
+                    product[q, a, b] -= row[a] * row[b]
             for a in range(k):
                 two_before[a] = one_before[a]
                 one_before[a] = row[a]
         for a in range(k):
             for b in range(a):
-                product[p, b, a] = product[p, a, b]
+                product[q, b, a] = product[q, a, b]
     return product
 
 

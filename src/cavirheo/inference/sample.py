@@ -51,6 +51,8 @@ class Budget:
         ridge: places along the ridge of a maximum.
         first: draws of the rounds that tell the likely places.
         rounds: draws of the rounds after that.
+        effective: draws of all models together that are to be effective.
+        most: simulations.
     """
 
     scanned: int = 1000
@@ -61,6 +63,8 @@ class Budget:
     ridge: int = 60
     first: tuple[int, ...] = (800, 1200)
     rounds: tuple[int, ...] = (1500, 2000, 2000, 2500)
+    effective: float = 100.0
+    most: int = 1800
 
 
 EMULATED = Budget()
@@ -268,9 +272,8 @@ def expand(residuals: Frames, noise: Noise, u: Floats, missed: Floats) -> tuple[
     m, d = u.shape
     shifted = u[:, None, :] + DIFFERENCE * np.eye(d)
     slopes = (missed[:, None, :] - residuals(shifted.reshape(-1, d)).reshape(m, d, -1)) / DIFFERENCE
-    found = [noise.newton(row, np.nan_to_num(slope).T.copy()) for row, slope in zip(missed, slopes, strict=True)]
-    gradients = np.array([gradient for gradient, _ in found]).reshape(m, d) + u
-    return gradients, np.array([curvature for _, curvature in found]).reshape(m, d, d) + np.eye(d)
+    gradients, curvatures = noise.newton(missed, np.nan_to_num(slopes).transpose(0, 2, 1))
+    return gradients + u, curvatures + np.eye(d)
 
 
 def climb(residuals: Frames, noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Maxima:

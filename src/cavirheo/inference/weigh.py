@@ -42,8 +42,7 @@ LOOKED_AT, REFINED, RIDGES = (
 )  # maxima of a model that are simulated, and steps at most from the best of them, and ridges
 REJECTED = 12.0  # log of Laplace's integral by which a model is too unlikely to be looked at,
 NEGLIGIBLE = 4.0  # and log evidence by which it is too unlikely to be drawn from
-ENOUGH, WEIGHED = 100.0, 150  # effective draws of an answer, and the simulations that are expected to give them
-MOST = 1800  # simulations of an answer
+EXPECTED_YIELD = 2.0 / 3.0  # effective part that is expected of the first draws that are simulated
 GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that are drawn from again; and the least that is reckoned with
 SLOPE_RIDGE, ROUGHNESS = 3.0, 0.1  # of the correction: ridge of its slopes, variance that the process leaves
 FARTHEST = 4.0  # widths from the middle up to which the correction is linear
@@ -158,7 +157,7 @@ class Sampled:
     def yielded(self) -> float:
         """Effective part of the last draws that were simulated, as far as it is known."""
         if not self.parts:
-            return ENOUGH / WEIGHED
+            return EXPECTED_YIELD
         return max(self.parts[-1].effective / len(self.parts[-1].x), LEAST_YIELD)
 
 
@@ -179,12 +178,12 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
     while True:
         logs = np.array([each.log_evidence for each in found])
         share = np.exp(logs - log_sum(logs))
-        lacking = share - np.array([each.effective for each in found]) / ENOUGH
+        lacking = share - np.array([each.effective for each in found]) / budget.effective
         lacking[[not each.parts for each in found]] += 1.0  # each is drawn from once
         worst = int(np.argmax(lacking))
-        needed = ENOUGH * min(lacking[worst], share[worst]) / found[worst].yielded
-        wanted = int(np.clip(needed, CORRECTING, WEIGHED))
-        if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > MOST:
+        needed = budget.effective * min(lacking[worst], share[worst]) / found[worst].yielded
+        wanted = int(np.clip(needed, CORRECTING, budget.effective / EXPECTED_YIELD))
+        if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > budget.most:
             break
         found[worst] = _weighed(found[worst], wanted, budget, float(share[worst]))
     return joined([each for each in found if each.parts], sum(each.known.evaluations for each in started))
