@@ -24,6 +24,7 @@ import argparse
 import time
 from collections.abc import Iterator
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,7 @@ KINDS = {  # of truths, with their prior probabilities, and the switches that ar
     "stiffening": ((1.0 - LIQUID - GEL) * (1.0 - FIELD_PROBABILITY), ("stiffening",)),
 }
 WAYS = ("infer", "nhkv", "fit")
+BINS = (0.0, 0.2, 0.5, 0.8, 1.0)  # of the probability that is said of a switch
 SWITCHES = ("liquid", "stiffening", "field_bubble")
 SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS}
 SHOTS = 20, 300  # of a setting, in a quick and a full run
@@ -141,22 +143,23 @@ def one(job: tuple[int, str, str]) -> dict[str, Any]:
 
 
 def of_switches(rows: dict[str, list[dict[str, Any]]]) -> Iterator[Number]:
-    """Mean probability of each switch over all kinds, the share of shots of which it is on, and by kind the share of
-    shots whose true state has less than 5 %."""
-    parts = {kind: [row["switches"] for row in found if row["switches"]] for kind, found in rows.items()}
-    weight = {kind: KINDS[kind][0] for kind, part in parts.items() if part}
-    total = sum(weight.values())
+    """In bins of the probability that is said of a switch: its mean, and the share of shots of which it is true; kinds
+    count by their prior probabilities."""
+    told = {kind: [row["switches"] for row in found if row["switches"]] for kind, found in rows.items()}
+    weight = np.concatenate([np.full(len(part), KINDS[kind][0] / max(len(part), 1)) for kind, part in told.items()])
     for name in SWITCHES:
-        means = {kind: np.array([switches[name] for switches in parts[kind]]) for kind in weight}
-        mean = sum(weight[kind] * np.mean(values) for kind, values in means.items()) / total
-        error = sum((weight[kind] / total) ** 2 * np.var(values) / len(values) for kind, values in means.items()) ** 0.5
-        cases = sum(map(len, means.values()))
-        yield Number(f"switch.{name}.probability", float(mean), "1", cases, float(error), FIRST)
-        true = sum(weight[kind] for kind in weight if name in KINDS[kind][1]) / total
-        yield Number(f"switch.{name}.true", true, "1", cases, 0.0, FIRST)
-        for kind, values in means.items():
-            right = values if name in KINDS[kind][1] else 1.0 - values
-            yield share(f"switch.{name}.missed.{kind}", right < 0.05, FIRST)
+        said = np.array([switches[name] for part in told.values() for switches in part])
+        true = np.array([float(name in KINDS[kind][1]) for kind, part in told.items() for _ in part])
+        for low, high in pairwise(BINS):
+            inside = (said >= low) & ((said < high) | (high == BINS[-1]))
+            count, key = int(np.sum(inside)), f"switch.{name}.{low:g}"
+            if not count:
+                continue
+            share_of = weight[inside] / np.sum(weight[inside])
+            yield Number(f"{key}.said", float(share_of @ said[inside]), "1", count, 0.0, FIRST)
+            held = float(share_of @ true[inside])
+            error = float(np.sqrt(max(held * (1.0 - held), 0.25 / count) * np.sum(share_of**2)))
+            yield Number(f"{key}.true", held, "1", count, error, FIRST)
 
 
 def of_setting(setting: str, rows: list[dict[str, Any]]) -> Iterator[Number]:
