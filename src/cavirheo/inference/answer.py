@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats, relative_weights
+from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import emulator, outside
 from cavirheo.inference.experiment import Experiment
@@ -37,7 +38,6 @@ DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters w
 NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
 INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
-SCALED = 0.002  # relative change of R_max, for the slope of G
 
 
 class Target:
@@ -51,13 +51,13 @@ class Target:
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
         self.unknown: str = outside(usual, shot.options.bubble, shot.medium, shot.max_radius)
 
-    def quick(self, x: Floats, scale: float = 1.0) -> Floats:
-        """Residuals (k, n); by the emulator also with frames `scale` times as late."""
+    def quick(self, x: Floats) -> Floats:
+        """Residuals (k, n)."""
         if self.unknown:
             rough = partial(self.shot.difference, accuracy=BRISK)
             return np.array(run_jobs(rough, x, self.workers)).reshape(len(x), -1)
         parts = np.array_split(x, max(1, len(x) // 1000))
-        frames = [self.shot.emulated(part, emulator(), scale) for part in parts]
+        frames = [self.shot.emulated(part, emulator()) for part in parts]
         return self.measured - np.concatenate(frames)
 
     def simulated(self, x: Floats) -> Floats:
@@ -93,11 +93,14 @@ def _in_state(residuals: Frames, state: State, u: Floats) -> Floats:
 def sampled_answer(
     empty: Posterior, shot: Experiment, *, discrepancy: bool, seed: int, workers: int | None = 1
 ) -> Posterior:
-    """The posterior of an experiment; `empty` gives what does not depend on the draws. Raises SolverError: too few
-    bubbles can be simulated."""
+    """The posterior of an experiment; `empty` gives what does not depend on the draws. Raises SolverError: no bubble
+    can be simulated."""
     target, noise = Target(shot, workers), shot.noise(discrepancy)
     prior, budget = target.prior, SIMULATED if target.unknown else EMULATED
-    weighed = posterior(target.models(noise), seed, budget)
+    all_draws = posterior(target.models(noise), seed, budget)
+    weighed = all_draws.solved
+    if not len(weighed.x):
+        raise SolverError(f"{shot.curve.name}: none of {len(all_draws.x)} likely bubbles can be simulated")
     found = _with_draws(replace(empty, medium=shot.medium), target, weighed)
     best = int(np.argmax(weighed.log_posterior))
     predictive, excess, at = judge(target, noise, weighed, best, seed)
@@ -106,7 +109,7 @@ def sampled_answer(
     verdict, messages = _bounds(found, shot.family)
     if target.unknown:
         messages.append(Message("sampled_by_solver", {"reason": target.unknown}))
-    if predictive and predictive["p_value"] < REJECTED:
+    if predictive and predictive["p_value"] < REJECTED and excess > 0.0:
         if not discrepancy or excess > LARGE_MISFIT:
             verdict = "model_does_not_fit"
         limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
@@ -134,11 +137,11 @@ def sampled_answer(
         systematic_misfit_over_rmax=excess,
         simulations=shot.simulations.runs,
         failed_simulations=shot.simulations.failures,
-        modulus_over_scale=modulus_over_scale(target, noise, weighed),
+        modulus_over_scale=modulus_over_scale(shot, weighed),
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
     provenance |= noise.describe(weighed.residuals[best])
-    provenance |= {"evaluations": weighed.evaluations, "share": weighed.share}
+    provenance |= {"evaluations": weighed.evaluations, "share": all_draws.share}
     traded_bounds = {name: bound for name, (_, bound) in traded.items()}
     checks = shot.checks(weighed.x[best], verdict, messages)
     return replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics, traded=traded_bounds)
@@ -268,22 +271,19 @@ def judge(
     return predictive, excess, at
 
 
-def modulus_over_scale(target: Target, noise: Noise, weighed: Weighed) -> float | None:
-    """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in units of t_c, so the
-    draws are weighted by frames that are moved in this way. None for a law without G or a liquid."""
-    names = target.prior.names
-    if "shear_modulus" not in names or target.unknown:
+def modulus_over_scale(shot: Experiment, weighed: Weighed) -> float | None:
+    """Relative change of G over that of R_max: the slope of log G on the radius scale among the draws that have a G.
+    The frames hardly tell the scale, so its draws are those of its prior. None where either is not inferred."""
+    columns = dict(zip(shot.names, weighed.x.T, strict=True))
+    if not {"shear_modulus", "radius_scale"} <= columns.keys():
         return None
-    good = np.isfinite(weighed.log_weight)
-    x, residuals, weight = weighed.x[good], weighed.residuals[good], relative_weights(weighed.log_weight[good])
-    nearer, farther = (target.quick(x, 1.0 + side * SCALED) for side in (-0.5, 0.5))
-    gain = noise.log_density(residuals + nearer - farther) - noise.log_density(residuals)
-    modulus = 10.0 ** x[:, names.index("shear_modulus")]
-    before = np.average(modulus, weights=weight)
-    if before <= 0.0:
+    modulus, scale = columns["shear_modulus"], columns["radius_scale"]
+    good = np.isfinite(modulus) & np.isfinite(weighed.log_weight)
+    if np.count_nonzero(good) < FEWEST:
         return None
-    moved = np.average(modulus, weights=weight * np.exp(np.clip(gain, -50.0, 50.0)))
-    return float(moved / before - 1.0) / SCALED
+    pair = np.cov(modulus[good], scale[good], aweights=relative_weights(weighed.log_weight[good]))
+    _, half_width = shot.free["radius_scale"]
+    return float(np.log(10.0) * pair[0, 1] / pair[1, 1] / half_width)
 
 
 def statistics(residuals: Floats) -> dict[str, Floats]:

@@ -287,9 +287,9 @@ class Experiment:
         radius[order] = run.radius / (scale * self.max_radius)
         return np.asarray(radius.reshape(-1, len(offsets)) @ shares)
 
-    def emulated(self, x: Floats, emulator: Emulator, scale: float = 1.0) -> Floats:
+    def emulated(self, x: Floats, emulator: Emulator) -> Floats:
         """(k, n) simulated R over the measured R_max of the frames that count, at x (k, d), by the emulator; NaN where
-        the law does not hold. scale: factor of the times of the frames."""
+        the law does not hold."""
         natural, k = self.natural(x.T), len(x)
         size = {
             name: np.broadcast_to(natural[name], (k,)) for name in ("time_origin", "radius_scale", "max_radius_factor")
@@ -306,7 +306,7 @@ class Experiment:
             np.where(real, values["confinement_damping"], 0.0), values["damage_modulus"], values["damage_radius"],
         )  # fmt: skip
         nodes = exposure_nodes(self.exposure, QUICK_INSTANTS)
-        camera = Camera(scale * self.time_since_max[self.counted], *nodes, np.ascontiguousarray(size["time_origin"]))
+        camera = Camera(self.time_since_max[self.counted], *nodes, np.ascontiguousarray(size["time_origin"]))
         return factor[:, None] * emulator.radius(bubbles, camera)
 
     def _run(
@@ -330,15 +330,10 @@ class Experiment:
         measured = self.measured[self.counted]
         return np.full(len(measured), np.nan) if radius is None else measured - radius
 
-    @property
-    def noise_over_rmax(self) -> float:
-        """RMS frame-to-frame noise, over R_max, of the frames that count; that of a mean is smaller."""
-        share = float(np.mean(1.0 / self.averaged[self.counted]))
-        return self.curve.noise / self.max_radius * float(np.sqrt(share))
-
     def misfit(self, difference: Floats) -> float:
-        """RMS of the part of measured minus simulated (n,), over R_max, that exceeds the frame-to-frame noise."""
-        excess = float(np.mean(difference**2)) - self.noise_over_rmax**2
+        """RMS of the part of measured minus simulated (n,), over R_max, that exceeds the deviations of the frames:
+        those that the file states, else the frame-to-frame noise."""
+        excess = float(np.mean(difference**2 - self._measured_sigma[self.counted] ** 2))
         return float(np.sqrt(max(excess, 0.0)))
 
     def noise(self, discrepancy: bool) -> Noise:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, log_sum
+from cavirheo.errors import SolverError
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
     EMULATED,
@@ -122,6 +123,13 @@ class Weighed:
         """Effective part of the draws."""
         return effective_size(self.log_weight) / len(self.x)
 
+    @property
+    def solved(self) -> Weighed:
+        """Without the draws that could not be simulated."""
+        good = np.isfinite(self.log_weight)
+        names = ("x", "residuals", "log_posterior", "log_weight")
+        return replace(self, **{name: getattr(self, name)[good] for name in names})
+
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
@@ -163,12 +171,15 @@ class Sampled:
 
 def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> Weighed:
     """The posterior over all models: each is scanned, climbed and sampled by its quick frames, then weighed by
-    simulations. Models that are too unlikely are left out on the way."""
+    simulations. Models that are too unlikely are left out on the way. Raises SolverError: no bubble can be
+    simulated."""
     streams = np.random.SeedSequence(seed).spawn(len(models))
     started = [
         _started(model, budget, np.random.default_rng(stream)) for model, stream in zip(models, streams, strict=True)
     ]
     started = [each for each in started if np.any(np.isfinite(each.maxima.value))]
+    if not started:
+        raise SolverError("no bubble of this law can be simulated at the times of the frames")
     started = _likely([_crossed(each, started, budget) for each in started], REACH)
     looked = list[Sampled]()
     for each in sorted(started, key=lambda each: each.model.dimension):
