@@ -58,7 +58,7 @@ WAYS = ("infer", "nhkv", "fit")
 BINS = (0.0, 0.2, 0.5, 0.8, 1.0)  # of the probability that is said of a switch
 SWITCHES = ("liquid", "stiffening", "field_bubble")
 SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS}
-SHOTS = 20, 300  # of a setting, in a quick and a full run
+SHOTS = 50, 300  # of a setting, in a quick and a full run
 SHOWN = {"G": "shear_modulus", "mu": "viscosity", "stretch": "stretch"}
 FRAMES, EXPOSURE, NOISE, BOUND = 100, 0.3, 0.01, 0.015
 
