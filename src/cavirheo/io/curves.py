@@ -267,13 +267,14 @@ def _labels(shot: Column) -> list[str]:
 
 
 def _check_long_table(table: Table, time: Floats) -> None:
-    """Raise InputError if each time occurs as often as a column without a known title has labels: several shots."""
+    """Raise InputError if each time occurs as often as a column without a known title has labels: mixed shots."""
     counts = np.unique(time, return_counts=True)[1]
+    mixed = table.rows and counts.min() == counts.max() > 1 and np.any(np.diff(time) == 0.0)
     known = {column.index for column in table.columns}
-    for k, title in enumerate(table.titles) if table.rows and counts.min() == counts.max() > 1 else ():
-        labels = {row.texts[k] for row in table.rows if k < len(row.texts)} if k not in known else {""}
+    for k in {*range(len(table.titles))} - known if mixed else ():
+        labels = {row.texts[k] for row in table.rows if k < len(row.texts)}
         if len(labels) == counts[0] and not any(map(is_number, labels)):
-            message = f"each time occurs {counts[0]} times, and the column {title!r} has {counts[0]} labels: "
+            message = f"each time occurs {counts[0]} times, and the column {table.titles[k]!r} has {counts[0]} labels: "
             raise InputError(f'{message}{counts[0]} shots? name this column "shot"', "table.twice")
 
 

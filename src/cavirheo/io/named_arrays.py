@@ -121,11 +121,11 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
         folders.setdefault(folder_of(one.path), []).append(one)
     with_radii = [folder for folder, members in folders.items() if _form(members)]
     for folder in with_radii:  # the times of the nearest folder around it that has no radii of its own
-        around = folder
-        while around and not any(one.kind == "time" for one in folders[folder]):
-            around = folder_of(around)
-            if around not in with_radii:
-                folders[folder] += [one for one in folders.get(around, []) if one.kind == "time"]
+        outer = folder
+        while outer and not any(one.kind == "time" for one in folders[folder]):
+            outer = folder_of(outer)
+            if outer not in with_radii:
+                folders[folder] += [one for one in folders.get(outer, []) if one.kind == "time"]
     shots = [folder for folder in with_radii if any(one.kind == "time" for one in folders[folder])] or with_radii
     if not shots:
         raise _no_history(arrays, si)
@@ -269,7 +269,7 @@ def _shot(
                 found = read_table(Table(CURVES, [], [*notes], titles=titles, arrays=columns), camera)
             except InputError as error:
                 left = "; ".join(_left_out(path for path in paths if path not in used))
-                raise InputError(f"{error.message}; {left}" if left else error.message, error.code) from None
+                raise InputError(f"{error}; {left}" if left else str(error), error.code) from None
         for curve in found:
             labels = [text for text in (name, curve.meta.get("label", "")) if text]
             about = {**meta, "label": ", ".join(labels)} if labels else meta

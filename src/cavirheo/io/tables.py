@@ -305,12 +305,12 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
         raise _no_titles(rows, vocabulary, _doubt(source, sheets))
     if "rows" in vocabulary.codes and not any(table.rows for table in tables):
         words = next((row for sheet in sheets for row in sheet.rows if row.number > tables[0].line), Row(0, []))
-        found = (
-            f" (row {words.number}: {', '.join(words.texts)[:60]!r}); a unit belongs in the title"
-            if words.texts
-            else ""
-        )
-        raise vocabulary.error("rows", f"a header but no rows of numbers{found}; {vocabulary.expected}")
+        message = "a header but no rows of data"
+        if words.texts:
+            message += (
+                f"; row {words.number} is {', '.join(words.texts)[:60]!r}: expected numbers, and units in the titles"
+            )
+        raise vocabulary.error("rows", f"{message}; {vocabulary.expected}")
     return tables
 
 
@@ -354,7 +354,7 @@ def _tables(sheet: Table) -> Iterator[Table]:
     for at, end in zip(starts, [*starts[1:], None], strict=False):
         rows, notes = sheet.rows[at + 1 : end], [*sheet.notes]
         if at and not vocabulary.sections:
-            words = ", ".join(row.texts[0] for row in sheet.rows[:at][:_LISTED])[:80]
+            words = ", ".join(next(filter(None, row.texts)) for row in sheet.rows[:at][:_LISTED])[:80]
             notes.append(f"{at} line{'s' * (at > 1)} above the titles left out: {words}")
         titles, below = _titles_with_units(sheet.rows[at].texts, rows, vocabulary)
         words = ", ".join(cell for row in below for cell in row.texts if cell)
@@ -516,9 +516,10 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
         separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
         rows = list(_split(data, separator))
     notes = [f"{invisible} control characters left out"] if invisible else []
-    first = next((row.number for row in rows if any(map(is_float, row.texts))), len(lines))
+    numbers = (row.number for row in rows if data[row.number - 1] and any(map(is_float, row.texts)))
+    first = next(numbers, len(lines))  # the lines above it may be comments
     if comments := [line for line, kept in zip(lines[first:], data[first:], strict=True) if line.strip() and not kept]:
-        notes.append(f"{len(comments)} lines that begin with {comments[0].strip()[0]} below the first row left out")
+        notes.append(f"{len(comments)} lines that begin with {comments[0].strip()[0]} left out")
     return Table(vocabulary, rows, notes)
 
 
