@@ -291,7 +291,7 @@ def _since_first(clock: Column, notes: list[str]) -> Floats:
     message = f"times in {clock.title!r} begin at {first:.17g} and have too few digits for that: "
     exact = digit <= 1.0 and bool(np.all(finite % 1.0 == 0.0))
     require(exact or digit < _COARSE * step, f"{message}subtract the first one before you save them", "table.time")
-    notes.append(f"times in {clock.title!r} are counted from the first one, {first:.17g}")
+    notes.extend({f"times in {clock.title!r} are counted from the first one, {first:.17g}"} - {*notes})
     return time - first
 
 

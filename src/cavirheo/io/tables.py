@@ -429,7 +429,7 @@ def _is_row_of_words(titles: list[str], texts: list[str], vocabulary: Vocabulary
     measured = [(cell, units) for cell, units in measured if units]
     words = [cell for cell, units in measured if unit_of(cell.strip("[]() "), units) is None or not is_number(cell)]
     words = words or (texts if vocabulary.sections else [])
-    return not all(map(is_number, words)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in words)
+    return not all(map(is_number, words)) and not any(map(_has_digits, words))
 
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
@@ -524,27 +524,37 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
 
 
 def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | None:
-    """Return the rows by the first separator that makes one a header above a fitting row; None if no separator does."""
+    """Return the rows by the first separator that makes one a header above a fitting row, else one above no
+    numbers; None if no separator does."""
     with_words = [line for line in lines if re.search(r"[^\W\d]", line)]
-    unclear = False
+    unclear, without_numbers = False, None
     for separator in _SEPARATORS:
         candidates = with_words if separator is None or any(separator in line for line in lines) else []
-        if separator is None:  # titles that tabs or commas separate are no titles between spaces
-            candidates = [line for line in candidates if not any(other in line for other in "\t;,")]
+        if separator is None:  # what tabs or commas separate, as the rows below, are no titles between spaces
+            others = [other for other in "\t;," if other in next(filter(str.strip, reversed(lines)), "")]
+            candidates = [line for line in candidates if not any(other in line for other in others)]
         if not any(vocabulary.is_header(row.texts) for row in _split(candidates, separator)):
             continue
         rows = list(_split(lines, separator))
         at = next(k for k, row in enumerate(rows) if vocabulary.is_header(row.texts))
         titles = rows[at].texts
-        below = next((row.texts for row in rows[at + 1 :] if any(map(is_float, row.texts))), titles)
+        below = next((row.texts for row in rows[at + 1 :] if any(map(_has_digits, row.texts))), None)
         if len(titles) == 1:  # a single column, without separators
             return [*rows[: at + 1], *(Row(row.number, [" ".join(row.texts)]) for row in rows[at + 1 :])]
+        if below is None:
+            without_numbers = without_numbers or rows
+            continue
         if len(below) >= (len(titles) if separator is None else 2):
             return rows
         unclear = separator is None
     message = "titles with spaces in them over columns separated by spaces; separate the columns by commas"
     require(not unclear, message, "tabular.width")
-    return None
+    return without_numbers
+
+
+def _has_digits(cell: str) -> bool:
+    """Whether a cell is a number that is not missing."""
+    return is_number(cell) and re.search(r"\d", cell) is not None
 
 
 def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
