@@ -64,6 +64,8 @@ READ = {  # content, options, R_max of each shot over that of the first, what ea
     "blank labels": (labels("A", *[""] * (N - 1), "B", *[""] * (N - 1)), {}, [1, 1.5], "blank cells of 'shot' filled"),
     "labels 1 and 1.0": (labels(*["1", "1.0"] * (N // 2), *["2.0", "2"] * (N // 2)), {}, [1, 1.5], ""),
     "titles with commas above spaces": ("# time_us, radius_um\n" + lines(" ", US, UM), {}, [1], ""),
+    "separators at the ends of lines": (f"t_us,R_um,\n{PLAIN}".replace("\n", ",\n")[:-2], {}, [1], ""),
+    "German comments": (f"t_us;R_um\n{lines(';', US, UM, comma=True)}# end\n", {}, [1], "1 lines that begin with #"),
     "last row cut": (HEAD + PLAIN + "250", {}, [1], "has 1 of 2 cells and is left out: was the file cut off?"),
     "R_max of pixels": (f"t_us,R_px,rmax_um\n{lines(',', US, UM / 3.2, TOP)}", {}, [1], "R_max set to"),
     "R_max of R/R_max": (f"t_us,R,rmax_um\n{lines(',', US, UM / TOP, TOP)}", {}, [1], "R_max set to"),
@@ -106,6 +108,7 @@ REFUSED = {  # content, what the message says
     "n.xlsx": (book(a=SHEET), "'time_us' holds no number: are its cells formulas"),
     "o.csv": (since_1970("timestamp_s", 1, 1e-6), "too few digits"),
     "p.npy": (array(PAIRS), "the fields radius_um hold no single numbers"),
+    "s.npy": (array(np.zeros(9, [("time_us", "U4"), ("radius_um", "f8", 2)])), "the fields time_us, radius_um hold"),
     "q.csv": (f"時間,半径\n{PLAIN}".encode("shift_jis"), "the text is not UTF-8: save it as CSV UTF-8"),
     "r.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "radius_um"]]), "not read: raw (hidden)"),
 }

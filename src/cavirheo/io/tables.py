@@ -369,9 +369,11 @@ def _tables(sheet: Table) -> Iterator[Table]:
             footer.append(rows.pop())
         if footer:
             notes += [f"{len(footer)} lines below the table left out: {' '.join(footer[-1].texts)[:60]}"]
-        if vocabulary.of_shots and len(rows) > 1 and len(rows[-1].texts) < min(len(row.texts) for row in rows[:-1]):
+        named = max(k for k, title in enumerate(titles, 1) if title)
+        others = [len(row.texts) for row in rows[:-1]]
+        if vocabulary.of_shots and others and len(rows[-1].texts) < min(named, *others):
             row = rows.pop()
-            cells = f"{len(row.texts)} of {len(titles)} cells"
+            cells = f"{len(row.texts)} of {named} cells"
             notes.append(f"row {row.number}, the last one, has {cells} and is left out: was the file cut off?")
         if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
             message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
@@ -465,7 +467,7 @@ def _array_table(path: Path, vocabulary: Vocabulary) -> Table:
     limits.check(array.size, limits.ROWS, "numbers of an array")
     limits.check(array.nbytes, limits.SHEET, "bytes of an array")
     fields = array.dtype.names or ()
-    titles = [name for name in fields if array.dtype[name].kind in "fiu"] or list(vocabulary.array_titles)
+    titles = [name for name in fields or vocabulary.array_titles if not fields or array.dtype[name].kind in "fiu"]
     odd = [name for name in fields if name not in titles]
     shape = array.shape
     if fields:
@@ -516,7 +518,7 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
         separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
         rows = list(_split(data, separator))
     notes = [f"{invisible} control characters left out"] if invisible else []
-    numbers = (row.number for row in rows if data[row.number - 1] and any(map(is_float, row.texts)))
+    numbers = (row.number for row in rows if data[row.number - 1] and any(map(_has_digits, row.texts)))
     first = next(numbers, len(lines))  # the lines above it may be comments
     if comments := [line for line, kept in zip(lines[first:], data[first:], strict=True) if line.strip() and not kept]:
         notes.append(f"{len(comments)} lines that begin with {comments[0].strip()[0]} left out")
