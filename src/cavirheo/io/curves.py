@@ -27,7 +27,18 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.files import Source, guarded
-from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Column, Name, Table, Term, Vocabulary, read_columns, unit_of
+from cavirheo.io.tables import (
+    LENGTH_UNITS,
+    TIME_UNITS,
+    Column,
+    Name,
+    Table,
+    Term,
+    Vocabulary,
+    is_number,
+    read_columns,
+    unit_of,
+)
 from cavirheo.messages import Message
 from cavirheo.parameters import RADIUS
 from cavirheo.writing.document import write_rows
@@ -201,13 +212,15 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
         message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other"
         raise InputError(message, "table.twice")
     clock_of: list[Column | None] = [*_partners(radii, clocks)] or [table.at_most_one(clocks)] * len(radii)
-    _ask_for(camera, clock_of[0], radii[0])
+    _ask_for(camera, clock_of[0], radii[0], scaled=max_radius is not None and max_radius.unit in LENGTH_UNITS)
+    if not shot and clock_of[0]:
+        _check_long_table(table, clock_of[0].numbers)
     deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
     deviations = _partners(radii, deviations) if radii[0].form.deviation else []
     of_radii = [column for radius in radii for column in radius.columns]
     _note_columns(table, [*of_radii, *deviations, *filter(None, (shot, max_radius, *stretches, *clock_of))])
     shots: dict[str, list[int]] = {}
-    for k, label in enumerate(shot.text if shot else [""] * table.size):
+    for k, label in enumerate(_labels(shot) if shot else [""] * table.size):
         shots.setdefault(label, []).append(k)
     limits.check(len(shots) * len(radii), limits.CURVES, "curves")
     curves: list[RadiusCurve] = []
@@ -215,16 +228,19 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
     if len({*names}) < len(names):
         names = [str(k) for k in range(1, len(names) + 1)]
     for k, (radius, clock, deviation) in enumerate(zip(radii, clock_of, deviations or repeat(None), strict=False)):
-        time = clock.numbers if clock else np.arange(float(table.size))
+        time = _since_first(clock, table.notes) if clock else np.arange(float(table.size))
+        if clock and len(clocks) == 1 and time.size and not np.isfinite(time).any():
+            message = f"{clock.title!r} holds no number: are its cells formulas that were never calculated? "
+            raise InputError(f"{message}open the file in a spreadsheet and save it", "table.empty")
         std = _deviations(deviation, radius, camera.um_per_px) if deviation else np.full(len(time), np.nan)
         for label, rows in shots.items():
             if len(clocks) > 1:  # rows below a shot that is shorter than another one
                 rows = [row for row in rows if np.isfinite([time[row], radius.numbers[row]]).any()]
-            parts = _parts(time[rows])
+            parts, lost = _parts(time[rows], radius.numbers[rows])
             limits.check(len(curves) + len(parts), limits.CURVES, "curves")
             for number, part in enumerate(parts, 1):
                 chosen = [rows[at] for at in part]
-                meta = _stretch_meta(stretches, chosen, table.notes)
+                meta = _stretch_meta(stretches, chosen, [*table.notes, *lost])
                 seconds, unit = _times(time[chosen], clock, camera, meta["notes"])
                 _check_units(f"the header {table.titles}", unit, radius.unit)
                 name = [label] if shot else [names[k]] if len(radii) > 1 else []
@@ -239,13 +255,55 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
     return curves
 
 
-def _ask_for(camera: Camera, clock: Column | None, radius: _Radius) -> None:
-    """Raise InputError if there are no times, and no frame rate, or no unit of the radius and no scale."""
+def _labels(shot: Column) -> list[str]:
+    """Return the (rows,) labels of shots: 1.0 is 1, and a blank cell has the label above it, which a note says."""
+    labels = [re.sub(r"^(\d+)\.0*$", r"\1", label) for label in shot.text]
+    blank = [k for k, label in enumerate(labels) if not label and any(labels[:1])]
+    for k in blank:
+        labels[k] = labels[k - 1]
+    if blank:
+        shot.table.notes.append(f"{len(blank)} blank cells of {shot.title!r} filled with the label above them")
+    return labels
+
+
+def _check_long_table(table: Table, time: Floats) -> None:
+    """Raise InputError if each time occurs as often as a column without a known title has labels: mixed shots."""
+    counts = np.unique(time, return_counts=True)[1]
+    mixed = table.rows and counts.min() == counts.max() > 1 and np.any(np.diff(time) == 0.0)
+    known = {column.index for column in table.columns}
+    for k in {*range(len(table.titles))} - known if mixed else ():
+        labels = {row.texts[k] for row in table.rows if k < len(row.texts)}
+        if len(labels) == counts[0] and not any(map(is_number, labels)):
+            message = f"each time occurs {counts[0]} times, and the column {table.titles[k]!r} has {counts[0]} labels: "
+            raise InputError(f'{message}{counts[0]} shots? name this column "shot"', "table.twice")
+
+
+def _since_first(clock: Column, notes: list[str]) -> Floats:
+    """Return the (rows,) times of a column; times since 1970 from the first one on, which a note says. Raises
+    InputError: they have too few digits for that."""
+    time = clock.numbers
+    finite = time[np.isfinite(time)]
+    if not finite.size or np.median(finite) < _LARGEST_NUMBER:
+        return time
+    first = finite[0]
+    steps = np.diff(time)
+    step, digit = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0, float(np.spacing(first))
+    message = f"times in {clock.title!r} begin at {first:.17g} and have too few digits for that: "
+    exact = digit <= 1.0 and bool(np.all(finite % 1.0 == 0.0))
+    require(exact or digit < _COARSE * step, f"{message}subtract the first one before you save them", "table.time")
+    notes.extend({f"times in {clock.title!r} are counted from the first one, {first:.17g}"} - {*notes})
+    return time - first
+
+
+def _ask_for(camera: Camera, clock: Column | None, radius: _Radius, *, scaled: bool) -> None:
+    """Raise InputError if there are no times, and no frame rate, or no unit of the radius and no scale. scaled: the
+    file has R_max."""
     if clock and not _counts_frames(clock):
         return
     title = radius.columns[0].title
     missing = ["the frame rate (--fps 1e6)"] if camera.frame_rate is None else []
-    if camera.um_per_px is None and _is_in_pixels(radius.numbers, radius.unit) and (missing or radius.unit is None):
+    unclear = _is_in_pixels(radius.numbers, radius.unit) and (missing or radius.unit is None)
+    if camera.um_per_px is None and not scaled and unclear:
         missing.append(f"the scale (--um-per-px 3.2) of {title!r}, in pixels unless its title says more")
     if missing:
         what = f"{clock.title!r} has numbers of frames and no times" if clock else f"{title!r} has no times"
@@ -307,13 +365,22 @@ def _is_in_pixels(numbers: Floats, unit: str | None) -> bool:
     return unit == "px" or (unit is None and bool(np.nanmax(numbers, initial=0.0) > 1e3 * _PLAUSIBLE[1]))
 
 
-def _parts(time: Floats) -> list[NDArray[np.intp]]:
-    """Return the indices of the frames of each shot in a column of times (n,), which begins again with each."""
-    parts = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) < 0) + 1)
+def _parts(time: Floats, radius: Floats) -> tuple[list[NDArray[np.intp]], list[str]]:
+    """Return the indices of the frames of each shot in (n,) times, which begin again with each, and a note, in a list,
+    on the rows that are no frames: those without a time, and after the start those with time 0 and no radius."""
+    timed = np.abs(time) < _LARGEST_NUMBER
+    latest = np.maximum.accumulate(np.r_[-np.inf, np.where(timed, time, -np.inf)])[:-1]  # before each row
+    padding = (time == 0.0) & ~(radius > 0.0) & (latest >= 0.0)
+    notes = {
+        f"{len(time) - timed.sum()} of {len(time)} frames without a time left out": not timed.all(),
+        f"{padding.sum()} rows with time 0 and no radius left out: lost frames or padding": padding.any(),
+    }
+    kept = np.flatnonzero(timed & ~padding)
+    parts = np.split(kept, np.flatnonzero(np.diff(time[kept]) < 0) + 1)
     whole = time[parts[0]]
-    latest = whole[0] + _LATEST_START * np.ptp(whole) if len(whole) else np.nan
-    again = all(len(part) >= _FEWEST_FRAMES and time[part[0]] <= latest for part in parts)
-    return parts if again else [np.arange(len(time))]
+    start = whole[0] + _LATEST_START * np.ptp(whole) if len(whole) else np.nan
+    again = all(len(part) >= _FEWEST_FRAMES and time[part[0]] <= start for part in parts)
+    return parts if again else [kept], [note for note, applies in notes.items() if applies]
 
 
 def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
@@ -327,6 +394,10 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> Ra
         return curve
     RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
+        if curve.unscaled:
+            hint = f"R_max of each shot as the column {column.title!r} has it"
+            notes = tuple(note for note in curve.notes if note != curve.unscaled)  # it asks for a scale
+            return curve.labelled(hints=(*curve.hints, hint), notes=notes).with_max_radius(size)
         factor = size / curve.max_radius
         off = abs(factor - 1.0) >= SCALE_TOLERANCE
         scaled = f"radii of {curve.name} scaled by {factor:.3g}" if off else "radii scaled to it"
@@ -360,6 +431,10 @@ def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
     found = list(zip(*map(table.all, form.kinds), strict=False))
     found = [columns for columns in found if columns[0].unit not in ("px", "px2")] or found
     firsts = [columns[0] for columns in found]
+    if form.kinds[0] == "half_a" and re.search(r"(^|/)A(?![A-Za-z])", firsts[0].title):
+        titles = " and ".join(repr(column.title) for column in found[0])
+        message = f"{titles}: two shots, or the half-axes of one bubble? name them R1_um and R2_um, or a_um and b_um"
+        raise InputError(message, "table.twice")
     if not several:
         unnumbered = [column for column in firsts if not column.name.number]
         if unnumbered and len(unnumbered) < len(firsts):
@@ -433,9 +508,10 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
         curves = (make_curve(block[:, 0], block[:, 1], meta={"notes": (note,)}) for block in filled)
         return [curve.with_notes(*table.notes) for curve in curves]
     shots = []
-    for part in _parts(values[0]):
+    parts, lost = _parts(*values)
+    for part in parts:
         note = "no header: columns taken as time and radius"
-        curve = make_curve(values[0][part], values[1][part], meta={"notes": (note, *table.notes)})
+        curve = make_curve(values[0][part], values[1][part], meta={"notes": (note, *lost, *table.notes)})
         ratio = curve.rayleigh_ratio(density, pressure)
         proven = ratio is not None and _RATIOS[0] <= ratio <= _RATIOS[1]
         require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
@@ -506,13 +582,15 @@ def make_curve(
         return unusable_curve(f"{len(t)} times but {len(r)} radii", meta, **fields)
     timed = np.abs(t) < _LARGEST_NUMBER
     t, r, std = t[timed], np.where(np.abs(r) < _LARGEST_NUMBER, r, np.nan)[timed], std[timed]
-    n, missing = len(t), np.count_nonzero(np.isnan(r))
+    n, missing, backwards = len(t), np.count_nonzero(np.isnan(r)), np.count_nonzero(np.diff(t) < 0)
+    if 0 < backwards < n - 1 and np.all(np.diff(r) > 0):
+        reason = f"the times go back in {backwards} of {n - 1} steps, and the radius always grows"
+        return unusable_curve(f"{reason}: are the columns exchanged?", meta, **fields)
     per_time, time_hint = _time_scale(t, time_unit)
     per_radius, radius_hint, unscaled = _radius_scale(r, radius_unit)
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _LEAST_RADIUS
     r[empty], std[~(std > 0)] = np.nan, np.nan
-    backwards = np.count_nonzero(np.diff(t) < 0)
     order = np.argsort(t, kind="stable")
     first = np.flatnonzero(np.diff(t[order], prepend=-np.inf) > _TIME_TOLERANCE)
     if reason := _shared_times(t, r[order], first):

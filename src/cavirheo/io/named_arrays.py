@@ -38,7 +38,7 @@ _KINDS_OF_SERIES = {kind for form in FORMS for kind in form.kinds} | {"time", "r
 _LARGEST_RADIUS = 0.01  # m, largest radius of a bubble
 _LONGEST_TIME = 0.1  # s, of a recording
 _LISTED = 12  # most names in a note
-_EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)$", re.I)
+_EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _STATED = Vocabulary(
     {
         "density": Term("rho density rho0 rhoinf rhol", {"kgm3": 1.0, "kgm-3": 1.0, "gcm3": 1e3}),
@@ -49,7 +49,7 @@ _STATED = Vocabulary(
         "radius at rest": Term("req rinf requilibrium equilibriumradius restradius", RADIUS_UNITS),
         "stretch": Term("stretch lambda lambdamax lambdamaxmean"),
         "stretch_std": Term("stretchstd lambdastd lambdamaxstd"),
-        "frame rate": Term("fps framerate framespersecond", {"Hz": 1.0}),
+        "frame rate": Term("fps framerate framespersecond", {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}),
         "frame interval": Term("deltat dt frameinterval", TIME_UNITS),
         "pixel": Term("deltax", RADIUS_UNITS),
         "um per pixel": Term("umperpx umperpixel micronsperpixel micronperpixel"),
@@ -120,6 +120,12 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
     for one in filter(None, map(_series, arrays, arrays.values())):
         folders.setdefault(folder_of(one.path), []).append(one)
     with_radii = [folder for folder, members in folders.items() if _form(members)]
+    for folder in with_radii:  # the times of the nearest folder around it that has no radii of its own
+        outer = folder
+        while outer and not any(one.kind == "time" for one in folders[folder]):
+            outer = folder_of(outer)
+            if outer not in with_radii:
+                folders[folder] += [one for one in folders.get(outer, []) if one.kind == "time"]
     shots = [folder for folder in with_radii if any(one.kind == "time" for one in folders[folder])] or with_radii
     if not shots:
         raise _no_history(arrays, si)
@@ -259,7 +265,11 @@ def _shot(
             found = [unusable_curve(f"arrays of different lengths: {lengths}", {"notes": notes})]
         else:
             columns = list(zip(names, shot, strict=True))
-            found = read_table(Table(CURVES, [], [*notes], titles=titles, arrays=columns), camera)
+            try:
+                found = read_table(Table(CURVES, [], [*notes], titles=titles, arrays=columns), camera)
+            except InputError as error:
+                left = "; ".join(_left_out(path for path in paths if path not in used))
+                raise InputError(f"{error}; {left}" if left else str(error), error.code) from None
         for curve in found:
             labels = [text for text in (name, curve.meta.get("label", "")) if text]
             about = {**meta, "label": ", ".join(labels)} if labels else meta
@@ -351,12 +361,18 @@ def _histories(picked: Sequence[_Series]) -> list[list[Floats]]:
     radius = values[0]
     if radius.ndim != 2 or min(radius.shape) <= 1:
         return [[numbers.ravel() for numbers in values]]
+    values = [numbers.T if numbers.shape != radius.shape == numbers.shape[::-1] else numbers for numbers in values]
     time = next((numbers for one, numbers in zip(picked, values, strict=True) if one.kind == "time"), None)
     if time is not None and time.shape == radius.shape:
-        in_rows = bool((np.diff(time, axis=1) > 0).all())
+        rising = [float(np.mean(np.diff(time, axis=axis) > 0)) for axis in (0, 1)]  # padding does not rise
+        in_rows = (rising[1], radius.shape[1]) > (rising[0], radius.shape[0])
     else:
         length = max(radius.shape) if time is None else time.size
-        in_rows = radius.shape[1] == length or radius.shape[0] != length
+        shapes = f"{picked[0].path} has the shape {radius.shape}" + ("" if time is None else f", and {length} times")
+        require(length in radius.shape, f"{shapes}: expected as many times as rows or columns", "matlab.cells")
+        advice = "are the shots in rows or in columns? give times of the same shape, as repmat(t(:), 1, n) makes them"
+        require(radius.shape[0] != radius.shape[1], f"{shapes}: {advice}", "matlab.cells")
+        in_rows = radius.shape[1] == length
     count = radius.shape[0 if in_rows else 1]
     shots = [
         list(numbers if in_rows else numbers.T) if numbers.shape == radius.shape else [numbers.ravel()] * count

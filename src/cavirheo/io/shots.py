@@ -93,6 +93,7 @@ def _read(source: Source, density: float, pressure: float, camera: Camera) -> li
 
     if source.kind in ("empty", "binary"):
         found = "the file is empty" if source.kind == "empty" else "binary data of no known format"
+        found = "compressed by gzip: unpack it (gunzip)" if source.head.startswith(b"\x1f\x8b") else found
         raise InputError(f"{found}; {_EXPECTED}", f"reading.{source.kind}")
     if source.kind not in named_arrays.KINDS:
         return curves.read(source, density, pressure, camera)

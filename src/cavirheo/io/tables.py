@@ -60,6 +60,7 @@ _COMMAED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)?(,\d*)?(?<=\d|,)(e[+-]
 _FORTRAN = re.compile(r"([+-]?\d*\.?\d+|[+-]?\d+\.)d([+-]?\d+)", re.I)  # 1.0D-04
 _SPACED = re.compile(r"[+-]?\d{1,3}(['’\u2009\u00a0\u202f ]\d{3})+([.,]\d*)?")  # 1'000.92
 _COMMENT = re.compile(r"\s*(%|//|!|#(?!div/0|n/a|nv\b|[a-z]+[!?]))", re.I)
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")  # its byte order marks
 _LONGEST_TITLE = 120  # characters of a title; a longer text is a sentence, and slow to match
 # words that mark a row which is no measurement, in the form of `plain_title`
 _SUMMARIES = "mean average avg median sum total std sd stdev stddev min max mittel mittelwert summe moyenne media"
@@ -135,7 +136,8 @@ class Vocabulary:
 
     def is_header(self, texts: list[str]) -> bool:
         """Whether a row has the titles of all columns that a table needs, and not only numbers."""
-        return not all(map(is_number, texts)) and not self.missing(texts)
+        enough = len(texts) >= len(self.required) and not all(map(is_number, texts))
+        return enough and not self.missing(texts)
 
     def missing(self, texts: list[str]) -> list[str]:
         """Return the columns that a table needs but these titles do not name."""
@@ -300,10 +302,26 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
         tables = [table for table in tables if vocabulary.of_shots and table.titles == tables[0].titles] or tables[:1]
         _note_sheets(tables, sheets)
     if not tables:
-        raise _no_titles(rows, vocabulary)
+        raise _no_titles(rows, vocabulary, _doubt(source, sheets))
     if "rows" in vocabulary.codes and not any(table.rows for table in tables):
-        raise vocabulary.error("rows", f"a header but no rows of data; {vocabulary.expected}")
+        words = next((row for sheet in sheets for row in sheet.rows if row.number > tables[0].line), Row(0, []))
+        message = "a header but no rows of data"
+        if words.texts:
+            message += (
+                f"; row {words.number} is {', '.join(words.texts)[:60]!r}: expected numbers, and units in the titles"
+            )
+        raise vocabulary.error("rows", f"{message}; {vocabulary.expected}")
     return tables
+
+
+def _doubt(source: Source, sheets: list[Table]) -> str:
+    """Return why titles may be missing, "" if nothing is known: hidden sheets, or an encoding that is not UTF-8."""
+    if hidden := [sheet.sheet for sheet in sheets if sheet.sheet.endswith("(hidden)")]:
+        return f"; not read: {', '.join(hidden)}"
+    with suppress(UnicodeDecodeError):
+        if source.kind != "text" or source.head[:2] in _UTF16 or source.content.decode():
+            return ""
+    return "; the text is not UTF-8: save it as CSV UTF-8"
 
 
 def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
@@ -316,15 +334,15 @@ def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
             table.notes.insert(0, note + (f"; not read: {left}" if left else ""))
 
 
-def _no_titles(rows: list[list[str]], vocabulary: Vocabulary) -> InputError:
-    """Return the error that no row is a header; its message shows the closest row and what is missing in it."""
+def _no_titles(rows: list[list[str]], vocabulary: Vocabulary, doubt: str) -> InputError:
+    """Return the error that no row is a header; its message shows the closest row, and what is missing in it."""
     if not rows:
         return vocabulary.error("empty", f"no rows of data; {vocabulary.expected}")
     closest = max(rows, key=lambda row: len({vocabulary.name(cell).kind for cell in row} - {""}))
     titles = ", ".join(repr(title[:30]) for title in closest[:_LISTED])
     missing = [kind.split("|")[0] for kind in vocabulary.missing(closest)]
     names = " and ".join(vocabulary.terms[kind].label or kind for kind in missing)
-    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}"
+    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}{doubt}"
     return vocabulary.error("columns", f"{lack}; {vocabulary.expected}")
 
 
@@ -335,7 +353,9 @@ def _tables(sheet: Table) -> Iterator[Table]:
     starts = list(headers if vocabulary.sections else islice(headers, 1))
     for at, end in zip(starts, [*starts[1:], None], strict=False):
         rows, notes = sheet.rows[at + 1 : end], [*sheet.notes]
-        notes += [f"{at} line{'s' * (at > 1)} above the titles left out"] if at and not vocabulary.sections else []
+        if at and not vocabulary.sections:
+            words = ", ".join(next(filter(None, row.texts)) for row in sheet.rows[:at][:_LISTED])[:80]
+            notes.append(f"{at} line{'s' * (at > 1)} above the titles left out: {words}")
         titles, below = _titles_with_units(sheet.rows[at].texts, rows, vocabulary)
         words = ", ".join(cell for row in below for cell in row.texts if cell)
         notes += [f"row of words below the titles: {words}"] if words else []
@@ -349,6 +369,12 @@ def _tables(sheet: Table) -> Iterator[Table]:
             footer.append(rows.pop())
         if footer:
             notes += [f"{len(footer)} lines below the table left out: {' '.join(footer[-1].texts)[:60]}"]
+        named = max(k for k, title in enumerate(titles, 1) if title)
+        others = [len(row.texts) for row in rows[:-1]]
+        if vocabulary.of_shots and others and len(rows[-1].texts) < min(named, *others):
+            row = rows.pop()
+            cells = f"{len(row.texts)} of {named} cells"
+            notes.append(f"row {row.number}, the last one, has {cells} and is left out: was the file cut off?")
         if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
             message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
             raise vocabulary.error("width", f"{message}: is a comma decimal, or part of a text that needs quotes?")
@@ -405,7 +431,7 @@ def _is_row_of_words(titles: list[str], texts: list[str], vocabulary: Vocabulary
     measured = [(cell, units) for cell, units in measured if units]
     words = [cell for cell, units in measured if unit_of(cell.strip("[]() "), units) is None or not is_number(cell)]
     words = words or (texts if vocabulary.sections else [])
-    return not all(map(is_number, words)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in words)
+    return not all(map(is_number, words)) and not any(map(_has_digits, words))
 
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
@@ -413,6 +439,8 @@ def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     if source.kind in ("text", "empty"):
         limits.check(source.path.stat().st_size, limits.TEXT, "bytes of text")
         limits.check(source.content.count(b"\n") + 1, limits.ROWS, "lines")
+        json = re.match(rb"\s*(\{|\[\s*[\[{])", source.content) is not None
+        require(not json, f"JSON is not read: save it as CSV; {vocabulary.expected}", "tabular.json")
         sheets = [_text_table(_decoded(source.content), vocabulary)]
     elif source.kind == "numpy":
         return [_array_table(source.path, vocabulary)]
@@ -438,9 +466,13 @@ def _array_table(path: Path, vocabulary: Vocabulary) -> Table:
         raise InputError(message, "tabular.array") from None
     limits.check(array.size, limits.ROWS, "numbers of an array")
     limits.check(array.nbytes, limits.SHEET, "bytes of an array")
-    titles = list(array.dtype.names or vocabulary.array_titles)
+    fields = array.dtype.names or ()
+    titles = [name for name in fields or vocabulary.array_titles if not fields or array.dtype[name].kind in "fiu"]
+    odd = [name for name in fields if name not in titles]
     shape = array.shape
-    if array.dtype.names:
+    if fields:
+        lacking = f"the fields {', '.join(odd)} hold no single numbers: save each quantity as a field of numbers"
+        require(not odd or not vocabulary.missing(titles), lacking, "tabular.array")
         array = np.stack([array[name] for name in titles], axis=-1)
     elif array.ndim == 2 and shape[1] != len(titles):
         array = array.T
@@ -450,15 +482,17 @@ def _array_table(path: Path, vocabulary: Vocabulary) -> Table:
     message = f"an array {shape} of {array.dtype}: expected numbers of the shape (n, {len(titles)}), {expected}"
     fits = array.ndim == 2 and array.shape[1] == len(titles) and array.dtype.kind in "fiu"
     require(fits, message, "tabular.array")
+    if not fields and titles[0] == "time" and array.dtype.kind in "iu" and np.all(np.diff(array[:, 0]) == 1):
+        titles[0] = "frame"  # whole numbers that count
     rows = [Row(k, list(map(repr, row))) for k, row in enumerate(array.tolist(), 1)]
-    note = f"an array {shape} of numpy, taken as {', '.join(titles)}"
+    note = f"an array {shape} of numpy, taken as {', '.join(titles)}" + (f"; not used: {', '.join(odd)}" if odd else "")
     return Table(vocabulary, rows, [note], titles=titles, line=0)
 
 
 def _decoded(content: bytes) -> str:
     """Decode UTF-16, UTF-8 or Latin-1, without the byte order mark. Raises InputError: damaged UTF-16."""
     encodings = ["utf-8-sig", "latin-1"]
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    if content[:2] in _UTF16:
         encodings = ["utf-16"]
     elif content[1:2] == b"\x00":  # without the mark
         encodings = ["utf-16-le"]
@@ -483,29 +517,46 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
         sample = [line for line in data if line.strip()][:20]
         separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
         rows = list(_split(data, separator))
-    return Table(vocabulary, rows, [f"{invisible} control characters left out"] if invisible else [])
+    notes = [f"{invisible} control characters left out"] if invisible else []
+    numbers = (row.number for row in rows if data[row.number - 1] and any(map(_has_digits, row.texts)))
+    first = next(numbers, len(lines))  # the lines above it may be comments
+    if comments := [line for line, kept in zip(lines[first:], data[first:], strict=True) if line.strip() and not kept]:
+        notes.append(f"{len(comments)} lines that begin with {comments[0].strip()[0]} left out")
+    return Table(vocabulary, rows, notes)
 
 
 def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | None:
-    """Return the rows by the first separator that makes one a header above a fitting row; None if no separator does."""
+    """Return the rows by the first separator that makes one a header above a fitting row, else one above no
+    numbers; None if no separator does."""
     with_words = [line for line in lines if re.search(r"[^\W\d]", line)]
-    unclear = False
+    unclear, without_numbers = False, None
     for separator in _SEPARATORS:
         candidates = with_words if separator is None or any(separator in line for line in lines) else []
+        if separator is None:  # what tabs or commas separate, as the rows below, are no titles between spaces
+            others = [other for other in "\t;," if other in next(filter(str.strip, reversed(lines)), "")]
+            candidates = [line for line in candidates if not any(other in line for other in others)]
         if not any(vocabulary.is_header(row.texts) for row in _split(candidates, separator)):
             continue
         rows = list(_split(lines, separator))
         at = next(k for k, row in enumerate(rows) if vocabulary.is_header(row.texts))
         titles = rows[at].texts
-        below = next((row.texts for row in rows[at + 1 :] if any(map(is_float, row.texts))), titles)
+        below = next((row.texts for row in rows[at + 1 :] if any(map(_has_digits, row.texts))), None)
         if len(titles) == 1:  # a single column, without separators
             return [*rows[: at + 1], *(Row(row.number, [" ".join(row.texts)]) for row in rows[at + 1 :])]
+        if below is None:
+            without_numbers = without_numbers or rows
+            continue
         if len(below) >= (len(titles) if separator is None else 2):
             return rows
         unclear = separator is None
     message = "titles with spaces in them over columns separated by spaces; separate the columns by commas"
     require(not unclear, message, "tabular.width")
-    return None
+    return without_numbers
+
+
+def _has_digits(cell: str) -> bool:
+    """Whether a cell is a number that is not missing."""
+    return is_number(cell) and re.search(r"\d", cell) is not None
 
 
 def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
@@ -565,8 +616,9 @@ def is_number(cell: str) -> bool:
 
 def _plain(text: str) -> str:
     """Return the text without accents, with ' for primes, '' for double primes, a plain minus, and mu for micro."""
-    text = unicodedata.normalize("NFKD", text)
-    text = "".join(c for c in text if not unicodedata.combining(c)).replace("−", "-")
+    if not text.isascii():
+        text = unicodedata.normalize("NFKD", text)
+        text = "".join(c for c in text if not unicodedata.combining(c)).replace("−", "-")
     return re.sub("[′’‘´`]", "'", re.sub('["”“″]', "''", text))
 
 

@@ -60,6 +60,8 @@ def _problem(child: subprocess.CompletedProcess[bytes]) -> tuple[str, str]:
     answer = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     if child.returncode == _NO_BOOK:
         advice = "unpack it, and give the files or the folder that holds them"
+        if ".npy" in answer:
+            advice = "save one array: numpy.save('shot.npy', numpy.stack([t, R]))"
         return f"a zip archive of {answer}, and no workbook: {advice}", "tabular.archive"
     if child.returncode == _TOO_LARGE:
         code, _, message = answer.partition(" ")
