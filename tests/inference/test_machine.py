@@ -10,6 +10,7 @@ from cavirheo.arrays import relative_weights
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import RADII, RATES, Bubbles, Camera, elastic_stress, emulator, mean_viscosity
 from cavirheo.inference.noise import Noise
+from cavirheo.inference.population.importance import generalised_pareto
 from cavirheo.inference.sample import (
     EMULATED,
     Bent,
@@ -18,7 +19,6 @@ from cavirheo.inference.sample import (
     Mixture,
     climb,
     effective_size,
-    generalised_pareto,
     ridges,
     sample,
     tempered,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 
-from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError, expect, require
+from cavirheo.arrays import Floats
+from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS, inferred_name
 from cavirheo.physics.bubble import FIELD, ZERO_BY_DEFAULT, Bubble
 from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
@@ -146,16 +145,6 @@ class Family:
         number: Any = float if log10.ndim == 1 else np.asarray
         terms = [(law, {name: number(next(values)) for name in names}) for law, names in self._terms]
         return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
-
-    def holds(self, log10: Floats) -> Bools:
-        """Whether there is a material of each row (k, parameters) of log10 values: the others exclude each other."""
-
-        def holds(row: Floats) -> bool:
-            with suppress(InputError):
-                return bool(self.material(row))
-            return False
-
-        return np.array([holds(row) for row in log10], dtype=bool)
 
     def bounds(self, *, started: bool = False) -> Floats:
         """Ranges (parameters, 2) of a search, or with `started` the parts of them in which searches start."""

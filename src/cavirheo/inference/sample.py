@@ -370,24 +370,6 @@ def sample(target: Density, mixture: Mixture, sizes: Sequence[int], rng: np.rand
     return Draws(u[order], value[order], log_weight, float(top + np.log(mean)), error), mixture
 
 
-def generalised_pareto(x: Floats) -> tuple[float, float]:
-    """(shape, scale) of the generalised Pareto distribution of x (n,), ascending, not negative, the last positive.
-
-    The mean of theta = -shape/scale over its profile likelihood and a prior that the quartile of x sets (Zhang and
-    Stephens 2009, doi:10.1198/tech.2009.08017): as good as maximum likelihood, without its search.
-    """
-    count = len(x)
-    nodes = 30 + int(np.sqrt(count))
-    quartile = max(x[int(count / 4.0 + 0.5) - 1], 1e-12 * x[-1])
-    theta = 1.0 / x[-1] + (1.0 - np.sqrt(nodes / (np.arange(nodes) + 0.5))) / (3.0 * quartile)
-    shape = np.mean(np.log1p(-theta[:, None] * x), axis=1)
-    height = count * (np.log(-theta / shape) - shape - 1.0)
-    weight = np.exp(height - np.max(height))
-    mean = float(weight @ theta / np.sum(weight))
-    shape_of_mean = float(np.mean(np.log1p(-mean * x)))
-    return shape_of_mean, -shape_of_mean / mean
-
-
 def effective_size(log_weight: Floats) -> float:
     """Effective number of draws, (sum w)^2/sum w^2; 0 if all weights vanish. Kong 1992."""
     top = np.max(log_weight, initial=-np.inf)

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.sample import effective_size, generalised_pareto
+from cavirheo.inference.sample import effective_size
 
 ROUNDS = 24  # of draws at most
 EFFICIENCY, EASING = 0.05, 0.8  # a proposal with fewer effective draws is adapted; the limit falls at each adaptation
@@ -120,3 +120,21 @@ def _joined(samples: Sequence[Sample]) -> Sample:
     names = ("u", "log_target", "log_q")
     u, log_target, log_q = (np.concatenate([getattr(each, name) for each in samples]) for name in names)
     return Sample(u, log_target, log_q)
+
+
+def generalised_pareto(x: Floats) -> tuple[float, float]:
+    """(shape, scale) of the generalised Pareto distribution of x (n,), ascending, not negative, the last positive.
+
+    The mean of theta = -shape/scale over its profile likelihood and a prior that the quartile of x sets (Zhang and
+    Stephens 2009, doi:10.1198/tech.2009.08017): as good as maximum likelihood, without its search.
+    """
+    count = len(x)
+    nodes = 30 + int(np.sqrt(count))
+    quartile = max(x[int(count / 4.0 + 0.5) - 1], 1e-12 * x[-1])
+    theta = 1.0 / x[-1] + (1.0 - np.sqrt(nodes / (np.arange(nodes) + 0.5))) / (3.0 * quartile)
+    shape = np.mean(np.log1p(-theta[:, None] * x), axis=1)
+    height = count * (np.log(-theta / shape) - shape - 1.0)
+    weight = np.exp(height - np.max(height))
+    mean = float(weight @ theta / np.sum(weight))
+    shape_of_mean = float(np.mean(np.log1p(-mean * x)))
+    return shape_of_mean, -shape_of_mean / mean
