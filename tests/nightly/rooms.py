@@ -88,8 +88,6 @@ ROOMS = BATCHES | {
     "compare FOLDER": "compare {file} --references {published} -o {out}",
     "rheometer --beside": "rheometer {sweep} --beside {file} -o {out}",
     "infer --model": "infer {curve} --model {file} -o {out}",
-    "evaluate MODEL": "evaluate {file} {data} -o {out}",
-    "evaluate DATA": "evaluate bdt-viscous {file} -o {out}",
     "generate": "generate {file} -n 1 -o {out}",
     "train": "train {file} {data} -o {out}",
     "train DATA": "train {recipe} {file} -o {out}",

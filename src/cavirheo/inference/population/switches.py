@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Bools, relative_weights
-from cavirheo.inference.assumptions import LIQUID, PLAIN
+from cavirheo.inference.assumptions import AUTO, LIQUID, PLAIN
 from cavirheo.inference.experiment import FIELD_PROBABILITY
 from cavirheo.parameters import LOG10
 from cavirheo.physics.bubble import FIELD
@@ -50,7 +50,7 @@ def in_state(answer: Posterior, state: State) -> Bools:
 def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> list[Posterior]:
     """The answers of shots of one material; those by the default family with the draws in the state that all of them
     together make most probable, as answers by the law of this state."""
-    several = [answer for answer in answers if answer.switches and len(answer.theta) > 1]
+    several = [answer for answer in answers if _is_default(answer) and len(answer.theta) > 1]
     votes = [answer for answer in several if not only_trusted or answer.checks.verdict in TRUSTED]
     if not votes:
         return list(answers)
@@ -62,7 +62,12 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> list[
             share = float(weight @ in_state(answer, state)) / float(np.sum(weight))
             log_probability[state] += float(np.log((share + least) / prior))
     best = max(log_probability, key=lambda state: log_probability[state])
-    return [_conditioned(answer, best) if answer.switches else answer for answer in answers]
+    return [_conditioned(answer, best) if _is_default(answer) else answer for answer in answers]
+
+
+def _is_default(answer: Posterior) -> bool:
+    """Whether an answer is by the default family; another law has at most the switch of its bubble."""
+    return answer.material == AUTO and bool(answer.switches)
 
 
 def _conditioned(answer: Posterior, state: State) -> Posterior:
