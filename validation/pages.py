@@ -94,7 +94,7 @@ CLAIMS = (
     ),
     Claim(
         "references",
-        "Default answers beside runs of fifty times their evaluations: difference of log evidence, median; of the "
+        "Default answers beside runs with seven times their simulations: difference of log evidence, median; of the "
         "ends of 90 % intervals, RMS",
         (("", "long.evidence", ".2f", ""), ("ends", "long.ends.rms", ".2f", "widths")),
     ),

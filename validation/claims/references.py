@@ -1,7 +1,7 @@
-"""Is a default answer that of a run with fifty times the evaluations? And does another seed answer the same?
+"""Is a default answer that of a longer run? And does another seed answer the same?
 
 Shots: of each kind of calibration.py, and the first shots of the open sets (with --data). A reference has a budget with
-more climbs, ten times the draws and simulations of each model, and another seed. Compared are the log evidence, the
+more climbs, four times the draws and seven times the simulations, and another seed. Compared are the log evidence, the
 switches, and the ends of the 90 % intervals of G, mu and stretch in widths of the reference's interval; bounds by their
 logarithm are left out. "seeds": two default answers of a shot, in the same way.
 """
