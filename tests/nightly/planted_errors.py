@@ -53,7 +53,7 @@ PLANTED = (
             "self.noise.log_density(residuals) + log_normal(u)", "self.noise.log_density(residuals) - log_normal(u)",
             ("test_machine",)),
     Planted("correction of the emulator, sign", "inference/weigh.py",
-            "found.known.quick(u) + correction(u))", "found.known.quick(u) - correction(u))", ("test_machine",)),
+            "quick(u) + (correction(u) if", "quick(u) - (correction(u) if", ("test_machine",)),
     Planted("slope of the correction, sign", "inference/weigh.py",
             "np.asarray(mean + np.clip(y", "np.asarray(mean - np.clip(y", ("test_machine",)),
     Planted("evidence without the mean weight", "inference/weigh.py",

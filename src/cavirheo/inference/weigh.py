@@ -20,7 +20,6 @@ from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
     EMULATED,
     Budget,
-    Density,
     Draws,
     Frames,
     Maxima,
@@ -36,11 +35,7 @@ from cavirheo.prior import log_normal
 
 CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
 REACH = 15.0  # of log posterior by the emulator, below which a maximum or a model is not looked at
-LOOKED_AT, REFINED, RIDGES = (
-    4,
-    8,
-    3,
-)  # maxima of a model that are simulated, and steps at most from the best of them, and ridges
+LOOKED_AT, REFINED = 4, 8  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
 REJECTED = 12.0  # log of Laplace's integral by which a model is too unlikely to be looked at,
 NEGLIGIBLE = 4.0  # and log evidence by which it is too unlikely to be drawn from
 EXPECTED_YIELD = 2.0 / 3.0  # effective part that is expected of the first draws that are simulated
@@ -254,7 +249,7 @@ def _refined(
     at the maximum: each step leads to the maximum of quick frames that are right at the last place."""
     for _ in range(REFINED):
         shift = residual - known.quick(place[None])[0]
-        trial = climb(partial(_shifted, known.quick, shift), model.noise, place[None], budget.steps).u
+        trial = climb(partial(_corrected, known.quick, shift), model.noise, place[None], budget.steps).u
         found = known.simulate(trial)
         reached = float(model.log_posterior(trial, found)[0])
         if not reached > height + 0.1:
@@ -263,22 +258,21 @@ def _refined(
     return place, height, residual
 
 
-def _shifted(quick: Frames, shift: Floats, u: Floats) -> Floats:
-    return quick(u) + shift
+def _corrected(quick: Frames, correction: Correction | Floats, u: Floats) -> Floats:
+    """Quick residuals with a correction that depends on u, or with the same one (n,) everywhere."""
+    return quick(u) + (correction(u) if callable(correction) else correction)
 
 
-def _target(found: Sampled) -> Density:
-    """The log posterior by corrected quick frames."""
-    correction = found.known.correction()
-    return lambda u: found.model.log_posterior(u, found.known.quick(u) + correction(u))
+def _density(model: Model, residuals: Frames, u: Floats) -> Floats:
+    return model.log_posterior(u, residuals(u))
 
 
 def _settled(found: Sampled, budget: Budget) -> Sampled:
     """With likely places by quick frames, which are corrected there."""
     model, known, rng = found.model, found.known, found.rng
-    correction = known.correction()
-    mixture = ridges(lambda u: known.quick(u) + correction(u), model.noise, found.maxima, budget, rng, LOOKED_AT, REACH)
-    target = _target(found)
+    corrected = partial(_corrected, known.quick, known.correction())
+    mixture = ridges(corrected, model.noise, found.maxima, budget, rng, LOOKED_AT, REACH)
+    target = partial(_density, model, corrected)
     draws, mixture = sample(target, mixture, budget.first, rng)
     at = draws.u[pick(draws, CORRECTING, rng)]
     gain = model.log_posterior(at, known.simulate(at)) - target(at)
@@ -294,7 +288,8 @@ def _weighed(found: Sampled, wanted: int, budget: Budget, share: float) -> Sampl
     correction, mixture = known.correction(), found.mixture
     if draws is None or found.yielded < GOOD:
         rounds = budget.rounds[: max(2, int(np.ceil(len(budget.rounds) * min(1.0, 2.0 * share))))]
-        draws, mixture = sample(_target(found), mixture, rounds, rng)
+        target = partial(_density, model, partial(_corrected, known.quick, correction))
+        draws, mixture = sample(target, mixture, rounds, rng)
     picked, count = np.unique(pick(draws, wanted, rng), return_counts=True)
     order = rng.permutation(len(picked))
     at, log_quick, count = draws.u[picked[order]], draws.log_density[picked[order]], count[order]
