@@ -243,7 +243,7 @@ the scatter is taken for 0. Reached: half of the 90 % interval after as many ove
             if 1 <= more <= 70:
                 found = population([*first, *shots(more, spread, rng)])
                 ends = np.log10([found.interval(name) for name in NAMES])
-                reached_.append(0.5 * np.max(ends[:, 2] - ends[:, 0]) / TOLD_FOR)
+                reached_.append(0.5 * np.max(np.ptp(ends, axis=1)) / TOLD_FOR)
         needed = max(np.ceil((NORMAL_90 / TOLD_FOR) ** 2 * (spread**2 + WIDTH**2)), 3)
         low, middle, high = np.quantile(reached_ or [np.nan], [0.1, 0.5, 0.9])
         cells = [f"{spread:g}", count, f"{needed:.0f}", f"{np.median(told):.0f}", f"{np.median(without):.0f}"]

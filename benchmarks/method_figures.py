@@ -214,9 +214,11 @@ def material() -> Any:
     star(right, TRUTH, "truth: the gel, and 90 % of its places")
     mu, modulus = population_record(found).contour(INSIDE).T
     right.plot(1e-3 * modulus, mu, "--", color=style.BLUE, lw=1.2)
-    x, y = 1e-3 * np.array(found.interval(G)), np.array(found.interval(MU))
-    bars: Any = {"xerr": np.diff(x)[:, None], "yerr": np.diff(y)[:, None], "lw": 1.3, "capsize": 2}
-    right.errorbar(x[1], y[1], fmt="D", color=style.BLUE, ms=4, label="inferred: the same, from a", **bars)
+    x, y = 1e-3 * found.median(G), found.median(MU)
+    xerr = np.abs(1e-3 * np.array(found.interval(G)) - x)[:, None]
+    yerr = np.abs(np.array(found.interval(MU)) - y)[:, None]
+    bars: Any = {"xerr": xerr, "yerr": yerr, "lw": 1.3, "capsize": 2}
+    right.errorbar(x, y, fmt="D", color=style.BLUE, ms=4, label="inferred: the same, from a", **bars)
     for name, probability in found.outliers.items():
         one = answers[int(name.split()[1]) - 1]
         label = f"outlier ({probability:.0%})"

@@ -91,7 +91,7 @@ def inside(found: Population, group: Group) -> dict[str, list[bool]]:
     said: dict[str, list[bool]] = {}
     for k, name in enumerate((G, MU)):
         for level in LEVELS:
-            low, _, high = found.interval(name, level)
+            low, high = found.interval(name, level)
             said.setdefault(f"centre {level:.0%}", []).append(low <= 10.0 ** group.centre[k] <= high)
             low, _, high = found.scatter(name, level)
             said.setdefault(f"spread {level:.0%}", []).append(low <= group.spread[k] <= high)
@@ -184,7 +184,8 @@ def width(groups: int, seed: int) -> None:
                 rng = np.random.default_rng([seed, i])
                 group = Group(rng, 20, np.full(2, spread), widths=widths)
                 found = population(group.answers, seed=i)
-                low, middle, high = np.log10(found.interval(G, 0.6827))
+                low, high = np.log10(found.interval(G, 0.6827))
+                middle = np.log10(found.median(G))
                 medians = np.log10([answer.median(G) for answer in group.answers])
                 ratio.append(0.5 * (high - low) / (np.std(medians, ddof=1) / np.sqrt(20)))
                 missed.append((middle - group.centre[0]) / (0.5 * (high - low)))
@@ -225,12 +226,12 @@ def bounds(groups: int, seed: int) -> None:
                 theta = np.column_stack([stiffness + 0.05 * rng.standard_normal(1000), drawn])
                 answers.append(Posterior(NAMES, ("Pa", "Pa s"), theta, Checks("ok"), "nhkv", "verified", prior=RANGES))
             found = population(answers, seed=i)
-            low, _, high = np.log10(found.interval(G))
+            low, high = np.log10(found.interval(G))
             bounded += sum(answer.bound(MU) == "upper" for answer in answers)
             within, widths = within + (low < 3.8 < high), [*widths, high - low]
             known += found.bound(MU) is None
             ends = found.interval(MU)
-            held += ends[0] < mu < ends[2] if found.bound(MU) is None else mu < ends[2]
+            held += ends[0] < mu < ends[1] if found.bound(MU) is None else mu < ends[1]
         print(f"mu {mu:g}, errors {errors}: {bounded / groups:.1f} of 12 shots bound it; G within 90 % "
               f"{within}/{groups}, width {np.median(widths):.3f} decades; mu is a value in {known}, "
               f"interval or bound holds it in {held}/{groups}")  # fmt: skip
@@ -274,7 +275,7 @@ def network(groups: int, seed: int) -> None:
         for k, name in enumerate((G, MU)):
             for level in LEVELS:
                 ends, wide = found.interval(name, level), found.scatter(name, level)
-                hits.setdefault(f"centre {level:.0%}", []).append(ends[0] <= 10.0 ** centre[k] <= ends[2])
+                hits.setdefault(f"centre {level:.0%}", []).append(ends[0] <= 10.0 ** centre[k] <= ends[1])
                 hits.setdefault(f"spread {level:.0%}", []).append(wide[0] <= spread[k] <= wide[2])
     for name, values in sorted(hits.items()):
         print(f"{name:<28}{100 * np.mean(values):6.1f} %  ({len(values)})")

@@ -8,7 +8,8 @@ parameter, the name for the later law ends in its number in the sum (viscosity_2
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+import unicodedata
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from math import inf, log10
 from typing import Any, Literal, NamedTuple
@@ -117,6 +118,7 @@ BUBBLE = {  # parameters of the bubble itself: meaning and usual values, as text
     "vapour_excess": "pressure of the vapour at R_max above saturation, usually 0",
 }
 VISCOSITY_AT_RATE, REFERENCE_RATE = "viscosity_at_1e5_per_s", 1e5  # name of a viscosity that depends on the rate, 1/s
+_LETTERS = {"α": "alpha", "β": "beta", "ζ": "zeta", "λ": "lambda", "μ": "mu", "τ": "tau", "Δ": "Delta"}
 END_SHARE = 0.25  # of an interval's width: nearer to an end of the range, an end is due to the range
 
 
@@ -139,6 +141,49 @@ def _base_name(name: str) -> str:
 def parameter_of(name: str) -> Parameter:
     """The entry of a parameter by its name, with or without log10_ and a number. Raises KeyError: unknown name."""
     return Parameter("µ at 1e5/s", "Pa s") if name == VISCOSITY_AT_RATE else PARAMETERS[_base_name(name)]
+
+
+def symbol(name: str) -> str:
+    """The symbol of a parameter, µ_2 for that of the second law of a sum; its name if it has none."""
+    try:
+        known = parameter_of(name).symbol
+    except KeyError:
+        return name
+    number = re.search(r"_\d+$", natural_name(name))
+    return known + (number.group() if number else "")
+
+
+def column_name(name: str, unit: str) -> str:
+    """The name of a column as in result.csv: "shear_modulus_Pa", "viscosity_Pa_s", "stretch"."""
+    return name if unit in ("", "1") else f"{name}_{unit.replace(' ', '_')}"
+
+
+def matching(given: object, names: Iterable[str]) -> str | None:
+    """The parameter of these natural names that is meant: by its symbol ("G", "mu" or "µ", "lambda" or "λ"), its
+    natural name ("shear_modulus"), or the name of its column ("shear_modulus_Pa"). None: none of them."""
+    if not isinstance(given, str):
+        return None
+    for name in names:
+        own = symbol(name)
+        unit = "" if own == name else parameter_of(name).unit
+        if _spelled(given) in (_spelled(own), name, column_name(name, unit)):
+            return name
+    return None
+
+
+def named(given: object, names: Iterable[str], owner: str, code: str) -> str:
+    """As `matching`. Raises InputError with this code: `owner`, such as "the answer", has no such parameter."""
+    names = [*names]
+    name = matching(given, names)
+    if name is None:
+        known = ", ".join(own if (own := symbol(name)) == name else f"{own} ({name})" for name in names)
+        raise InputError(f"{owner} has no {given!r}: it has {known or 'no parameters'}", code)
+    return name
+
+
+def _spelled(text: str) -> str:
+    """The text with the names of its Greek letters."""
+    return "".join(_LETTERS.get(letter, letter) for letter in unicodedata.normalize("NFKC", text))
 
 
 def is_law_parameter(name: str) -> bool:

@@ -14,9 +14,11 @@ from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import require
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import (
-    LOG10,
     Bound,
     bound_of,
+    column_name,
+    matching,
+    named,
     natural_name,
     searched_bound,
     to_natural,
@@ -230,14 +232,11 @@ class Posterior:
         return np.asarray(weight / weight.sum())
 
     def draws(self, name: str) -> Floats:
-        """(draws,) values of a parameter in natural units, by its natural name: "shear_modulus" (Pa), "viscosity" (Pa
-        s), "stretch" (1), ...; none if the answer failed. Raises InputError: the parameter was not inferred."""
-        prior_name = self._key(name)
-        held = f" (`best` has {name})" if name in self.best else ""
-        message = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
-        require(prior_name in self.names, message, "posterior.parameter")
-        values = self.theta[:, self.names.index(prior_name)]
-        return values if prior_name == name else to_natural(prior_name, values)
+        """(draws,) values of a parameter in natural units: of "G" (or "shear_modulus") in Pa, of "mu" (or "viscosity")
+        in Pa s, of "lambda" (or "stretch"), ...; none if the answer failed. Raises InputError: the parameter was not
+        inferred."""
+        prior_name = self._prior_name(name)
+        return to_natural(prior_name, self.theta[:, self.names.index(prior_name)])
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Central credible interval with the probability `level`, in natural units; None for a point or failed answer,
@@ -255,24 +254,29 @@ class Posterior:
             high = float(weighted_quantile(values[above], 0.5 + 0.5 * level, log_weight))
         return low, high
 
-    def _key(self, name: str) -> str:
-        """The name in the prior's scale."""
-        return LOG10 + name if LOG10 + name in self.names else name
+    def _prior_name(self, name: str) -> str:
+        """The name of a parameter in the prior's scale."""
+        inferred = [*self.parameters]
+        held = matching(name, self.best)
+        owner = f"the answer (of {held}, which was not inferred, `best` has the value)" if held else "the answer"
+        return self.names[inferred.index(named(name, inferred, owner, "posterior.parameter"))]
 
     def bound(self, name: str) -> Bound | None:
         """What is known if the central 90 % of the draws reach an end of the range of `prior` (else of the search):
         "upper" (the value is below the interval's upper end), "lower" (above its lower end), "undetermined" (nothing).
         None: they lie within the range, or there are fewer than two draws. Raises InputError: as `draws`."""
-        values, prior_name = self.draws(name), self._key(name)
+        values = self.draws(name)
         if len(values) < 2:
             return None
+        prior_name = self._prior_name(name)
+        natural = natural_name(prior_name)
         low, high = weighted_quantile(values, [0.05, 0.95], self.log_weight).tolist()
         if prior_name in self.prior:
             least, largest, *_ = self.prior[prior_name]
             own = bound_of(to_prior_scale(prior_name, low), to_prior_scale(prior_name, high), (least, largest))
         else:
-            own = searched_bound(name, low, high)
-        return own or self.traded.get(name)
+            own = searched_bound(natural, low, high)
+        return own or self.traded.get(natural)
 
     def quantity(self, name: str) -> Quantity:
         """Median, interval and bound in natural units; empty if the answer failed. Raises InputError: as `draws`."""
@@ -297,7 +301,7 @@ class Posterior:
     def to_dataframe(self) -> Any:
         """The draws as a pandas.DataFrame: a column per parameter, named as in result.csv ("shear_modulus_Pa", ...),
         and "weight", which sums to 1. Raises InputError without pandas."""
-        columns = {export.column_name(name, unit): self.draws(name) for name, unit in self.parameters.items()}
+        columns = {column_name(name, unit): self.draws(name) for name, unit in self.parameters.items()}
         return export.dataframe({**columns, "weight": self.weights}, self._attributes)
 
     def to_arviz(self) -> Any:

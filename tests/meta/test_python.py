@@ -1,13 +1,16 @@
 """The face of the package in Python: names, options, and one sentence for each wrong call."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from answers import GEL, answer
+from answers import GEL, answer, shots
 from conftest import refused
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve
 from cavirheo.inference.which_law import rank_laws
+from cavirheo.parameters import matching
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.media import MEDIA, medium
 from cavirheo.prior import Prior, TrainingProblem
@@ -57,8 +60,10 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: RadiusCurve(TIME, [["a"]]), "[['a']]"),
     (lambda: RadiusCurve(TIME, RADIUS, meta="shot 1"), "'shot 1'"),
     (lambda: CURVE.with_max_radius(250), "0.00025 m"),
-    (lambda: ANSWER.median("G"), "shear_modulus, viscosity"),
-    (lambda: ANSWER.interval("viscosity", 95), "0.95"),
+    (lambda: ANSWER.median("E"), "G (shear_modulus), µ (viscosity)"),
+    (lambda: ANSWER.median(7), "7"),
+    (lambda: ANSWER.interval("mu", 95), "0.95"),
+    (lambda: cavirheo.design(ranges={"E": (1e3, 1e4)}), "'E'"),
     (lambda: cavirheo.predict_radius(CURVE, ANSWER, [np.nan]), "[nan]"),
     (lambda: cavirheo.predict_radius(CURVE, ANSWER, TIME), "draws"),
     (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),
@@ -101,6 +106,24 @@ def test_a_problem_of_an_unusual_medium_is_read_back():
     prior = Prior.uniform({"log10_viscosity": [-3, 0], "stretch": [3, 9]})
     problem = TrainingProblem("newtonian", prior, medium=Medium(13534.0, surface_tension=0.485, unusual=True))
     assert TrainingProblem.from_dict(problem.to_dict()).id == problem.id
+
+
+def test_a_parameter_is_named_by_symbol_natural_name_or_column():
+    """Of one shot and of many, for every function of a parameter."""
+    material, shot = cavirheo.population(shots(4)), replace(ANSWER, best={"stretch": 7.0})
+    for spelled, name in (("G", "shear_modulus"), ("mu", "viscosity"), ("µ", "viscosity"), ("\u03bc", "viscosity"),
+                          ("shear_modulus_Pa", "shear_modulus"), ("viscosity_Pa_s", "viscosity")):  # fmt: skip
+        for one in (shot, material):
+            assert one.draws(spelled).tolist() == one.draws(name).tolist()
+            for of in (one.interval, one.median, one.bound, one.quantity):
+                assert of(spelled) == of(name)
+        assert material.scatter(spelled) == material.scatter(name)
+    assert shot.interval("G")[0] < shot.median("G") < shot.interval("G")[1]
+    with refused("posterior.parameter", "stretch", "best"):  # it is known, and not inferred
+        shot.interval("lambda")
+    names = ["viscosity", "viscosity_2", "stiffening", "a law's own"]
+    assert [matching(given, names) for given in ("mu", "mu_2", "alpha", "a law's own")] == names
+    assert matching("E", names) is None
 
 
 def test_what_may_be_given_otherwise_is_taken():

@@ -20,7 +20,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.design import Draws, Expectation, Setting, gain, material_information, shots_wanted, variance
-from cavirheo.parameters import STRETCH_RANGE
+from cavirheo.parameters import STRETCH_RANGE, named
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.reporting.answer import CurveRecord, StoredMedium
@@ -264,8 +264,8 @@ def design(
             without it `ranges` do.
         rig: what can be filmed; default: `Rig()`.
         group: name of the group whose shots are of the material, if the result has several groups.
-        ranges: {"shear_modulus": [low, high], "viscosity": ..., "stretch": ...} in SI; default: those in which searches
-            start, and 4 to 10 for the stretch. With `known` only the range of the stretch is used.
+        ranges: {"G": [low, high], "mu": ..., "lambda": ...} in SI; default: those in which searches start, and 4 to 10
+            for the stretch. With `known` only the range of the stretch is used.
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
         spread: standard deviation of the shots of one material, decades; default: 0, or that of the answers of `known`.
         sizes: number of values of R_max in the range of the rig.
@@ -419,8 +419,7 @@ def _goal(
     """The goal, and draws from what is known: log10 of the law's parameters (draws, l), and stretches (draws,). The
     draws are points of a Halton sequence, so that few of them cover the distribution."""
     names = (*family.parameters, "stretch")
-    unknown = ", ".join(set(ranges) - {*names})
-    require(not unknown, f"{family.name} has no {unknown}; known: {', '.join(names)}", "design.range")
+    ranges = {named(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
     for name, pair in ranges.items():
         low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
         message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"

@@ -16,7 +16,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.io.shots import stem_of
 from cavirheo.messages import title
-from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, is_law_parameter
+from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, column_name, is_law_parameter
 from cavirheo.physics.media import WATER
 from cavirheo.reporting.answer import (
     CurveRecord,
@@ -29,7 +29,7 @@ from cavirheo.reporting.answer import (
 from cavirheo.reporting.group import JOINT_PREFERENCE, OUR_MEANS, GroupRecord, error_of, spread_over
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
-from cavirheo.writing import digits, export, terminal
+from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Spread, write_rows
 
 if TYPE_CHECKING:
@@ -286,7 +286,7 @@ def _print_parameters(console: Console, result: Result) -> None:
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number)."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
-    columns = {name: export.column_name(name, digits.symbol_and_unit(name)[1]) for name in (*first, *further)}
+    columns = {name: column_name(name, digits.symbol_and_unit(name)[1]) for name in (*first, *further)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
     head = ["name", "group", "source", "material", "method", "max_radius_m"]
     head += [columns[name] + end for name in first for end in ends.values()]

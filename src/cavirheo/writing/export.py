@@ -25,11 +25,6 @@ def import_optional(name: str) -> Any:
         raise
 
 
-def column_name(name: str, unit: str) -> str:
-    """The name of a column as in result.csv: "shear_modulus_Pa", "viscosity_Pa_s", "stretch"."""
-    return name if unit in ("", "1") else f"{name}_{unit.replace(' ', '_')}"
-
-
 def dataframe(columns: Mapping[str, Any], attributes: Mapping[str, Any]) -> Any:
     """A pandas.DataFrame of columns of one length, with `attributes` as its attrs. Raises InputError without pandas."""
     frame = import_optional("pandas").DataFrame(dict(columns))

@@ -19,9 +19,9 @@ from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
 from cavirheo.inference.population.importance import Sample
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.parameters import Bound, bound_of, is_law_parameter, natural_name, parameter_of
+from cavirheo.parameters import Bound, bound_of, column_name, is_law_parameter, named, natural_name, parameter_of
 from cavirheo.physics.bubble import Bubble
-from cavirheo.posterior import TRUSTED, Evidence, Posterior
+from cavirheo.posterior import TRUSTED, Evidence, Posterior, check_level
 from cavirheo.prior import Prior
 from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity
@@ -110,31 +110,42 @@ class Population:
         return "\n  ".join([f"Population({self.material}, {self.bubble.name}): {self.line}", *self.remarks])
 
     def _column(self, name: str) -> int:
-        message = f"the population has {', '.join(self.names)}, got {name!r}"
-        require(name in self.names, message, "population.parameter")
+        known = named(name, self.names, "the population", "population.parameter")
         require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.warnings)}", "population.no_draws")
-        return self.names.index(name)
+        return self.names.index(known)
 
     def _ends(self, draws: Floats, name: str, level: float) -> tuple[float, float, float]:
         return _quantiles(draws[:, self._column(name)], level)
 
-    def interval(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
-        """(low, median, high) of the material's parameter, SI. Raises InputError: no such parameter, or no draws."""
-        low, middle, high = self._ends(self.centre, name, level)
-        return 10.0**low, 10.0**middle, 10.0**high
+    def draws(self, name: str) -> Floats:
+        """(draws,) equally likely values of the material's parameter, SI: of "G" or "shear_modulus" in Pa, ... Raises
+        InputError: no such parameter, or no draws."""
+        return np.asarray(10.0 ** self.centre[:, self._column(name)])
+
+    def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
+        """Central interval of the material's parameter with the probability `level`, SI. Raises InputError: as `draws`,
+        or the level is not between 0 and 1."""
+        check_level(level)
+        low, _, high = self._ends(self.centre, name, level)
+        return 10.0**low, 10.0**high
+
+    def median(self, name: str) -> float:
+        """Median of the material's parameter, SI. Raises InputError: as `draws`."""
+        return float(10.0 ** np.median(self.centre[:, self._column(name)]))
 
     def bound(self, name: str) -> Bound | None:
         """The bound of a parameter that the shots do not determine: "upper", "lower" or "undetermined", as
         `Posterior.bound`. None if its interval is inside the range, and at least three shots, or as many as bound it,
-        determine it by themselves. Raises InputError: as `interval`."""
+        determine it by themselves. Raises InputError: as `draws`."""
         low, _, high = self._ends(self.centre, name, 0.9)
+        name = self.names[self._column(name)]
         reached = bound_of(low, high, self.prior[name]) if name in self.prior else None
         return reached or self.shots_bound.get(name)
 
     def quantity(self, name: str) -> Quantity:
-        """`interval` and `bound` of a parameter. Raises InputError: as `interval`."""
-        low, middle, high = self.interval(name)
-        return Quantity(median=middle, q05=low, q95=high, bound=self.bound(name))
+        """Median, 90 % interval and bound of a parameter, SI. Raises InputError: as `draws`."""
+        low, high = self.interval(name)
+        return Quantity(median=self.median(name), q05=low, q95=high, bound=self.bound(name))
 
     @property
     def determined(self) -> list[str]:
@@ -144,16 +155,18 @@ class Population:
     def if_common(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the material's parameter, SI, if all shots but outliers had exactly this value.
 
-        As `interval`; too narrow if shots scatter, for which `scattered` is the evidence."""
+        Raises InputError: as `draws`. Too narrow if shots scatter, for which `scattered` is the evidence."""
         low, middle, high = self._ends(self.common, name, level)
         return 10.0**low, 10.0**middle, 10.0**high
 
     def scatter(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
-        """(low, median, high) of the standard deviation of the shots about the material, decades; as `interval`."""
+        """(low, median, high) of the standard deviation of the shots about the material, decades. Raises
+        InputError: as `draws`."""
         return self._ends(self.spread, name, level)
 
     def trend(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
-        """(low, median, high) of the slope along the column, decades per unit; as `interval`."""
+        """(low, median, high) of the slope along the column, decades per unit. Raises InputError: as `draws`, or no
+        column."""
         require(self.slope is not None, "the population was made without a column (along)", "population.along")
         return self._ends(np.asarray(self.slope), name, level)
 
@@ -246,7 +259,7 @@ class Population:
         Raises InputError: no draws, or pandas is missing."""
         columns = {}
         for k, (name, values) in enumerate(self._draws.items()):
-            columns[export.column_name(name, parameter_of(name).unit)] = values
+            columns[column_name(name, parameter_of(name).unit)] = values
             columns[f"{name}_spread_decades"] = self.spread[:, k]
             if self.slope is not None:
                 columns[f"{name}_slope_decades"] = self.slope[:, k]
@@ -269,7 +282,7 @@ class Population:
     @property
     def _draws(self) -> dict[str, Floats]:
         """(draws,) of the material's parameters by name, SI."""
-        return {name: 10.0 ** self.centre[:, self._column(name)] for name in self.names}
+        return {name: self.draws(name) for name in self.names}
 
     @property
     def _metadata(self) -> dict[str, str]:
