@@ -8,6 +8,6 @@ curve = cavirheo.read_curves(Path(__file__).parent / "stiff_gel.mat")[0]
 for window in (2, 1, 3):
     answer = cavirheo.fit(curve, "nhkv", window=window, free=("t0",))
     print(f"{window} collapses:")
-    for name, unit in (("shear_modulus", "Pa"), ("viscosity", "Pa s"), ("stretch", "")):
+    for name, unit in (("G", "Pa"), ("mu", "Pa s"), ("lambda", "")):
         low, high = answer.interval(name)
         print(f"  {name}: {answer.median(name):.4g} {unit}, 90 % interval {low:.4g} to {high:.4g}")

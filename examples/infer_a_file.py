@@ -11,6 +11,6 @@ for curve, answer in zip(curves, cavirheo.infer_many(curves, medium=gel), strict
         print(f"{curve.name}: {answer.checks.verdict}, {answer.checks.message}")
         continue
     print(
-        f"{curve.name}: R_max {curve.max_radius * 1e6:.0f} um, G {answer.median('shear_modulus'):.0f} Pa, "
-        f"mu {answer.median('viscosity'):.4f} Pa s, RMSE {answer.checks.rmse_over_rmax:.2%} of R_max"
+        f"{curve.name}: R_max {curve.max_radius * 1e6:.0f} um, G {answer.median('G'):.0f} Pa, "
+        f"mu {answer.median('mu'):.4f} Pa s, RMSE {answer.checks.rmse_over_rmax:.2%} of R_max"
     )

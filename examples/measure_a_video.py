@@ -10,4 +10,4 @@ curve = cavirheo.measure(video, frame_rate=500e3, um_per_px=4.0, exposure=0.4e-6
 flags = Counter(curve.meta["flags"])
 print(f"R_max {curve.max_radius * 1e6:.1f} um, {flags.pop('ok')} frames ok, others: {dict(flags)}", end="; ")
 answer = cavirheo.infer(curve)
-print(f"G {answer.median('shear_modulus'):.0f} Pa (true 10000), mu {answer.median('viscosity'):.4f} Pa s (true 0.06)")
+print(f"G {answer.median('G'):.0f} Pa (true 10000), mu {answer.median('mu'):.4f} Pa s (true 0.06)")

@@ -12,5 +12,5 @@ radius[40] = np.nan  # a frame without a measurement
 # the first frame shows R_max; without the growth, or such a statement, the answer would be `check_input`
 curve = cavirheo.RadiusCurve(time, radius, meta={"name": "mine"}, stated_time_of_max=0.0)
 answer = cavirheo.infer(curve, bubble="field")  # as it was simulated; leave `bubble` out for a recording
-print(f"G {answer.median('shear_modulus'):.0f} Pa (true 8000), mu {answer.median('viscosity'):.4f} Pa s (true 0.05)")
+print(f"G {answer.median('G'):.0f} Pa (true 8000), mu {answer.median('mu'):.4f} Pa s (true 0.05)")
 print(f"strain rate up to the first collapse: {curve.strain_rate():.3g} 1/s")

@@ -45,7 +45,7 @@ KEPT = (
     "examples/*.*",
     "examples/tutorials/*.py",
 )
-ORDER = ("gel", "liquid", "own_law", "cluster", "app")
+ORDER = ("gel", "notebook", "liquid", "own_law", "cluster", "app")
 FENCE = re.compile(r"^(```.*?^```$)", re.DOTALL | re.MULTILINE)
 START_OF_BLOCK = re.compile(r"(?<=\n)(?![-|#>\s]|\d+\. )([^\n]+\n)(?=- |\d+\. |\|)")
 

@@ -46,7 +46,7 @@ START = Page(
     "[further functions](more.md) have their own pages.",
     (
         Group("Read and measure", {"cavirheo": "read_curves measure RadiusCurve"}),
-        Group("Infer and fit", {"cavirheo": "infer infer_many fit fit_many Posterior Bubble predict_radius"}),
+        Group("Infer and fit", {"cavirheo": "infer infer_many fit fit_many table Posterior Bubble predict_radius"}),
         Group("Many shots, and the next one", {"cavirheo": "population Population design Rig"}),
         Group("Read back", {"cavirheo": "load"}, "[File formats](../docs/file-formats.md)."),
         Group("Simulate", {"cavirheo": "simulate simulate_many Simulation Medium"}),

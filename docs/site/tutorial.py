@@ -60,7 +60,7 @@ def run(cell: Cell, names: dict[str, Any]) -> Cell:
         exec(compile(ast.Module(body, []), "cell", "exec"), names)
         value = eval(compile(ast.Expression(last.value), "cell", "eval"), names) if last else None
     if hasattr(value, "savefig"):
-        value.savefig(file := io.BytesIO(), format="png", dpi=110)
+        value.savefig(file := io.BytesIO(), format="png", dpi=max(110, value.dpi))
         return cell._replace(output=said.getvalue(), pictures=(file.getvalue(),))
     return cell._replace(output=said.getvalue() + ("" if value is None else f"{value!r}\n"))
 

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats, relative_weights
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import (
     Bound,
     bound_of,
     column_name,
+    is_law_parameter,
     matching,
     named,
     natural_name,
@@ -55,6 +58,8 @@ class Checks:
         t_star_end: end of the compared window, t/t_c after R_max.
         compared_time: (m,) s, times of the compared frames on the measurement's clock.
         residual_over_rmax: (m,) (measured - simulated)/R_max at these times.
+        predicted_over_rmax: (m, 2) ends of the central 90 % of what a frame at these times would measure, by the draws
+            and their noise, minus the simulation, over R_max.
         reconstruction_time: (k,) s on the measurement's clock, dense enough for a plot.
         reconstruction_radius: (k,) m, the simulated radius.
         time_scale: t_c = R_max sqrt(rho/p) of the shot in its medium, s.
@@ -69,6 +74,7 @@ class Checks:
     t_star_end: float | None = None
     compared_time: Floats | None = None
     residual_over_rmax: Floats | None = None
+    predicted_over_rmax: Floats | None = None
     reconstruction_time: Floats | None = None
     reconstruction_radius: Floats | None = None
     time_scale: float | None = None
@@ -186,6 +192,7 @@ class Posterior:
             deviation) if normal; parameters with an unknown prior are missing.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
         traded: bounds of parameters that trade against another one, which is at the end of its range, by natural name.
+        curve: the recording that was answered; None in a file of an unfinished run.
         switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening", "field_bubble".
     """
 
@@ -209,10 +216,17 @@ class Posterior:
     stretch_prior: tuple[float, float] | None = None
     switches: Mapping[str, float] = field(default_factory=dict)
     traded: Mapping[str, Bound] = field(default_factory=dict)
+    curve: RadiusCurve | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of the curve; "" without one."""
+        return self.curve.name if self.curve else ""
 
     def __repr__(self) -> str:
-        """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
-        lines = [f"Posterior({self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
+        """Name, material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
+        of = f"{self.name}: " if self.curve else ""
+        lines = [f"Posterior({of}{self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
         for name, unit in self.parameters.items():
             value = digits.quantity_with_unit(self.quantity(name), unit="" if unit == "1" else unit)
             lines.append(f"  {name:<20}{value}")
@@ -315,11 +329,21 @@ class Posterior:
         return export.inference_data({"posterior": draws}, self.parameters, self._attributes)
 
     def plot(self) -> Figure:
-        """Plot the marginals of the draws and of their pairs (library corner), with the median and the central 90 %.
-        Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing."""
+        """Figure of the measured radius, the band that holds 90 % of what the answer predicts, and the residual of its
+        simulation. Raises InputError: the answer has no curve, or matplotlib is missing."""
+        draw: Any = resolve_name("cavirheo.reporting.pictures.answer_figure")  # of a room that is built on this one
+        figure: Figure = draw(self)
+        return figure
+
+    def corner(self, *names: str) -> Figure:
+        """Figure of the draws of each parameter, with the median and the central 90 %, and of each pair of them.
+
+        names: of the parameters; default: those of the law that are not exactly 0 in most draws, and the stretch.
+        Raises InputError: a point answer or a failed one has no draws, no such parameter, or matplotlib is missing."""
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
-        by_label = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
-        return export.pair_plot({label: self.draws(name) for label, name in by_label.items()}, self.weights)
+        usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
+        chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
+        return export.corner_plot({name: self.draws(name) for name in chosen}, self.weights)
 
     @property
     def _attributes(self) -> dict[str, str]:

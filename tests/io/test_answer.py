@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from answers import answer, bubble, seen, unanswered
 from conftest import ROOT, code_of, refused
 
-from cavirheo import load
+from cavirheo import load, table
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.laws import Laws
 from cavirheo.reporting.record import Result
@@ -53,15 +54,52 @@ def test_a_missing_library_is_named(posterior, monkeypatch, name, method):
         getattr(posterior, method)()
 
 
-def test_plot_has_marginals_and_pairs_but_not_of_a_point(posterior, tmp_path):
-    pytest.importorskip("corner")
-    figure = posterior.plot()
-    assert [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()] == ["shear_modulus (Pa)", "stretch"]
+def test_corner_has_marginals_and_pairs_but_not_of_a_point(posterior, tmp_path):
+    pytest.importorskip("matplotlib")
+    figure = posterior.corner()
+    assert [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()] == ["G (kPa)", "λ"]
     marks = [line.get_xdata()[0] for line in figure.axes[0].lines]
-    draws, how = posterior.draws("shear_modulus"), {"weights": posterior.weights, "method": "inverted_cdf"}
-    assert marks == pytest.approx(np.quantile(draws, [0.05, 0.5, 0.95], **how), rel=2e-3)
+    draws, how = posterior.draws("G"), {"weights": posterior.weights, "method": "inverted_cdf"}
+    assert marks == pytest.approx(1e-3 * np.quantile(draws, [0.05, 0.5, 0.95], **how))
     figure.savefig(tmp_path / "a.png")
-    assert code_of(replace(posterior, theta=posterior.theta[:1]).plot) == "posterior.no_draws"
+    assert len(posterior.corner("lambda").axes) == 1
+    liquid = np.where(np.arange(900)[:, None] < 800, [[-np.inf, 8.5]], posterior.theta)  # G is 0 in most draws
+    assert len(replace(posterior, theta=liquid, log_weight=None).corner().axes) == 1
+    assert code_of(replace(posterior, theta=posterior.theta[:1]).corner) == "posterior.no_draws"
+    assert code_of(posterior.corner, "E") == "posterior.parameter"
+
+
+def test_an_answer_draws_its_curve(posterior, tmp_path):
+    pytest.importorskip("matplotlib")
+    curve = bubble("gel[2]")
+    checks = answer(curve).checks
+    ends = np.column_stack([checks.residual_over_rmax - 0.01, checks.residual_over_rmax + 0.02])
+    drawn = replace(posterior, curve=curve, checks=replace(checks, predicted_over_rmax=ends))
+    assert (drawn.name, posterior.name) == ("gel[2]", "")
+    radius, residual = drawn.plot().axes
+    assert (len(radius.collections), len(residual.collections)) == (1, 1)  # the bands
+    corners = residual.collections[0].get_paths()[0].vertices[:, 1]
+    assert (corners.min(), corners.max()) == pytest.approx((100 * ends.min(), 100 * ends.max()))
+    drawn.plot().savefig(tmp_path / "a.png")
+    replace(drawn, theta=posterior.theta[:0], checks=Checks("failed")).plot().savefig(tmp_path / "b.png")
+    assert code_of(posterior.plot) == "posterior.no_curve"
+
+
+def test_answers_are_a_table_in_which_a_bound_is_no_median():
+    pandas = pytest.importorskip("pandas")
+    known, bounded = seen([3.8, -1.4], 0.05), seen([3.8, -3.7], [0.05, 0.3])
+    curves = [bubble(f"gel[{k}]") for k in range(3)]
+    answers = [replace(one, curve=curve) for one, curve in zip([known, bounded, unanswered()], curves, strict=True)]
+    frame = table(answers)
+    assert frame["name"].tolist() == ["gel[0]", "gel[1]", "gel[2]"]
+    assert frame["viscosity_Pa_s"].mean() == pytest.approx(known.median("mu"))
+    assert frame["viscosity_Pa_s_q95"][1] == pytest.approx(bounded.interval("mu")[1])
+    assert frame["viscosity_Pa_s_bound"][1] == bounded.bound("mu") == "upper"
+    assert pandas.isna(frame.loc[1, ["viscosity_Pa_s", "viscosity_Pa_s_q05"]]).all()
+    assert frame["shear_modulus_Pa"].count() == 2
+    assert frame["verdict"].tolist() == ["ok", "ok", "failed"]
+    for wrong, code in ([known], "posterior.no_curve"), (["gel"], "input.type"):
+        assert code_of(table, wrong) == code
 
 
 HEAD, EMPTY = {"schema": 1, "version": "0", "command": "cavirheo"}, {"curves": [], "groups": []}

@@ -81,10 +81,12 @@ def test_draws_and_documents_are_tables_and_drawn(held, tmp_path):
     assert list(frame.columns) == list(read.columns)
     assert frame["viscosity_Pa_s"].tolist() == pytest.approx(read["viscosity_Pa_s"].tolist(), rel=1e-5)
     pytest.importorskip("arviz")
-    assert held["population"].to_arviz()["posterior"]["viscosity"].attrs["units"] == "Pa s"
-    pytest.importorskip("corner")
-    labels = {axes.get_xlabel() for axes in held["population"].plot().axes} - {""}
-    assert labels == {"shear_modulus (Pa)", "viscosity (Pa s)"}
-    for method in ("to_dataframe", "to_arviz", "plot"):
+    material = population.to_arviz()["posterior"]["viscosity"]
+    assert material.attrs["units"] == "Pa s"
+    np.testing.assert_array_equal(material.values[0], population.draws("mu"))  # of equal weight
+    pytest.importorskip("matplotlib")
+    for drawn in (population.corner(), population.plot()):
+        assert {axes.get_xlabel() for axes in drawn.axes} - {""} == {"G (kPa)", "µ (Pa s)"}
+    for method in ("to_dataframe", "to_arviz", "plot", "corner"):
         with refused("population.no_draws"):
             getattr(held["empty population"], method)()

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cavirheo.arrays import Bools, Floats
+from cavirheo.arrays import Bools
 from cavirheo.companions.published_values import add_to_groups, published, read_values
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number, require
@@ -226,7 +226,6 @@ class Answers:
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits made after the run, by shot
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by shot
     # (times in s, lower radius in m, upper radius in m) of the band of the draws' simulations, by shot
-    bands: dict[str, tuple[Floats, Floats, Floats] | None] = field(default_factory=dict)
 
 
 class Session:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
@@ -12,10 +11,10 @@ import numpy as np
 
 from cavirheo.app.session import UPLOAD_FOLDER, Answers, Clip, PageSettings, Session
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import InputError
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.cards import card, shipped
-from cavirheo.inference.what_if import compared_window, predict_radius
+from cavirheo.inference.what_if import compared_window
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods_paragraph
@@ -204,16 +203,10 @@ def groups(session: Session) -> str:
 
 
 def check_plot(session: Session, name: str) -> str:
-    """Picture of the answer over the measurement, with the draws' band, conventional fit and sliders' simulation."""
+    """Picture of the answer over the measurement, with its band, conventional fit and sliders' simulation."""
     answers, curve, posterior, _ = session.find_answer(name)
-    if name not in answers.bands:
-        time = posterior.checks.reconstruction_time
-        answers.bands[name] = None  # stays None if there are no draws, or a simulation fails
-        with suppress(InputError, SolverError):
-            if time is not None:
-                answers.bands[name] = time, *predict_radius(curve, posterior, time, draws=40)[1:]
     fit, simulated = answers.fits.get(name), f"simulation: {digits.simulation_name(posterior.method)}"
-    simulations: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name), "draws": answers.bands[name]}
+    simulations: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name)}
     return render("pictures", [curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
 
 

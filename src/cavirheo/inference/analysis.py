@@ -167,13 +167,19 @@ class Analysis:
         curves = as_curves(curves)
         self.check(curves)
         function, executor = self._workload(curves, None, workers)
-        return run_jobs(function, curves, executor, done)
+
+        def ready(index: int, answer: Posterior) -> None:
+            if done:
+                done(index, replace(answer, curve=curves[index]))
+
+        answers = run_jobs(function, curves, executor, ready)
+        return [replace(answer, curve=curve) for answer, curve in zip(answers, curves, strict=True)]
 
     def flow(
         self, curves: Sequence[RadiusCurve], executor: Executor | None = None
     ) -> Generator[tuple[int, Posterior], None, None]:
         """(index of the curve, its answer) in the order in which they are ready, computed by an executor or on all
-        cores of this machine. Closing the generator cancels the curves that have not started."""
+        cores of this machine, without its curve. Closing the generator cancels the curves that have not started."""
         function, chosen = self._workload(curves, executor, None)
         return chosen.map_unordered(function, list(curves))
 

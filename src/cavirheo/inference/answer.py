@@ -21,10 +21,10 @@ from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import CAMERA, Bound, bound_of, units
 from cavirheo.physics.accuracy import BRISK
-from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
+from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
 from cavirheo.prior import Prior, State
 
-REPLICATES = 2000  # of the predictive check
+REPLICATES = 2000  # of the predictive check, and of the predicted frames
 REJECTED = 0.01  # probability under a right law at which the predictive check rejects it
 LARGE_MISFIT = 0.03  # misfit over R_max beyond noise that rejects the law
 SEEN_MISFIT = 5e-4  # a misfit over R_max that is smaller is not stated
@@ -144,6 +144,7 @@ def sampled_answer(
     provenance |= {"evaluations": weighed.evaluations, "share": all_draws.share}
     traded_bounds = {name: bound for name, (_, bound) in traded.items()}
     checks = shot.checks(weighed.x[best], verdict, messages)
+    checks = replace(checks, predicted_over_rmax=predicted(shot, noise, weighed, best, checks, seed))
     return replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics, traded=traded_bounds)
 
 
@@ -269,6 +270,22 @@ def judge(
         if nearer < excess:
             excess, at = nearer, state.to_x(nearest)[0]
     return predictive, excess, at
+
+
+def predicted(shot: Experiment, noise: Noise, weighed: Weighed, best: int, checks: Checks, seed: int) -> Floats | None:
+    """(m, 2) ends of the central 90 % of what a frame at the compared times (m,) would measure minus the best
+    simulation: of simulations of draws, each with noise."""
+    if checks.compared_time is None:
+        return None
+    residual = weighed.residuals[best]
+    deviation = noise.deviations(residual, shot.averaged[shot.counted])
+    rng = np.random.Generator(np.random.Philox(seed))
+    weight = relative_weights(weighed.log_weight)
+    chosen = rng.choice(len(weight), REPLICATES, p=weight / np.sum(weight))
+    frames = residual - weighed.residuals[chosen] + deviation * rng.standard_normal((REPLICATES, len(residual)))
+    ends = np.quantile(frames, [0.05, 0.95], axis=0)
+    time = shot.time_since_max[shot.counted] + shot.curve.time_of_max
+    return np.column_stack([np.interp(checks.compared_time, time, end) for end in ends])
 
 
 def modulus_over_scale(shot: Experiment, weighed: Weighed) -> float | None:

@@ -91,6 +91,14 @@ class Noise:
             curvatures[i] = np.tensordot(trust, product[:, :d, :d], 1)
         return gradients, curvatures
 
+    def deviations(self, residual: Floats, averaged: Floats) -> Floats:
+        """(n,) standard deviations of one frame, noise and discrepancy, by a residual (n,) of means of so many frames
+        (n,)."""
+        _, share, squares = self._shares(residual[None])
+        factors = share[:, 0] * (GAMMA_A + 0.5 * squares[:, 0]) / (self.power - 1.0)
+        variances = self.deviation**2 * averaged + np.sum(self.covariances.shifts**2, axis=2)
+        return np.asarray(np.sqrt(factors @ variances))
+
     def describe(self, residual: Floats) -> dict[str, float]:
         """Of a residual (n,): noise over assumed noise, probability of a discrepancy, and its standard deviation."""
         _, share, squares = self._shares(residual[None])

@@ -101,13 +101,11 @@ def curve_panels(
     *,
     fit: Checks | None = None,
     what_if: Checks | None = None,
-    draws: tuple[Floats, Floats, Floats] | None = None,
 ) -> list[Panel]:
     """The panel of the measured and simulated radius, then that of the residual, if frames were compared.
 
     checks: of the answer; if it failed, only measured points are drawn. simulation_name: name of a line. fit, what_if:
-    simulations of a conventional fit and of other values. draws: band of the simulations of the draws: times (s), lower
-    and upper radius (m). Raises ValueError: a line has not as many times as values."""
+    simulations of a conventional fit and of other values. Raises ValueError: a line has not as many times as values."""
     has_answer = checks.verdict != "failed"
     checks = checks if has_answer else Checks("failed")
     units, rmse = _Units.from_curve(curve), 100.0 * (checks.rmse_over_rmax or 0.0)
@@ -121,9 +119,8 @@ def curve_panels(
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
     share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # together as many points as the simulation
     layers, differences = [], [difference]
-    if draws:
-        area = units.points(draws[0], np.column_stack(draws[1:]))
-        layers.append(Layer("area", "draws", *area, "90 % of the draws", share=0.2))
+    predicted = units.predicted(checks, curve) if has_answer else []
+    layers += predicted[:1]
     for look, name, some in (("measured", "measured", compared), ("outside", "not compared", ~compared)):
         some = measured & some
         layers.append(Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some)))
@@ -140,11 +137,14 @@ def curve_panels(
     note = "no answer: no line is drawn" * (not has_answer) if measured.any() else "no measured radius"
     panels = [Panel(x, y, tuple(layers), Axis("t*", low / t_c, high / t_c) if t_c else None, note)]
     if len(difference.y):
-        largest = 1.15 * max(_largest(differences, 0.1), rmse)
         ends = np.array([low, high])
-        band = [Layer("band", "band", ends, np.array([-rmse, rmse]))] if rmse else []
         zero = Layer("line", "zero", ends, np.zeros(2))
-        note = f"band: ± RMSE = {digits.significant(rmse, 2)} %" if rmse else ""
+        note = f"RMSE {digits.significant(rmse, 2)} %" if rmse else ""
+        band = predicted[1:]
+        if rmse and not band:
+            band = [Layer("band", "band", ends, np.array([-rmse, rmse]))]
+            note = f"band: ± {note}"
+        largest = 1.15 * _largest([*differences, *band], 0.1)
         panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, *differences), note=note))
     return panels
 
@@ -209,6 +209,23 @@ class _Units(NamedTuple):
         line = Layer("line", look, *self.points(time, radius), name, share=0.4)
         compared_time, _ = self.points(compared_time, compared_time)
         return line, Layer("dots", "residual", compared_time, 100.0 * residual, share=0.2)
+
+    def predicted(self, checks: Checks, curve: RadiusCurve) -> list[Layer]:
+        """The areas that hold 90 % of what an answer predicts: of the radius, and of the residual; none of an answer
+        without draws."""
+        compared, ends = checks.compared_time, checks.predicted_over_rmax
+        time, radius = checks.reconstruction_time, checks.reconstruction_radius
+        if compared is None or ends is None or time is None or radius is None:
+            return []
+        within = (time >= compared[0]) & (time <= compared[-1])
+        time, radius = time[within], radius[within]
+        shift = np.column_stack([np.interp(time, compared, end) for end in ends.T])
+        area = self.points(time, np.maximum(radius[:, None] + curve.max_radius * shift, 0.0))
+        across, _ = self.points(compared, compared)
+        return [
+            Layer("area", "draws", *area, "90 % of predictions", share=0.2),
+            Layer("area", "draws", across, 100.0 * ends, share=0.1),
+        ]
 
 
 def _time_ends(time: Floats, window: Floats) -> tuple[float, float]:

@@ -18,7 +18,9 @@ import numpy as np
 from markupsafe import Markup
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
+from cavirheo.posterior import Posterior
+from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.panels import Axis, Layer, Panel, answer_panels, group_panels
 from cavirheo.reporting.record import Pairs, Result
@@ -49,6 +51,7 @@ _SMALL_PT, _LARGE_PT = 7.0, 8.0  # pt, type of numbers and keys, and of the name
 _EM = _LARGE_PT * _MM_PER_INCH / 72.0  # mm, size of the large type
 _LINE_PT = 1.0  # pt, width of a line
 _DPI = 300  # resolution of a PNG
+_SCREEN_DPI = 200  # of a figure in a notebook
 _GREY = "#a0a0a0"
 _LIGHTEST = 0.85  # tone of the lightest shot, from 0 (dark) to 1
 _LEGEND: dict[str, Any] = {"frameon": False, "fontsize": _SMALL_PT, "handlelength": 1.4, "borderpad": 0.0}
@@ -57,6 +60,7 @@ _MARK = {"ms": 4.0, "lw": 1.0, "capsize": 2.0, "zorder": 3}
 _LOOKS: dict[str, dict[str, Any]] = {  # styles of matplotlib by look; a layer of another look is left out
     "measured": _DOT | {"mec": "black"},
     "outside": _DOT | {"mec": _GREY},
+    "draws": {"color": style.VERMILLION, "alpha": 0.25, "lw": 0},
     "simulated": {"color": style.VERMILLION, "lw": _LINE_PT},
     "residual": _DOT | {"mec": "black"},
     "zero": {"color": "black", "lw": 0.5},
@@ -285,6 +289,19 @@ def write_figures(
     return failed
 
 
+def answer_figure(answer: Posterior) -> Figure:
+    """Figure of an answer and its curve. Raises InputError: it has no curve, or matplotlib is missing."""
+    if answer.curve is None:
+        message = "the answer has no curve to draw: set one, dataclasses.replace(answer, curve=curve)"
+        raise InputError(message, "posterior.no_curve")
+    figure = curve_figure(answer_panels(answer.curve, answer.checks, curve_record(answer.curve, answer)))
+    if legend := figure.axes[0].get_legend():
+        legend.set_title(digits.elide(answer.name, 30))
+        legend.get_title().set(fontsize=_SMALL_PT, fontweight="bold", parse_math=False)
+    figure.set_dpi(_SCREEN_DPI)
+    return figure
+
+
 def curve_figure(panels: Sequence[Panel]) -> Figure:
     """Figure of one column: measured points with the simulation over them, and below the residual."""
     height = 68.0
@@ -339,6 +356,8 @@ def _draw(axes: Axes, layer: Layer, options: dict[str, Any]) -> None:
     colours = None if layer.tones is None else style.tone_colours(_LIGHTEST * layer.tones)
     if layer.shape == "band":
         axes.axhspan(*y, **options)
+    elif layer.shape == "area":
+        axes.fill_between(x, *y.T, label=label, **options)
     elif layer.shape == "bars":
         xerr, yerr = (np.abs(values[:, [0, 2]] - values[:, [1]]).T for values in (x, y))
         points: dict[str, Any] = {"ls": ""} if "marker" in options else {"fmt": "none", "ecolor": colours}

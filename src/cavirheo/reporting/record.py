@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import model_validator
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, expect
 from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
@@ -105,7 +106,8 @@ class Result(Document):
         from cavirheo.reporting.table import csv_rows
 
         head, rows = csv_rows(self)
-        return dataframe({name: [row.get(name) for row in rows] for name in head}, {"command": self.command})
+        columns = {name: [np.nan if row.get(name) is None else row[name] for row in rows] for name in head}
+        return dataframe(columns, {"command": self.command})
 
     def indices_by_group(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""
@@ -166,6 +168,29 @@ def result_of(
     return Result(
         command=command, date=date, notes=list(notes), curves=list(rows), groups=groups, differences=differing
     )
+
+
+def table(answers: Sequence[Posterior]) -> Any:
+    """The answers as a pandas.DataFrame: a row for each, with the columns of result.csv in SI ("name", "max_radius_m",
+    "shear_modulus_Pa", "shear_modulus_Pa_q05", ..., "verdict", "message").
+
+    A failed answer has NaN. So has the median of a bound: its limit is in the column _q95 if the value is below it, in
+    _q05 if above, and _bound says which.
+
+    Args:
+        answers: as `infer_many` or `fit_many` give them.
+
+    Raises:
+        InputError: no answers, an answer without its curve, or pandas is missing.
+    """
+    rows = []
+    for answer in answers:
+        expect(answer, Posterior, "a list of answers of infer_many or fit_many")
+        if answer.curve is None:
+            message = "an answer has no curve to name its row: set one, dataclasses.replace(answer, curve=curve)"
+            raise InputError(message, "posterior.no_curve")
+        rows.append(curve_record(answer.curve, answer))
+    return result_of(rows, "cavirheo.table").to_dataframe()
 
 
 def group_names(curves: Iterable[CurveRecord | RadiusCurve]) -> list[str]:

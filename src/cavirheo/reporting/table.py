@@ -284,7 +284,8 @@ def _print_parameters(console: Console, result: Result) -> None:
 
 
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
-    """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number)."""
+    """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number). Of a
+    bound only its limit is there, as q05 or q95, so that a mean of medians is one of values."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
     columns = {name: column_name(name, digits.symbol_and_unit(name)[1]) for name in (*first, *further)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
@@ -294,7 +295,7 @@ def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     head += [columns[name] + end for name in further for end in ends.values()]
     rows = []
     for record in result.curves:
-        values = {column: record.value(name) for name, column in columns.items()}
+        values = {column: record.value(name).told for name, column in columns.items()}
         numbers = {column + end: getattr(value, part) for column, value in values.items() for part, end in ends.items()}
         words = {"message": record.message, "bubble": record.bubble.name}
         rows.append(vars(record) | words | vars(record.window) | numbers)

@@ -119,6 +119,12 @@ class Quantity(Record):
         return self.median if self.bound is None else None
 
     @property
+    def told(self) -> Quantity:
+        """What the recording tells: of a bound its limit alone, without the median and the end that the range gives."""
+        limits = {"upper": Quantity(q95=self.q95), "lower": Quantity(q05=self.q05), "undetermined": Quantity()}
+        return limits[self.bound].model_copy(update={"bound": self.bound}) if self.bound else self
+
+    @property
     def sign(self) -> int:
         """1 or -1 where the interval excludes zero, else 0."""
         return ((self.q05 or 0.0) > 0) - ((self.q95 or 0.0) < 0)

@@ -84,6 +84,7 @@ class Population:
         along_at: value of the column to which the centre belongs, if there is a slope.
         prior: (low, high) of the centre, log10 of SI, by name.
         shots_bound: the bound that most shots give of a parameter that too few shots determine, by name.
+        shot_values: of each shot that counts: its own median, interval and bound of each parameter, by name.
     """
 
     names: tuple[str, ...]
@@ -104,6 +105,7 @@ class Population:
     along_at: float | None = None
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     shots_bound: Mapping[str, Bound] = field(default_factory=dict)
+    shot_values: tuple[Mapping[str, Quantity], ...] = ()
 
     def __repr__(self) -> str:
         """The line for a paper, then the remarks."""
@@ -273,11 +275,20 @@ class Population:
         return export.inference_data({"posterior": self._draws}, units, self._metadata)
 
     def plot(self) -> Figure:
-        """The marginals of the material's draws and their pairs, with the median and the central 90 %.
+        """Figure of the 90 % interval of each shot that counts, over that of the material; a bound is an arrow.
 
-        Raises InputError: no draws, or matplotlib or corner is missing."""
-        draws = {f"{name} ({parameter_of(name).unit})": values for name, values in self._draws.items()}
-        return export.pair_plot(draws, np.full(len(self.centre), 1.0 / len(self.centre)))
+        Raises InputError: no draws, or matplotlib is missing."""
+        material = {name: self.quantity(name) for name in self.names}
+        values = {name: [shot[name] for shot in self.shot_values] for name in self.names}
+        return export.interval_plot(self.shots, values, material)
+
+    def corner(self, *names: str) -> Figure:
+        """Figure of the draws of each of the material's parameters, with the median and the central 90 %, and of each
+        pair of them. names: of the parameters; default: all.
+
+        Raises InputError: no draws, no such parameter, or matplotlib is missing."""
+        chosen = [self.names[self._column(name)] for name in names or self.names]
+        return export.corner_plot({name: self.draws(name) for name in chosen}, np.ones(len(self.centre)))
 
     @property
     def _draws(self) -> dict[str, Floats]:
@@ -322,7 +333,7 @@ def population(
             the prior that they were made with (`Posterior.prior`; flat in the logarithm if it is not known). Answers
             are left out and counted if they have no interval, another model than most, a verdict that is not trusted,
             or the draws of another answer. Answers by the default family share its switches (switches.py).
-        names: of the shots; default "shot 1", ...
+        names: of the shots; default: those of their curves if they differ, else "shot 1", ...
         along: (n,) a column on which the centre may depend, such as log10 of R_max or a concentration: the population
             then has a slope, in decades of each parameter per unit of the column.
         only_trusted: False: answers count with any verdict, as the evidence of a law needs it.
@@ -342,7 +353,7 @@ def population(
     answers = share_switches(answers, only_trusted=only_trusted)
     expect_whole(seed, "seed", 0, "option.seed")
     require(bool(answers), "a population needs answers of shots, got none", "population.none")
-    shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)
+    shots = _shot_names(answers) if names is None else list(names)
     column = np.zeros(len(answers)) if along is None else np.asarray(along, dtype=float)
     for argument, values in (("names", shots), ("along", column)):
         message = f"{argument} must have one entry for each of the {len(answers)} answers"
@@ -385,7 +396,14 @@ def population(
         shot_evidence=tuple(answer.evidence for answer in counted),
         prior={name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)},
         shots_bound=_shots_bound(counted, names),
+        shot_values=tuple({name: answer.quantity(name) for name in names} for answer in counted),
     )
+
+
+def _shot_names(answers: Sequence[Posterior]) -> list[str]:
+    """Names of the curves, or numbers if two of them have the same name."""
+    names = [answer.name for answer in answers]
+    return names if all(names) and len({*names}) == len(names) else [f"shot {i + 1}" for i in range(len(names))]
 
 
 def with_slope_if_any(
