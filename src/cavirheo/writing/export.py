@@ -120,6 +120,7 @@ def interval_plot(
         place = (left + 2.6 * k) / (left + width), 0.5 / height, 2.4 / (left + width), 1.0 - 0.6 / height
         axes = style.new_axes(figure, place, label, "")
         axes.locator_params(axis="x", nbins=4)
+        axes.margins(x=0.1)
         axes.set_yticks(range(len(names)), names if k == 0 else [""] * len(names))
         axes.set_ylim(len(names) - 0.5, -0.5)
         if whole.q05 is not None and whole.q95 is not None:
@@ -139,6 +140,8 @@ def _draw_interval(axes: Axes, row: int, value: Quantity, factor: float, colour:
         axes.plot([low, high], [row, row], color=colour, lw=1.2)
     if middle is not None:
         axes.plot(middle, row, "o", color=colour, ms=4)
-    limit, arrow = (high, "$\u2190$") if value.bound == "upper" else (low, "$\u2192$")
+    limit, points = (high, -18) if value.bound == "upper" else (low, 18)
     if value.bound and limit is not None:
-        axes.plot(limit, row, marker=arrow, color=colour, ms=9)
+        axes.plot(limit, row, "|", color=colour, ms=7)
+        arrow = {"arrowstyle": "<-", "color": colour, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", (limit, row), (points, 0), textcoords="offset points", arrowprops=arrow)
