@@ -226,9 +226,13 @@ def test_models_count_by_their_evidence():
     places = np.random.default_rng(0).standard_normal((400_000, 4))
     logs = [np.log(0.7) + noise.log_density(small(places[:, :3])), np.log(0.3) + noise.log_density(large(places))]
     sums = np.array([np.exp(log - np.max(logs)).sum() for log in logs])
+
+    def residuals(x):
+        return np.where(np.isinf(x[:, 3:]), small(x[:, :3]), large(np.nan_to_num(x, posinf=0.0)))
+
     models = [
-        Model(small, small, noise, 3, np.log(0.7), lambda u: np.column_stack([u, np.full(len(u), np.inf)])),
-        Model(large, large, noise, 4, np.log(0.3)),
+        Model(residuals, residuals, noise, 3, np.log(0.7), lambda u: np.column_stack([u, np.full(len(u), np.inf)])),
+        Model(residuals, residuals, noise, 4, np.log(0.3)),
     ]
     found = posterior(models, seed=0)
     weight = relative_weights(found.log_weight)

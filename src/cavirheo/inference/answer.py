@@ -15,7 +15,7 @@ from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import emulator, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.sample import EMULATED, SIMULATED, Frames, climb, effective_size
+from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
 from cavirheo.inference.weigh import Model, Weighed, posterior
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
@@ -79,15 +79,10 @@ class Target:
         """A model for each state of the switches."""
         return [
             Model(
-                partial(_in_state, self.quick, state), partial(_in_state, self.simulated, state), noise,
-                len(state.columns), state.log_probability, state.to_x, state.to_u,
+                self.quick, self.simulated, noise, len(state.columns), state.log_probability, state.to_x, state.to_u,
             )
             for state in self.states
         ]  # fmt: skip
-
-
-def _in_state(residuals: Frames, state: State, u: Floats) -> Floats:
-    return residuals(state.to_x(u))
 
 
 def sampled_answer(

@@ -11,9 +11,10 @@ same cost 0.6 too low with intervals that are 10 % too narrow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,8 @@ APART, NEAR = 9.0, 0.25  # squared distance, over d, of two peaks by their curva
 DIFFERENCE = 1e-3  # step of finite differences in u
 Density = Callable[[Floats], Floats]  # log, (k,) at u (k, d)
 Frames = Callable[[Floats], Floats]  # residuals (k, n) at u (k, d)
+T = TypeVar("T")
+Asking = Generator[Floats, Floats, T]  # a computation that asks for residuals: it yields u (k, d) and is sent (k, n)
 
 
 @dataclass(frozen=True)
@@ -253,10 +256,32 @@ class Mixture:
         return Mixture(share[used] / np.sum(share[used]), tuple(parts[i] for i in used))
 
 
-def scan(residuals: Frames, noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Floats:
+def in_step(askings: Sequence[Asking[T]], residuals: Callable[[dict[int, Floats]], dict[int, Floats]]) -> list[T]:
+    """What several computations return. Each time the residuals that all of them ask for are computed in one call, by
+    index of the computation: few bubbles cost nearly as much time as a hundred."""
+    returned: dict[int, T] = {}
+    asked: dict[int, Floats] = {}
+    replies: dict[int, Floats | None] = dict.fromkeys(range(len(askings)))
+    while replies:
+        asked.clear()
+        for i, reply in replies.items():
+            try:
+                asked[i] = next(askings[i]) if reply is None else askings[i].send(reply)
+            except StopIteration as end:
+                returned[i] = end.value
+        replies = dict(residuals(asked)) if asked else {}
+    return [returned[i] for i in range(len(askings))]
+
+
+def alone(asking: Asking[T], residuals: Frames) -> T:
+    """What one computation returns."""
+    return in_step([asking], lambda asked: {0: residuals(asked[0])})[0]
+
+
+def scanning(noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Asking[Floats]:
     """(m, d) the best places of a scan of the prior, no two of them near each other."""
     u = rng.standard_normal((budget.scanned, dimension))
-    value = noise.log_density(residuals(u)) + log_normal(u)
+    value = noise.log_density((yield u)) + log_normal(u)
     chosen = list[Floats]()
     for i in np.argsort(-value)[: budget.scanned // 3]:
         if np.isfinite(value[i]) and all(np.sum((u[i] - other) ** 2) > NEAR * dimension for other in chosen):
@@ -266,21 +291,27 @@ def scan(residuals: Frames, noise: Noise, dimension: int, budget: Budget, rng: n
     return np.array(chosen).reshape(-1, dimension)
 
 
-def expand(residuals: Frames, noise: Noise, u: Floats, missed: Floats) -> tuple[Floats, Floats]:
+def expanding(noise: Noise, u: Floats, missed: Floats) -> Asking[tuple[Floats, Floats]]:
     """Gradients (m, d) and Gauss-Newton curvatures (m, d, d) of the negative log posterior at u (m, d), where the
     residuals are `missed` (m, n)."""
     m, d = u.shape
     shifted = u[:, None, :] + DIFFERENCE * np.eye(d)
-    slopes = (missed[:, None, :] - residuals(shifted.reshape(-1, d)).reshape(m, d, -1)) / DIFFERENCE
+    found = yield shifted.reshape(-1, d)
+    slopes = (missed[:, None, :] - found.reshape(m, d, -1)) / DIFFERENCE
     gradients, curvatures = noise.newton(missed, np.nan_to_num(slopes).transpose(0, 2, 1))
     return gradients + u, curvatures + np.eye(d)
 
 
-def climb(residuals: Frames, noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Maxima:
+def expand(residuals: Frames, noise: Noise, u: Floats, missed: Floats) -> tuple[Floats, Floats]:
+    """`expanding` alone."""
+    return alone(expanding(noise, u, missed), residuals)
+
+
+def climbing(noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Asking[Maxima]:
     """Maxima from u (m, d), by at most so many damped Gauss-Newton steps."""
     m, d = u.shape
     damping, u = np.full(m, 0.1), u.copy()
-    missed = residuals(u)
+    missed = yield u
     value = noise.log_density(missed) + log_normal(u)
     curvature, gradient = np.tile(np.eye(d), (m, 1, 1)), np.zeros((m, d))
     moved = np.isfinite(value)
@@ -288,10 +319,10 @@ def climb(residuals: Frames, noise: Noise, u: Floats, steps: int = EMULATED.step
         if not moved.any():
             break
         at = np.flatnonzero(moved)
-        gradient[at], curvature[at] = expand(residuals, noise, u[at], missed[at])
+        gradient[at], curvature[at] = yield from expanding(noise, u[at], missed[at])
         damped = curvature[at] + damping[at, None, None] * curvature[at] * np.eye(d)
         trial = u[at] - np.clip(np.linalg.solve(damped, gradient[at, :, None])[:, :, 0], -1.5, 1.5)
-        found = residuals(trial)
+        found = yield trial
         height = noise.log_density(found) + log_normal(trial)
         better = height > value[at]
         moved[at] = np.where(better, height - value[at] > 0.02, damping[at] < 1e3)
@@ -301,11 +332,16 @@ def climb(residuals: Frames, noise: Noise, u: Floats, steps: int = EMULATED.step
     return Maxima(u, value, curvature)
 
 
-def find_maxima(residuals: Frames, noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Maxima:
+def climb(residuals: Frames, noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Maxima:
+    """`climbing` alone."""
+    return alone(climbing(noise, u, steps), residuals)
+
+
+def finding_maxima(noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Asking[Maxima]:
     """The maxima to which a scan of the prior leads."""
-    begun = climb(residuals, noise, scan(residuals, noise, dimension, budget, rng), budget.begun)
+    begun = yield from climbing(noise, (yield from scanning(noise, dimension, budget, rng)), budget.begun)
     best = begun.u[np.argsort(-begun.value)[: budget.kept]]
-    return climb(residuals, noise, best, budget.steps)
+    return (yield from climbing(noise, best, budget.steps))
 
 
 def ridges(

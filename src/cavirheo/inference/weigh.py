@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,17 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
     EMULATED,
+    Asking,
     Budget,
     Draws,
     Frames,
     Maxima,
     Mixture,
-    climb,
+    climbing,
     effective_size,
-    expand,
-    find_maxima,
+    expanding,
+    finding_maxima,
+    in_step,
     ridges,
     sample,
 )
@@ -46,6 +48,7 @@ SPREAD_OUT = 4096  # equally likely draws among which those to be simulated are 
 OUTER = 0.02  # probability between an end of a prior and a place that comes from another model
 
 Correction = Callable[[Floats], Floats]  # of residuals (k, n), at u (k, d)
+T = TypeVar("T")
 
 
 def _same(u: Floats) -> Floats:
@@ -57,7 +60,8 @@ class Model:
     """What is sampled: residuals at u (k, d), where the prior is standard normal.
 
     Attributes:
-        quick, simulated: residuals (k, n) by a quick source and by the solver, NaN where there is no bubble.
+        quick, simulated: residuals (k, n) at x by a quick source and by the solver, NaN where there is no bubble; all
+            models share them.
         noise: their distribution.
         dimension: d.
         log_prior: log of the probability of the model.
@@ -168,19 +172,11 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
     """The posterior over all models: each is scanned, climbed and sampled by its quick frames, then weighed by
     simulations. Models that are too unlikely are left out on the way. Raises SolverError: no bubble can be
     simulated."""
-    streams = np.random.SeedSequence(seed).spawn(len(models))
-    started = [
-        _started(model, budget, np.random.default_rng(stream)) for model, stream in zip(models, streams, strict=True)
-    ]
-    started = [each for each in started if np.any(np.isfinite(each.maxima.value))]
+    started = [each for each in _started(models, seed, budget) if np.any(np.isfinite(each.maxima.value))]
     if not started:
         raise SolverError("no bubble of this law can be simulated at the times of the frames")
-    started = _likely([_crossed(each, started, budget) for each in started], REACH)
-    looked = list[Sampled]()
-    for each in sorted(started, key=lambda each: each.model.dimension):
-        looked.append(_looked_at(each, looked, budget))
-    looked = _likely(looked, REJECTED)
-    found = _likely([_settled(each, budget) for each in looked], NEGLIGIBLE)
+    looked = _looked_at(_likely(_crossed(started, budget), REACH), budget)
+    found = _likely([_settled(each, budget) for each in _likely(looked, REJECTED)], NEGLIGIBLE)
     while True:
         logs = np.array([each.log_evidence for each in found])
         share = np.exp(logs - log_sum(logs))
@@ -201,61 +197,127 @@ def _likely(found: Sequence[Sampled], reach: float) -> list[Sampled]:
     return [each for each in found if each.log_evidence >= top - reach]
 
 
-def _started(model: Model, budget: Budget, rng: np.random.Generator) -> Sampled:
-    """The model with the maxima that a scan of its prior leads to."""
-    known = Known(model)
-    return Sampled(model, known, find_maxima(known.quick, model.noise, model.dimension, budget, rng), rng)
+def _quickly(found: Sequence[Sampled], askings: Sequence[Asking[T]]) -> list[T]:
+    """What a computation for each model returns, by quick frames of all of them together."""
+
+    def residuals(asked: dict[int, Floats]) -> dict[int, Floats]:
+        rows = Known.together([found[i].known for i in asked], list(asked.values()))
+        return dict(zip(asked, rows, strict=True))
+
+    return in_step(askings, residuals)
 
 
-def _crossed(found: Sampled, others: Sequence[Sampled], budget: Budget) -> Sampled:
-    """Also with the maxima that the highest ones of the other models lead to."""
-    model, maxima = found.model, found.maxima
-    highest = max(np.max(other.maxima.value) for other in others)
-    places = [
-        model.to_u(other.model.to_x(other.maxima.u[[np.argmax(other.maxima.value)]]), OUTER)
-        for other in others
-        if model.to_u and other is not found and np.max(other.maxima.value) > highest - REACH
-    ]
-    if places:
-        maxima = maxima.and_of(climb(found.known.quick, model.noise, np.concatenate(places), budget.steps))
-    return replace(found, maxima=maxima, log_evidence=float(np.max(maxima.value)) + model.log_prior)
+def _started(models: Sequence[Model], seed: int, budget: Budget) -> list[Sampled]:
+    """The models with the maxima that a scan of the prior of each leads to."""
+    streams = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(len(models)))
+    nothing = Maxima(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0, 0)))
+    found = [Sampled(model, Known(model), nothing, rng) for model, rng in zip(models, streams, strict=True)]
+    askings = [finding_maxima(each.model.noise, each.model.dimension, budget, each.rng) for each in found]
+    return [replace(each, maxima=maxima) for each, maxima in zip(found, _quickly(found, askings), strict=True)]
 
 
-def _looked_at(found: Sampled, others: Sequence[Sampled], budget: Budget) -> Sampled:
+def _crossed(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
+    """Also with the maxima to which the highest ones of the other models lead."""
+    highest = max(np.max(each.maxima.value) for each in found)
+    tops = {
+        i: each.model.to_x(each.maxima.u[[np.argmax(each.maxima.value)]])
+        for i, each in enumerate(found)
+        if np.max(each.maxima.value) > highest - REACH
+    }
+    askings = list[Asking[Maxima]]()
+    for i, each in enumerate(found):
+        places = [each.model.to_u(x, OUTER) for other, x in tops.items() if other != i and each.model.to_u]
+        starts = np.concatenate([np.zeros((0, each.model.dimension)), *places])
+        askings.append(climbing(each.model.noise, starts, budget.steps))
+    crossed = list[Sampled]()
+    for each, more in zip(found, _quickly(found, askings), strict=True):
+        maxima = each.maxima.and_of(more)
+        log_evidence = float(np.max(maxima.value)) + each.model.log_prior
+        crossed.append(replace(each, maxima=maxima, log_evidence=log_evidence))
+    return crossed
+
+
+class Top(NamedTuple):
+    """A place u (d,) of a model, with the log posterior and the residuals (n,) of its simulation."""
+
+    u: Floats
+    height: float
+    residual: Floats
+
+
+def _looked_at(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
     """With the highest maximum by simulations, from those by quick frames and from that of the best other model."""
-    model, known, maxima = found.model, found.known, found.maxima
-    u = maxima.u[maxima.apart(LOOKED_AT, REACH, peaks=False)]
-    if others and model.to_u:
-        other = max(others, key=lambda other: other.log_evidence)
-        u = np.concatenate([u, model.to_u(other.model.to_x(other.maxima.u[-1:]), OUTER)])
-    residuals = known.simulate(u)
-    heights = model.log_posterior(u, residuals)
-    if not np.isfinite(heights).any():
-        residuals = known.quick(u)
-        heights = model.log_posterior(u, residuals)
-    best = int(np.argmax(heights))
-    place, height, residual = _refined(model, known, u[best], float(heights[best]), residuals[best], budget)
-    known.forget(place, residual)
-    _, shape = expand(known.quick, model.noise, place[None], known.quick(place[None]))
-    highest = Maxima(place[None], np.array([height - model.log_prior]), shape)
-    laplace = height - 0.5 * float(np.linalg.slogdet(shape[0] / (2.0 * np.pi))[1])
-    return replace(found, maxima=maxima.and_of(highest), log_evidence=laplace)
+    places = [each.maxima.u[each.maxima.apart(LOOKED_AT, REACH, peaks=False)] for each in found]
+    tops = _refined(found, _highest(found, places), budget)
+    best = int(np.argmax([top.height for top in tops]))
+    x = found[best].model.to_x(tops[best].u[None])
+    others = [i for i, each in enumerate(found) if i != best and each.model.to_u]
+    there = _highest([found[i] for i in others], [found[i].model.to_u(x, OUTER) for i in others])  # type: ignore[misc]
+    higher = {i: top for i, top in zip(others, there, strict=True) if top.height > tops[i].height}
+    refined = _refined([found[i] for i in higher], list(higher.values()), budget)
+    for i, top in zip(higher, refined, strict=True):
+        tops[i] = top
+    for each, top in zip(found, tops, strict=True):
+        each.known.forget(top.u, top.residual)
+    quick = Known.together([each.known for each in found], [top.u[None] for top in tops])
+    askings = [
+        expanding(each.model.noise, top.u[None], missed) for each, top, missed in zip(found, tops, quick, strict=True)
+    ]
+    looked = list[Sampled]()
+    for each, top, (_, shape) in zip(found, tops, _quickly(found, askings), strict=True):
+        highest = Maxima(top.u[None], np.array([top.height - each.model.log_prior]), shape)
+        laplace = top.height - 0.5 * float(np.linalg.slogdet(shape[0] / (2.0 * np.pi))[1])
+        looked.append(replace(each, maxima=each.maxima.and_of(highest), log_evidence=laplace))
+    return looked
 
 
-def _refined(
-    model: Model, known: Known, place: Floats, height: float, residual: Floats, budget: Budget
-) -> tuple[Floats, float, Floats]:
-    """A maximum (d,) by simulations from a place near it with the log posterior and the residual (n,) there, and both
-    at the maximum: each step leads to the maximum of quick frames that are right at the last place."""
+def _highest(found: Sequence[Sampled], places: Sequence[Floats]) -> list[Top]:
+    """The highest of the places u (k, d) of each model by simulations, or by quick frames if all of these fail."""
+    tops = list[Top]()
+    simulated = Known.simulated([each.known for each in found], places)
+    for each, u, residuals in zip(found, places, simulated, strict=True):
+        heights = each.model.log_posterior(u, residuals)
+        if not np.isfinite(heights).any():
+            residuals = each.known.quick(u)
+            heights = each.model.log_posterior(u, residuals)
+        best = int(np.argmax(heights))
+        tops.append(Top(u[best], float(heights[best]), residuals[best]))
+    return tops
+
+
+def _refined(found: Sequence[Sampled], tops: Sequence[Top], budget: Budget) -> list[Top]:
+    """The maximum of each model by simulations from a place near it: each step leads to the maximum of quick frames
+    that are right at the last place."""
+    tops, rising = list(tops), list(range(len(tops)))
     for _ in range(REFINED):
-        shift = residual - known.quick(place[None])[0]
-        trial = climb(partial(_corrected, known.quick, shift), model.noise, place[None], budget.steps).u
-        found = known.simulate(trial)
-        reached = float(model.log_posterior(trial, found)[0])
-        if not reached > height + 0.1:
+        if not rising:
             break
-        place, height, residual = trial[0], reached, found[0]
-    return place, height, residual
+        at = [found[i] for i in rising]
+        quick = Known.together([each.known for each in at], [tops[i].u[None] for i in rising])
+        askings = [
+            _shifted(climbing(each.model.noise, tops[i].u[None], budget.steps), tops[i].residual - row[0])
+            for each, i, row in zip(at, rising, quick, strict=True)
+        ]
+        trials = [maxima.u for maxima in _quickly(at, askings)]
+        reached = _highest(at, trials)
+        higher = [i for i, top in zip(rising, reached, strict=True) if top.height > tops[i].height + 0.1]
+        for i, top in zip(rising, reached, strict=True):
+            if i in higher:
+                tops[i] = top
+        rising = higher
+    return tops
+
+
+def _shifted(asking: Asking[T], shift: Floats) -> Asking[T]:
+    """A computation to which residuals are sent with this shift (n,)."""
+    u = next(asking)
+    while True:
+        residuals = yield u
+        try:
+            u = asking.send(residuals + shift)
+        except StopIteration as end:
+            returned: T = end.value
+            return returned
 
 
 def _corrected(quick: Frames, correction: Correction | Floats, u: Floats) -> Floats:
@@ -337,17 +399,31 @@ class Known:
 
     def quick(self, u: Floats) -> Floats:
         """Quick residuals (k, n) at u (k, d)."""
-        self.counts[1] += len(u)
-        return self.model.quick(u)
+        return self.together([self], [u])[0]
+
+    @staticmethod
+    def together(known: Sequence[Known], places: Sequence[Floats]) -> list[Floats]:
+        """Quick residuals (k, n) of several models at u (k, d) of each, in one call."""
+        for each, u in zip(known, places, strict=True):
+            each.counts[1] += len(u)
+        return _at(known, places, known[0].model.quick)
 
     def simulate(self, u: Floats) -> Floats:
         """Simulated residuals (k, n) at u (k, d), which are then known."""
-        residuals = self.model.simulated(u)
-        self.counts[0] += len(u)
-        good = np.isfinite(residuals).all(axis=1)
-        self.u.append(u[good])
-        self.difference.append((residuals - self.quick(u))[good])
-        return residuals
+        return self.simulated([self], [u])[0]
+
+    @staticmethod
+    def simulated(known: Sequence[Known], places: Sequence[Floats]) -> list[Floats]:
+        """`simulate` of several models at u (k, d) of each, in one call."""
+        if not known:
+            return []
+        found = _at(known, places, known[0].model.simulated)
+        for each, u, residuals, quick in zip(known, places, found, Known.together(known, places), strict=True):
+            good = np.isfinite(residuals).all(axis=1)
+            each.counts[0] += len(u)
+            each.u.append(u[good])
+            each.difference.append((residuals - quick)[good])
+        return found
 
     def forget(self, place: Floats, residual: Floats) -> None:
         """Keep what is known of a place (d,) with this simulated residual (n,) alone."""
@@ -362,6 +438,12 @@ class Known:
     def correction(self) -> Correction:
         """The error as a function of u."""
         return smooth(np.concatenate(self.u), np.concatenate(self.difference))
+
+
+def _at(known: Sequence[Known], places: Sequence[Floats], residuals: Frames) -> list[Floats]:
+    """Residuals (k, n) at u (k, d) of each model, in one call."""
+    x = [each.model.to_x(u) for each, u in zip(known, places, strict=True)]
+    return np.split(residuals(np.concatenate(x)), np.cumsum([len(rows) for rows in x])[:-1])
 
 
 def smooth(u: Floats, difference: Floats) -> Correction:
