@@ -52,7 +52,8 @@ class Budget:
         kept: climbs that are then the highest and go on.
         steps: of a climb at most.
         ridge: places along the ridge of a maximum.
-        first: draws of the rounds that tell the likely places.
+        first: draws of the rounds that tell the likely places, which end when `found` of them are effective.
+        found: that number.
         rounds: draws of the rounds after that.
         effective: draws of all models together that are to be effective.
         most: simulations.
@@ -64,7 +65,8 @@ class Budget:
     kept: int = 8
     steps: int = 40
     ridge: int = 60
-    first: tuple[int, ...] = (800, 1200)
+    first: tuple[int, ...] = (800, 1200, 1500, 2000, 2500)
+    found: float = 100.0
     rounds: tuple[int, ...] = (1500, 2000, 2000, 2500)
     effective: float = 100.0
     most: int = 1800
@@ -380,9 +382,11 @@ def ridges(
     return Mixture(share / np.sum(share), tuple(parts))
 
 
-def sample(target: Density, mixture: Mixture, sizes: Sequence[int], rng: np.random.Generator) -> tuple[Draws, Mixture]:
+def sample(
+    target: Density, mixture: Mixture, sizes: Sequence[int], rng: np.random.Generator, enough: float = np.inf
+) -> tuple[Draws, Mixture]:
     """Draws of a density in rounds of these sizes, from a mixture that is fitted to them after each, and the last
-    mixture."""
+    mixture. No round follows when `enough` draws are effective."""
     d = len(mixture.parts[0].middle)
     u, value, mixtures = np.zeros((0, d)), np.zeros(0), list[Mixture]()
     densities = np.zeros((0, 0))  # log, of each round's mixture at each draw
@@ -397,6 +401,8 @@ def sample(target: Density, mixture: Mixture, sizes: Sequence[int], rng: np.rand
         good = np.isfinite(log_weight)
         if np.count_nonzero(good) > 10 * d:
             mixture = mixture.fitted(u[good], log_weight[good])
+        if effective_size(log_weight) >= enough:
+            break
     order = rng.permutation(len(u))
     top = np.max(log_weight)
     weight = np.exp(log_weight - top) if np.isfinite(top) else np.zeros(len(u))

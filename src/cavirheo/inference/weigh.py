@@ -335,7 +335,7 @@ def _settled(found: Sampled, budget: Budget) -> Sampled:
     corrected = partial(_corrected, known.quick, known.correction())
     mixture = ridges(corrected, model.noise, found.maxima, budget, rng, LOOKED_AT, REACH)
     target = partial(_density, model, corrected)
-    draws, mixture = sample(target, mixture, budget.first, rng)
+    draws, mixture = sample(target, mixture, budget.first, rng, budget.found)
     at = draws.u[pick(draws, CORRECTING, rng)]
     gain = model.log_posterior(at, known.simulate(at)) - target(at)
     log_evidence = draws.log_evidence + float(log_sum(gain) - np.log(len(at)))
