@@ -59,15 +59,15 @@ class Budget:
         most: simulations.
     """
 
-    scanned: int = 1000
-    climbed: int = 30
+    scanned: int = 600
+    climbed: int = 16
     begun: int = 4
-    kept: int = 8
+    kept: int = 6
     steps: int = 40
     ridge: int = 60
     first: tuple[int, ...] = (800, 1200, 1500, 2000, 2500)
     found: float = 100.0
-    rounds: tuple[int, ...] = (1500, 2000, 2000, 2500)
+    rounds: tuple[int, ...] = (1500, 2000, 2500)
     effective: float = 100.0
     most: int = 1800
 

@@ -35,12 +35,12 @@ from cavirheo.inference.sample import (
 )
 from cavirheo.prior import log_normal
 
-CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
+CORRECTING = 8  # simulations that tell the emulator's mean error of each frame
 REACH = 15.0  # of log posterior by the emulator, below which a maximum or a model is not looked at
 LOOKED_AT, REFINED = 4, 8  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
 REJECTED = 12.0  # log of Laplace's integral by which a model is too unlikely to be looked at,
 NEGLIGIBLE = 4.0  # and log evidence by which it is too unlikely to be drawn from
-EXPECTED_YIELD = 2.0 / 3.0  # effective part that is expected of the first draws that are simulated
+EXPECTED_YIELD = 0.85  # effective part that is expected of the first draws that are simulated
 GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that are drawn from again; and the least that is reckoned with
 SLOPE_RIDGE, ROUGHNESS = 3.0, 0.1  # of the correction: ridge of its slopes, variance that the process leaves
 FARTHEST = 4.0  # widths from the middle up to which the correction is linear
@@ -338,7 +338,8 @@ def _settled(found: Sampled, budget: Budget) -> Sampled:
     draws, mixture = sample(target, mixture, budget.first, rng, budget.found)
     at = draws.u[pick(draws, CORRECTING, rng)]
     gain = model.log_posterior(at, known.simulate(at)) - target(at)
-    log_evidence = draws.log_evidence + float(log_sum(gain) - np.log(len(at)))
+    gained = float(log_sum(gain) - np.log(len(at)))
+    log_evidence = draws.log_evidence + max(gained, 0.0)  # a poor emulator leaves no model out
     return replace(found, mixture=mixture, log_evidence=log_evidence, error=(known.rms(np.zeros(1)), float("nan")))
 
 
