@@ -19,7 +19,16 @@ from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
 from cavirheo.inference.population.importance import Sample
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.parameters import Bound, bound_of, column_name, is_law_parameter, named, natural_name, parameter_of
+from cavirheo.parameters import (
+    Bound,
+    bound_of,
+    column_name,
+    is_law_parameter,
+    named,
+    natural_name,
+    parameter_of,
+    wide_bound,
+)
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import TRUSTED, Evidence, Posterior, check_level
 from cavirheo.prior import Prior
@@ -136,13 +145,13 @@ class Population:
         return float(10.0 ** np.median(self.centre[:, self._column(name)]))
 
     def bound(self, name: str) -> Bound | None:
-        """The bound of a parameter that the shots do not determine: "upper", "lower" or "undetermined", as
-        `Posterior.bound`. None if its interval is inside the range, and at least three shots, or as many as bound it,
-        determine it by themselves. Raises InputError: as `draws`."""
+        """The bound of a parameter that the shots do not determine: "upper", "lower", "undetermined" or "wide", as
+        `Posterior.bound`. None if its interval is inside the range and no wider than a factor of 10, and at least three
+        shots, or as many as bound it, determine it by themselves. Raises InputError: as `draws`."""
         low, _, high = self._ends(self.centre, name, 0.9)
         name = self.names[self._column(name)]
         reached = bound_of(low, high, self.prior[name]) if name in self.prior else None
-        return reached or self.shots_bound.get(name)
+        return reached or self.shots_bound.get(name) or wide_bound(name, 10.0**low, 10.0**high)
 
     def quantity(self, name: str) -> Quantity:
         """Median, 90 % interval and bound of a parameter, SI. Raises InputError: as `draws`."""
@@ -464,7 +473,7 @@ def _shots_bound(answers: Sequence[Posterior], names: Sequence[str]) -> dict[str
     """Most frequent bound of each parameter that most shots only bound, and fewer than MIN_SHOTS determine."""
     most = {}
     for name in names:
-        bounds = [bound for answer in answers if (bound := answer.bound(name))]
+        bounds = [bound for answer in answers if (bound := answer.bound(name)) not in (None, "wide")]
         if len(answers) - len(bounds) < min(MIN_SHOTS, len(bounds)):
             most[name] = Counter(bounds).most_common(1)[0][0]
     return most
