@@ -312,6 +312,8 @@ def expand(residuals: Frames, noise: Noise, u: Floats, missed: Floats) -> tuple[
 def climbing(noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Asking[Maxima]:
     """Maxima from u (m, d), by at most so many damped Gauss-Newton steps."""
     m, d = u.shape
+    if not m:
+        return Maxima(u, np.zeros(0), np.zeros((0, d, d)))
     damping, u = np.full(m, 0.1), u.copy()
     missed = yield u
     value = noise.log_density(missed) + log_normal(u)
