@@ -35,15 +35,16 @@ from cavirheo.inference.sample import (
 )
 from cavirheo.prior import log_normal
 
-CORRECTING = 8  # simulations that tell the emulator's mean error of each frame
+CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
 REACH = 15.0  # of log posterior by the emulator, below which a maximum or a model is not looked at
 LOOKED_AT, REFINED = 4, 8  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
 REJECTED = 12.0  # log of Laplace's integral by which a model is too unlikely to be looked at,
-NEGLIGIBLE = 4.0  # and log evidence by which it is too unlikely to be drawn from
+NEGLIGIBLE = 6.0  # and log evidence by which it is too unlikely to be drawn from
+TELLING = 8.0  # effective draws that tell the evidence of a model; fewer find it too low
 EXPECTED_YIELD = 0.85  # effective part that is expected of the first draws that are simulated
 GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that are drawn from again; and the least that is reckoned with
 SLOPE_RIDGE, ROUGHNESS = 3.0, 0.1  # of the correction: ridge of its slopes, variance that the process leaves
-FARTHEST = 4.0  # widths from the middle up to which the correction is linear
+FARTHEST = 2.5  # widths from the middle up to which the correction is linear
 SPREAD_OUT = 4096  # equally likely draws among which those to be simulated are picked
 OUTER = 0.02  # probability between an end of a prior and a place that comes from another model
 
@@ -181,7 +182,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         logs = np.array([each.log_evidence for each in found])
         share = np.exp(logs - log_sum(logs))
         lacking = share - np.array([each.effective for each in found]) / budget.effective
-        lacking[[not each.parts for each in found]] += 1.0  # each is drawn from once
+        lacking[[each.effective < TELLING for each in found]] += 1.0
         worst = int(np.argmax(lacking))
         needed = budget.effective * min(lacking[worst], share[worst]) / found[worst].yielded
         wanted = int(np.clip(needed, CORRECTING, budget.effective / EXPECTED_YIELD))
@@ -350,9 +351,8 @@ def _weighed(found: Sampled, wanted: int, budget: Budget, share: float) -> Sampl
     assert found.mixture is not None
     correction, mixture = known.correction(), found.mixture
     if draws is None or found.yielded < GOOD:
-        rounds = budget.rounds[: max(2, int(np.ceil(len(budget.rounds) * min(1.0, 2.0 * share))))]
         target = partial(_density, model, partial(_corrected, known.quick, correction))
-        draws, mixture = sample(target, mixture, rounds, rng)
+        draws, mixture = sample(target, mixture, budget.rounds, rng, budget.sampled)
     picked, count = np.unique(pick(draws, wanted, rng), return_counts=True)
     order = rng.permutation(len(picked))
     at, log_quick, count = draws.u[picked[order]], draws.log_density[picked[order]], count[order]
@@ -364,7 +364,7 @@ def _weighed(found: Sampled, wanted: int, budget: Budget, share: float) -> Sampl
     log_weight = np.log(count) + gain
     part = Part(
         model.to_x(at), residuals, log_posterior, log_weight, draws.log_evidence + log_mean,
-        float(np.hypot(draws.error, scatter)), effective_size(log_weight),
+        float(np.hypot(draws.error, scatter)), min(effective_size(log_weight), effective_size(draws.log_weight)),
     )  # fmt: skip
     parts = (*found.parts, part)
     error = found.error[0], known.rms(correction(at))
