@@ -34,6 +34,7 @@ TIGHT = 10.0  # curvature over that of the prior from which on the frames hold a
 SPREAD, LONGEST = 1.3, 0.6  # of places along a ridge: width over that of Laplace's integral; and of a step onto it
 ALONG = 0.3  # width of the scatter about such a place along the ridge, over that of Laplace's integral
 APART, NEAR = 9.0, 0.25  # squared distance, over d, of two peaks by their curvature, and of two places
+SAME_HEIGHT = 0.5  # between two climbs that end at one maximum
 DIFFERENCE = 1e-3  # step of finite differences in u
 Density = Callable[[Floats], Floats]  # log, (k,) at u (k, d)
 Frames = Callable[[Floats], Floats]  # residuals (k, n) at u (k, d)
@@ -46,7 +47,8 @@ class Budget:
     """How many evaluations a posterior takes.
 
     Attributes:
-        scanned: draws of the prior. Climbs find more maxima than a longer scan.
+        scans: scans of the prior at most.
+        scanned: draws of a scan. Climbs find more maxima than a longer scan.
         climbed: places among them from which climbs begin.
         begun: first steps of these climbs.
         kept: climbs that are then the highest and go on.
@@ -60,6 +62,7 @@ class Budget:
         most: simulations.
     """
 
+    scans: int = 8
     scanned: int = 600
     climbed: int = 16
     begun: int = 4
@@ -75,7 +78,9 @@ class Budget:
 
 
 EMULATED = Budget()
-SIMULATED = Budget(scanned=200, climbed=6, begun=2, kept=3, steps=6, ridge=12, first=(150, 200), rounds=(250, 300, 400))
+SIMULATED = Budget(
+    scans=2, scanned=200, climbed=6, begun=2, kept=3, steps=6, ridge=12, first=(150, 200), rounds=(250, 300, 400)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +90,11 @@ class Maxima:
     u: Floats
     value: Floats
     curvature: Floats
+
+    @classmethod
+    def none(cls, dimension: int) -> Maxima:
+        """No maximum yet."""
+        return cls(np.zeros((0, dimension)), np.zeros(0), np.zeros((0, dimension, dimension)))
 
     def and_of(self, other: Maxima) -> Maxima:
         """These maxima and others."""
@@ -315,7 +325,7 @@ def climbing(noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Asking[Max
     """Maxima from u (m, d), by at most so many damped Gauss-Newton steps."""
     m, d = u.shape
     if not m:
-        return Maxima(u, np.zeros(0), np.zeros((0, d, d)))
+        return Maxima.none(d)
     damping, u = np.full(m, 0.1), u.copy()
     missed = yield u
     value = noise.log_density(missed) + log_normal(u)
@@ -344,10 +354,15 @@ def climb(residuals: Frames, noise: Noise, u: Floats, steps: int = EMULATED.step
 
 
 def finding_maxima(noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Asking[Maxima]:
-    """The maxima to which a scan of the prior leads."""
-    begun = yield from climbing(noise, (yield from scanning(noise, dimension, budget, rng)), budget.begun)
-    best = begun.u[np.argsort(-begun.value)[: budget.kept]]
-    return (yield from climbing(noise, best, budget.steps))
+    """The maxima to which scans of the prior lead: as many scans as it takes until two climbs reach the highest one."""
+    maxima = Maxima.none(dimension)
+    for _ in range(budget.scans):
+        begun = yield from climbing(noise, (yield from scanning(noise, dimension, budget, rng)), budget.begun)
+        best = begun.u[np.argsort(-begun.value)[: budget.kept]]
+        maxima = maxima.and_of((yield from climbing(noise, best, budget.steps)))
+        if np.count_nonzero(maxima.value > np.max(maxima.value, initial=-np.inf) - SAME_HEIGHT) > 1:
+            break
+    return maxima
 
 
 def ridges(

@@ -211,8 +211,10 @@ def _quickly(found: Sequence[Sampled], askings: Sequence[Asking[T]]) -> list[T]:
 def _started(models: Sequence[Model], seed: int, budget: Budget) -> list[Sampled]:
     """The models with the maxima that a scan of the prior of each leads to."""
     streams = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(len(models)))
-    nothing = Maxima(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0, 0)))
-    found = [Sampled(model, Known(model), nothing, rng) for model, rng in zip(models, streams, strict=True)]
+    found = [
+        Sampled(model, Known(model), Maxima.none(model.dimension), rng)
+        for model, rng in zip(models, streams, strict=True)
+    ]
     askings = [finding_maxima(each.model.noise, each.model.dimension, budget, each.rng) for each in found]
     return [replace(each, maxima=maxima) for each, maxima in zip(found, _quickly(found, askings), strict=True)]
 
