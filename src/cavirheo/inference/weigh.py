@@ -223,7 +223,7 @@ def _crossed(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
     """Also with the maxima to which the highest ones of the other models lead."""
     highest = max(np.max(each.maxima.value) for each in found)
     tops = {
-        i: each.model.to_x(each.maxima.u[[np.argmax(each.maxima.value)]])
+        i: each.model.to_x(each.maxima.u[each.maxima.apart(LOOKED_AT, REACH, peaks=False)])
         for i, each in enumerate(found)
         if np.max(each.maxima.value) > highest - REACH
     }
