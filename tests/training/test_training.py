@@ -33,9 +33,9 @@ width = 16
 depth = 1
 components = 12
 [training]
-samples = 2400
+samples = 4800
 batch = 40
-rate = 0.02
+rate = 0.004
 [export]
 name = "tiny"
 """

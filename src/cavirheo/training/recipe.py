@@ -136,7 +136,7 @@ class EmulatorNetworkTable(Section):
 
 
 class EmulatorTrainingTable(Section):
-    """samples: trajectories that are shown in the whole training, `batch` at a step. rate: learning rate of AdamW after
+    """samples: trajectories that are shown in the whole training, `batch` at a step. rate: learning rate after
     WARM_UP steps; it is constant in the first 30 % of all steps and then falls to nearly 0 as half a cosine."""
 
     samples: PositiveInt

@@ -44,6 +44,7 @@ from cavirheo.inference.cards import MAX_BYTES, EmulatorCard, Layers, ModelCard,
 from cavirheo.inference.emulator import NODES, Emulator, seen
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.training.dataset import Dataset, Indices, load, load_trajectories
+from cavirheo.training.muon import Muon
 from cavirheo.training.networks import BubbleTransformer, EmulatorNetwork, Unstandardised, arrays_of, scaling
 from cavirheo.training.recipe import WARM_UP, EmulatorRecipe, Recipe, difference
 from cavirheo.training.scores import metrics
@@ -64,6 +65,7 @@ FIRST_FLOOR, LAST_FLOOR = -5.5, -7.5  # log10 of the floor of squared errors, wh
 FALLING = 0.7  # share of the steps in which it does
 LATE_WEIGHT = 0.05  # of squared errors after the rebound of the third collapse
 FAST = 3.0  # velocity, in R_max/T, from which errors count less
+SLOW = 0.03  # least velocity by which an error of the time counts
 FRAMES = 100  # of a bubble, of which the errors on the card are
 # Largest difference between the exported network and the trained one: rounding to single precision alone moves an
 # answer by up to 1e-4 of a decade
@@ -167,8 +169,8 @@ class Training(ABC, Generic[Network]):
         if self.average is not None or line["validation"] <= min(line["validation"] for line in self.history):
             note = self.settings | {"epoch": len(self.history), "validation_loss": line["validation"]}
             write_tensors(self.folder / "best.safetensors", self.exported.state_dict(), note)
-        adam = self.optimiser.state_dict()["state"].items()
-        state = {f"adam.{index}.{name}": tensor for index, values in adam for name, tensor in values.items()}
+        moments = self.optimiser.state_dict()["state"].items()
+        state = {f"moments.{index}.{name}": tensor for index, values in moments for name, tensor in values.items()}
         note = {"identity": self.settings | self.identity, "history": self.history, "step": self.step}
         write_tensors(self.folder / "last.safetensors", state | self._networks.state_dict(), note)
         write_text(self.folder / "history.jsonl", "".join(as_json(entry) + "\n" for entry in self.history))
@@ -188,11 +190,11 @@ class Training(ABC, Generic[Network]):
             losses = ("train", "validation", "seconds")
             self.history = [{**line, **{part: float(line[part]) for part in losses}} for line in note["history"]]
             self.step = int(note["step"])
-            adam: dict[int, dict[str, Tensor]] = {}
-            for key in [key for key in state if key.startswith("adam.")]:
+            moments: dict[int, dict[str, Tensor]] = {}
+            for key in [key for key in state if key.startswith("moments.")]:
                 _, index, name = key.split(".")
-                adam.setdefault(int(index), {})[name] = state.pop(key)
-            self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": adam})
+                moments.setdefault(int(index), {})[name] = state.pop(key)
+            self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": moments})
             self._networks.load_state_dict(state)
 
 
@@ -265,7 +267,8 @@ class EmulatorTraining(Training[EmulatorNetwork]):
     """Training on the trajectories of simulated bubbles; the weights are averaged over the steps. All random numbers
     follow from (seed, step). The loss of a trajectory is the logarithm of its mean squared error above a floor, which
     falls: bubbles that are hard do not decide alone. The error of a node is that of R at its time t, so what is wrong
-    in t counts by the velocity; it counts less where the wall is fast, and after the rebound of the third collapse."""
+    in t counts by the velocity, or by SLOW where that is slower, so that slow bubbles do not end early; it counts less
+    where the wall is fast, and after the rebound of the third collapse."""
 
     validation_interval, clip = 500, 1.0
 
@@ -290,8 +293,7 @@ class EmulatorTraining(Training[EmulatorNetwork]):
         self.network.fit(self.curves["inputs"][: self.train].astype(float), trajectories)
         self.network.to(device)
         self.average = deepcopy(self.network).requires_grad_(False)
-        weights = self.network.parameters()
-        self.optimiser = torch.optim.AdamW(weights, recipe.training.rate, weight_decay=1e-6)
+        self.optimiser = Muon(self.network.parameters(), recipe.training.rate)
 
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
         rng = np.random.default_rng([self.schedule.seed, step])
@@ -341,7 +343,8 @@ def squared_errors(predicted: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
     radius, time = truth.chunk(2, dim=1)
     off_radius, off_time = (predicted - truth).chunk(2, dim=1)
     velocity = torch.gradient(radius, dim=1)[0] / torch.gradient(time, dim=1)[0].clamp(min=1e-6)
-    return ((off_radius - velocity * off_time) ** 2 * weight / (1.0 + (velocity / FAST) ** 2)).mean(dim=1)
+    off = (off_radius - velocity * off_time) ** 2 / (1.0 + (velocity / FAST) ** 2) + (SLOW * off_time) ** 2
+    return (off * weight).mean(dim=1)
 
 
 def frame_errors(truth: NDArray[np.float32], emulated: NDArray[np.float32]) -> Floats:
