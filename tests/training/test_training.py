@@ -33,9 +33,9 @@ width = 16
 depth = 1
 components = 12
 [training]
-samples = 4800
+samples = 2400
 batch = 40
-rate = 0.004
+rate = 0.1
 [export]
 name = "tiny"
 """
