@@ -56,7 +56,7 @@ class Budget:
         ridge: places along the ridge of a maximum.
         first: draws of the rounds that tell the likely places, which end when `found` of them are effective.
         found: that number.
-        rounds: draws of the rounds after that, which end when `sampled` of them are effective.
+        rounds: draws of the rounds after that, which end when `sampled` of them, over all models, are effective.
         sampled: that number.
         effective: draws of all models together that are to be effective.
         most: simulations.
@@ -71,8 +71,8 @@ class Budget:
     ridge: int = 60
     first: tuple[int, ...] = (800, 1200, 1500, 2000, 2500)
     found: float = 100.0
-    rounds: tuple[int, ...] = (1500, 2000, 2500, 3000, 3000)
-    sampled: float = 600.0
+    rounds: tuple[int, ...] = (1500, 2000, 2500, 3000)
+    sampled: float = 400.0
     effective: float = 100.0
     most: int = 1800
 

@@ -188,8 +188,9 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         wanted = int(np.clip(needed, CORRECTING, budget.effective / EXPECTED_YIELD))
         if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > budget.most:
             break
-        found[worst] = _weighed(found[worst], wanted, budget, float(share[worst]))
-    return joined([each for each in found if each.parts], sum(each.known.evaluations for each in started))
+        enough = max(budget.found, budget.sampled * share[worst])
+        found[worst] = _weighed(found[worst], wanted, budget.rounds, enough)
+    return joined(found, sum(each.known.evaluations for each in started))
 
 
 def _likely(found: Sequence[Sampled], reach: float) -> list[Sampled]:
@@ -333,28 +334,23 @@ def _density(model: Model, residuals: Frames, u: Floats) -> Floats:
 
 
 def _settled(found: Sampled, budget: Budget) -> Sampled:
-    """With likely places by quick frames, which are corrected there."""
-    model, known, rng = found.model, found.known, found.rng
-    corrected = partial(_corrected, known.quick, known.correction())
-    mixture = ridges(corrected, model.noise, found.maxima, budget, rng, LOOKED_AT, REACH)
-    target = partial(_density, model, corrected)
-    draws, mixture = sample(target, mixture, budget.first, rng, budget.found)
-    at = draws.u[pick(draws, CORRECTING, rng)]
-    gain = model.log_posterior(at, known.simulate(at)) - target(at)
-    gained = float(log_sum(gain) - np.log(len(at)))
-    log_evidence = draws.log_evidence + max(gained, 0.0)  # a poor emulator leaves no model out
-    return replace(found, mixture=mixture, log_evidence=log_evidence, error=(known.rms(np.zeros(1)), float("nan")))
+    """With likely places by quick frames, and a few draws there. A poor emulator does not make the evidence too low."""
+    corrected = partial(_corrected, found.known.quick, found.known.correction())
+    mixture = ridges(corrected, found.model.noise, found.maxima, budget, found.rng, LOOKED_AT, REACH)
+    found = _weighed(replace(found, mixture=mixture), CORRECTING, budget.first, budget.found)
+    assert found.draws is not None
+    return replace(found, log_evidence=max(found.log_evidence, found.draws.log_evidence))
 
 
-def _weighed(found: Sampled, wanted: int, budget: Budget, share: float) -> Sampled:
-    """With so many more draws of the corrected quick frames that are simulated. A model with a small share of the
-    evidence is sampled in fewer rounds. Draws of which a good part was effective are drawn from again."""
-    model, known, rng, draws = found.model, found.known, found.rng, found.draws
-    assert found.mixture is not None
-    correction, mixture = known.correction(), found.mixture
-    if draws is None or found.yielded < GOOD:
+def _weighed(found: Sampled, wanted: int, rounds: Sequence[int], enough: float) -> Sampled:
+    """With so many more draws of the corrected quick frames that are simulated. Draws of which a good part was
+    effective are drawn from again; others are drawn anew, in such rounds until `enough` are effective."""
+    model, known, rng, draws, mixture = found.model, found.known, found.rng, found.draws, found.mixture
+    assert mixture is not None
+    correction = known.correction()
+    if draws is None or found.yielded < GOOD or effective_size(draws.log_weight) < 2.0 * wanted:
         target = partial(_density, model, partial(_corrected, known.quick, correction))
-        draws, mixture = sample(target, mixture, budget.rounds, rng, budget.sampled)
+        draws, mixture = sample(target, mixture, rounds, rng, enough)
     picked, count = np.unique(pick(draws, wanted, rng), return_counts=True)
     order = rng.permutation(len(picked))
     at, log_quick, count = draws.u[picked[order]], draws.log_density[picked[order]], count[order]
@@ -369,7 +365,7 @@ def _weighed(found: Sampled, wanted: int, budget: Budget, share: float) -> Sampl
         float(np.hypot(draws.error, scatter)), min(effective_size(log_weight), effective_size(draws.log_weight)),
     )  # fmt: skip
     parts = (*found.parts, part)
-    error = found.error[0], known.rms(correction(at))
+    error = known.rms(np.zeros(1)), known.rms(correction(at))
     return replace(
         found, mixture=mixture, draws=draws, parts=parts, log_evidence=together(parts).log_evidence, error=error
     )
