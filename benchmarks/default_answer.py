@@ -140,18 +140,18 @@ def real(folder: Path, out: Path, n: int, **options: Any) -> list[str]:
 def real_table(lines: list[dict]) -> list[str]:
     """A row for each set. Scatter over width: standard deviation of log10 of the medians over the median standard
     deviation that the shots' own intervals state, of shots whose interval is bounded by the curve on both sides."""
-    heads = ["set", "shots", "ok", "undetermined", "other verdicts", "RMSE, %", "G, kPa", "µ, Pa s"]
+    heads = ["set", "shots", "ok", "bound", "other verdicts", "RMSE, %", "G, kPa", "µ, Pa s"]
     heads += ["scatter over width of G", "of µ", "s a shot"]
     rows = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for name in dict.fromkeys(line["set"] for line in lines):
         mine = [line for line in lines if line["set"] == name]
         verdicts = Counter(line["verdict"] for line in mine)
-        rest = ", ".join(f"{verdict} {k}" for verdict, k in verdicts.items() if verdict not in ("ok", "undetermined"))
-        cells = [name, str(len(mine)), str(verdicts["ok"]), str(verdicts["undetermined"]), rest]
+        rest = ", ".join(f"{verdict} {k}" for verdict, k in verdicts.items() if verdict not in ("ok", "bound"))
+        cells = [name, str(len(mine)), str(verdicts["ok"]), str(verdicts["bound"]), rest]
         cells.append(f"{100 * np.median([line['rmse'] for line in mine if line['rmse']]):.2f}")
         ratios = []
         for parameter, factor in zip(LAW, (1e-3, 1.0), strict=True):
-            bounded = [line for line in mine if line["verdict"] in ("ok", "undetermined")]
+            bounded = [line for line in mine if line["verdict"] in ("ok", "bound")]
             bounded = [line for line in bounded if line["bounds"].get(parameter, "failed") is None]
             ends = [(line["medians"][parameter], line["intervals"][parameter]) for line in bounded]
             logs = np.log10([median for median, _ in ends])
@@ -163,8 +163,8 @@ def real_table(lines: list[dict]) -> list[str]:
         cells += [*ratios, f"{np.median([line['seconds'] for line in mine]):.1f}"]
         rows.append("| " + " | ".join(cells) + " |")
     seen = [line for line in lines if line["rebound"]]
-    good = sum(line["verdict"] in ("ok", "undetermined") for line in seen)
-    return [*rows, "", f"{good} of {len(seen)} shots with a rebound are ok or undetermined with a bound."]
+    good = sum(line["verdict"] in ("ok", "bound") for line in seen)
+    return [*rows, "", f"{good} of {len(seen)} shots with a rebound are ok or bound."]
 
 
 def table(lines: list[dict]) -> str:

@@ -89,7 +89,7 @@ CLAIMS = (
     ),
     Claim(
         "open_sets",
-        "Real shots that are `ok` or `undetermined`; viscosity of PEG 40 % over that of a rheometer, median",
+        "Real shots that are `ok` or `bound`; viscosity of PEG 40 % over that of a rheometer, median",
         (("", "trusted", ".0%", "%"), ("ratio", "rheometer.ratio", ".2f", "")),
     ),
     Claim(

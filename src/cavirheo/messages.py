@@ -141,13 +141,22 @@ def _probabilities(**switches: float) -> str:
 
 
 def _bound_title(name: str, bound: str) -> str:
-    words = {"undetermined": "does not determine {}", "upper": "gives an upper limit of {} alone"}
-    return f"the recording {words.get(bound, 'gives a lower limit of {} alone').format(parameter_of(name).symbol)}"
+    words = {
+        "undetermined": "does not determine {}",
+        "upper": "gives an upper limit of {} alone",
+        "lower": "gives a lower limit of {} alone",
+        "wide": "gives {} to a factor of more than 10 alone",
+    }
+    return f"the recording {words[bound].format(parameter_of(name).symbol)}"
 
 
 def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
     if bound == "undetermined":
         return ": values all over the range that is searched follow it"
+    if bound == "wide":
+        factor, unit = digits.unit_for(parameter_of(name).unit, q95)
+        low, high = (digits.significant(factor * end, 2) for end in (q05, q95))
+        return f": any value from {low} to {high} {unit}".rstrip() + " follows it as well"
     side, end = ("below", q95) if bound == "upper" else ("above", q05)
     factor, unit = digits.unit_for(parameter_of(name).unit, end)
     return f": any value {f'{side} {digits.significant(factor * end, 2)} {unit}'.rstrip()} follows it as well"

@@ -20,9 +20,9 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 
 LOG10 = "log10_"
-Bound = Literal["upper", "lower", "undetermined"]
-"""What is known of a value whose interval reaches an end of its range: an upper limit (the interval's upper end), a
-lower limit (the interval's lower end), or nothing."""
+Bound = Literal["upper", "lower", "undetermined", "wide"]
+"""What is known of a value without a median. Its interval reaches an end of its range: an upper limit (the interval's
+upper end), a lower limit (the interval's lower end), or nothing. Or its interval is "wide": only its ends are known."""
 
 
 class Parameter(NamedTuple):
@@ -117,6 +117,8 @@ BUBBLE = {  # parameters of the bubble itself: meaning and usual values, as text
     "vapour_excess": "pressure of the vapour at R_max above saturation, usually 0",
 }
 VISCOSITY_AT_RATE, REFERENCE_RATE = "viscosity_at_1e5_per_s", 1e5  # name of a viscosity that depends on the rate, 1/s
+DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters that make a verdict
+MOST_WIDTH = 10.0  # factor between the ends of the interval of a value; a wider one is no value
 END_SHARE = 0.25  # of an interval's width: nearer to an end of the range, an end is due to the range
 
 
@@ -153,6 +155,12 @@ def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None
     room = END_SHARE * (high - low)
     below, above = low - ends[0] <= room, ends[1] - high <= room
     return "undetermined" if below and above else "upper" if below else "lower" if above else None
+
+
+def wide_bound(name: str, low: float, high: float) -> Bound | None:
+    """ "wide" for the interval (natural values, SI) of a parameter of DECIDING whose ends are a factor of more than
+    MOST_WIDTH apart."""
+    return "wide" if name in DECIDING and high > MOST_WIDTH * low else None
 
 
 def searched_bound(name: str, low: float, high: float) -> Bound | None:

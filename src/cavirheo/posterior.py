@@ -21,6 +21,7 @@ from cavirheo.parameters import (
     searched_bound,
     to_natural,
     to_prior_scale,
+    wide_bound,
 )
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
@@ -31,12 +32,9 @@ if TYPE_CHECKING:
 
     from cavirheo.writing.document import Quantity
 
-Verdict = Literal[
-    "ok", "check_input", "model_does_not_fit", "other_model_preferred", "undetermined", "outside_training_range",
-    "no_interval", "failed",
-]  # fmt: skip
-TRUSTED: frozenset[Verdict] = frozenset(("ok", "undetermined", "other_model_preferred"))
-"""Verdicts of answers that count for a material and, for the parameters that they determine, in a mean."""
+Verdict = Literal["ok", "bound", "does_not_fit", "check_input", "failed", "unverified"]
+TRUSTED: frozenset[Verdict] = frozenset(("ok", "bound"))
+"""Verdicts of answers that count for a material."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -261,8 +259,9 @@ class Posterior:
 
     def bound(self, name: str) -> Bound | None:
         """What is known if the central 90 % of the draws reach an end of the range of `prior` (else of the search):
-        "upper" (the value is below the interval's upper end), "lower" (above its lower end), "undetermined" (nothing).
-        None: they lie within the range, or there are fewer than two draws. Raises InputError: as `draws`."""
+        "upper" (the value is below the interval's upper end), "lower" (above its lower end), "undetermined" (nothing);
+        or "wide", if the interval of G or of a viscosity lies within the range, but its ends are a factor of more than
+        10 apart. None: the value is known, or there are fewer than two draws. Raises InputError: as `draws`."""
         values, prior_name = self.draws(name), self._key(name)
         if len(values) < 2:
             return None
@@ -272,7 +271,7 @@ class Posterior:
             own = bound_of(to_prior_scale(prior_name, low), to_prior_scale(prior_name, high), (least, largest))
         else:
             own = searched_bound(name, low, high)
-        return own or self.traded.get(name)
+        return own or self.traded.get(name) or wide_bound(name, low, high)
 
     def quantity(self, name: str) -> Quantity:
         """Median, interval and bound in natural units; empty if the answer failed. Raises InputError: as `draws`."""

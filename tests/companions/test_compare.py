@@ -29,7 +29,7 @@ gel a,,,rheometer,G_Pa,2000,
 gone,nowhere/*.mat,,IMR,G_kPa,5,1
 bare.csv,,,,,,
 """
-ANSWERS = {"shot0": (5e3, 0.01, "ok"), "shot1": (7e3, 0.03, "ok"), "shot2": (9e3, 0.05, "model_does_not_fit")}
+ANSWERS = {"shot0": (5e3, 0.01, "ok"), "shot1": (7e3, 0.03, "ok"), "shot2": (9e3, 0.05, "does_not_fit")}
 
 
 @pytest.fixture
@@ -162,7 +162,7 @@ def test_nothing_is_dropped(fake, run, folder, tmp_path):
     made = load(tmp_path / "c")
     gel, gone, bare = made.groups
     assert (gel.n, gel.n_failed) == (3, 1)
-    assert gel.verdicts == {"ok": 2, "model_does_not_fit": 1, "failed": 1}
+    assert gel.verdicts == {"ok": 2, "does_not_fit": 1, "failed": 1}
     assert (gone.n, gone.n_failed, gone.shear_modulus_Pa.mean, list(gone.errors)) == (0, 0, None, ["IMR"])
     assert bare.published == {}
     for word in ("torn.mat", "nowhere/*.mat"):

@@ -148,7 +148,7 @@ def row(G: float, mu: float, width: float, **more: object) -> CurveRecord:
 
 
 def test_what_is_known_comes_from_the_trusted_answers(quick):
-    rows = [row(5e3, 0.05, 0.1), row(5e3, 0.05, 0.1), row(9e5, 0.9, 0.1, verdict="model_does_not_fit")]
+    rows = [row(5e3, 0.05, 0.1), row(5e3, 0.05, 0.1), row(9e5, 0.9, 0.1, verdict="does_not_fit")]
     made = cavirheo.design(result_of(rows, "x"), draws=40)
     assert (made.shots_before, made.spread_decades) == (2, 0.0)
     assert made.known["shear_modulus"].median == pytest.approx(5e3, rel=0.02)

@@ -108,13 +108,13 @@ def test_what_does_not_count_is_counted():
     others = [
         replace(point, theta=point.theta[:1]),
         replace(point, theta=point.theta[:0], checks=Checks("failed")),
-        replace(point, checks=Checks("model_does_not_fit")),
+        replace(point, checks=Checks("does_not_fit")),
         seen(CENTRE[1:], 0.05, names=NAMES[1:]),
         good[0],
     ]
     found = population([*good, *others])
     assert found.shots == ("shot 1", "shot 2", "shot 3", "shot 4")
-    assert found.left_out == dict.fromkeys(("no_interval", "failed", "model_does_not_fit", "other_model", "copy"), 1)
+    assert found.left_out == dict.fromkeys(("no_interval", "failed", "does_not_fit", "other_model", "copy"), 1)
     assert len(population(good + others[2:3], only_trusted=False).shots) == 5
     assert population(shots(2)).warnings  # they are no population
 
@@ -144,7 +144,7 @@ def one_sided(n, viscosity, error, *, seed=0, spread=0.05, tilt=0.0) -> tuple[li
         mu = np.interp(rng.uniform(size=1000), share / share[-1], logs)
         theta = np.column_stack([modulus + tilt * (viscosity - 10.0**mu) + 0.05 * rng.standard_normal(1000), mu])
         one = replace(seen(CENTRE, 0.05), theta=theta)
-        answers.append(replace(one, checks=Checks("undetermined" if one.bound("viscosity") else "ok")))
+        answers.append(replace(one, checks=Checks("bound" if one.bound("viscosity") else "ok")))
     return answers, np.array(measured)
 
 
@@ -193,7 +193,7 @@ def test_a_value_that_a_single_shot_gives_is_not_that_of_the_material():
 def test_a_shot_that_says_nothing_of_a_parameter_changes_nothing():
     known, rng = shots(5), np.random.default_rng(3)
     theta = np.column_stack([CENTRE[0] + 0.05 * rng.standard_normal(800), rng.uniform(-4.0, 1.0, 800)])
-    silent = replace(known[0], theta=theta, checks=Checks("undetermined"))
+    silent = replace(known[0], theta=theta, checks=Checks("bound"))
     assert silent.bound("viscosity") == "undetermined"
     found, alone = population([*known, silent]), population(known)
     assert len(found.shots) == 6
@@ -397,7 +397,7 @@ def test_shots_of_one_material_share_its_switches(name):
 
 def test_a_doubtful_shot_has_no_vote_in_the_switches():
     liquids, gel = [switched(k, liquid=0.95) for k in range(2)], switched(9)
-    wrong = replace(gel, checks=Checks("model_does_not_fit"))
+    wrong = replace(gel, checks=Checks("does_not_fit"))
     assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True)} == {"newtonian"}
     plain = seen(CENTRE, 0.05)  # by another law
     assert share_switches([plain], only_trusted=True) == [plain]

@@ -42,7 +42,7 @@ def test_the_default_answer_holds_the_truth_and_its_switches_are_set(answers, na
     law, stretch, _, truth, on, off = SHOTS[name]
     answer = answers[name]
     assert answer.method == "verified"
-    assert answer.checks.verdict in ("ok", "undetermined")
+    assert answer.checks.verdict in ("ok", "bound")
     assert holds(answer, 0.98, viscosity=law.viscous.viscosity, stretch=stretch, **truth)
     assert [one for one in on if not answer.switches[one] > 0.5] == []
     assert [one for one in off if not answer.switches[one] < 0.1] == []
@@ -195,7 +195,7 @@ def test_a_failed_answer_has_no_draws_and_says_why(monkeypatch):
 
 def test_a_wrong_law_does_not_fit():
     answer = fit(shot("field"), material="newtonian", bubble="field")
-    assert answer.checks.verdict == "model_does_not_fit"
+    assert answer.checks.verdict == "does_not_fit"
     assert "misfit.systematic" in [one.code for one in answer.checks.messages]
     assert answer.diagnostics.predictive["p_value"] < 0.01
 

@@ -18,6 +18,7 @@ from scipy.stats import theilslopes
 
 from cavirheo import infer_many, load, population
 from cavirheo.column import read_column
+from cavirheo.inference.alternatives import with_rivals
 from cavirheo.inference.analysis import Analysis
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
@@ -166,7 +167,7 @@ def test_group_takes_mean_and_sample_deviation(pairs):
     assert groups[2].shear_modulus_Pa == Spread()
 
 
-COUNTED = {"model_does_not_fit": 3, "no_interval": 3, "other_model_preferred": 5}  # of five, two with this verdict
+COUNTED = {"does_not_fit": 3, "check_input": 3, "bound": 5}  # of five, two with this verdict
 
 
 @pytest.mark.parametrize(("verdict", "count"), COUNTED.items())
@@ -174,14 +175,14 @@ def test_only_what_is_trusted_counts_in_means_and_pictures(verdict, count, tmp_p
     pairs = growing(count=5)
     other = OtherAnswer("nhkv", REAL, {"viscosity": 0.03}, {}, Evidence(20.0), 0.01)
     for k, (curve, one) in enumerate(pairs):
-        one = replace(one, evidence=Evidence(0.0, 0.1), others=(other,))
-        pairs[k] = curve, with_verdict(one, verdict if k < 2 else "ok")
+        one = with_verdict(replace(one, evidence=Evidence(0.0, 0.1), others=(other,)), verdict if k < 2 else "ok")
+        pairs[k] = curve, replace(one, checks=with_rivals(one))
     written = write_report(tmp_path, pairs, COMMAND, (), draw=False)
     (one,) = written.groups
     assert one.n_trusted == one.population.n == one.shear_modulus_Pa.n == count
     counted = [row.shear_modulus_Pa.median for row in written.curves[5 - count :]]
     assert one.shear_modulus_Pa.mean == pytest.approx(np.mean(counted))
-    assert bool(one.preferred) == (verdict == "other_model_preferred")
+    assert sum(one.preferred.values()) == 5  # it is said, and changes no verdict
     assert len(panels_of_group(pairs, written)[1].layer("ring").x) == 5 - count
     assert len(population([made for _, made in pairs], only_trusted=False).shots) == 5
 
@@ -192,7 +193,7 @@ def test_bounds_count_where_they_tell_something(tmp_path):
     for k in (3, 4):
         curve, made = pairs[k]
         theta = np.column_stack([made.theta[:, 0] + 0.01 * k, rng.uniform(-4.0, -2.0, 800)])
-        pairs[k] = curve, with_verdict(replace(made, theta=theta), "undetermined")
+        pairs[k] = curve, with_verdict(replace(made, theta=theta), "bound")
     write_report(tmp_path, pairs, COMMAND, draw=False)
     found = load(tmp_path / "result.json")
     (one,), rows = found.groups, found.curves
@@ -203,7 +204,7 @@ def test_bounds_count_where_they_tell_something(tmp_path):
     assert one.viscosity_Pa_s.mean == pytest.approx(np.mean([row.viscosity_Pa_s.median for row in rows[:3]]))
     assert [row["viscosity_Pa_s_bound"] for row in rows_of(tmp_path / "result.csv")] == [""] * 3 + ["upper"] * 2
     stuck = replace(pairs[2][1], diagnostics=Diagnostics(at_bound=("viscosity",)), theta=pairs[2][1].theta[:1])
-    (one,) = result([*pairs[:2], (pairs[2][0], with_verdict(stuck, "undetermined"))], COMMAND).groups
+    (one,) = result([*pairs[:2], (pairs[2][0], with_verdict(stuck, "bound"))], COMMAND).groups
     assert (one.n_trusted, one.shear_modulus_Pa.n, one.viscosity_Pa_s.n) == (3, 3, 2)
 
 
@@ -216,7 +217,7 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     assert 1.8 < found.q05 < 2.4 < found.q95 < 3.0
     line = panels_of_group(pairs, made)[2].layer("centre")
     assert np.polyfit(np.log(line.x), np.log(line.y), 1)[0] == pytest.approx(found.median)
-    for verdict, count, expected in (("model_does_not_fit", 7, (7, 0)), ("check_input", 7, None), ("ok", 4, None)):
+    for verdict, count, expected in (("does_not_fit", 7, (7, 0)), ("check_input", 7, None), ("ok", 4, None)):
         (one,) = result(growing(2.4, count=count, verdict=verdict), COMMAND).groups
         slope = one.slopes.get("viscosity")
         assert (slope and (slope.n, slope.n_trusted)) == expected
@@ -370,7 +371,7 @@ def test_report_is_one_sound_file_that_asks_for_nothing_and_has_a_picture_of_eve
 def test_report_escapes_everything_from_outside(tmp_path):
     evil = '"><script>alert(1)</script><img src=x onerror=y>&{0}'
     curve = bubble(evil, group=evil, source=evil, notes=(evil,))
-    made = answer(curve, verdict="model_does_not_fit", message=evil, material=evil)
+    made = answer(curve, verdict="does_not_fit", message=evil, material=evil)
     theta, names = np.array([[-2.0, 1.0]]), (*NAMES[1:], evil)
     made = replace(made, provenance={evil: evil}, names=names, units=("Pa s", "1"), theta=theta)
     write_report(tmp_path, [(curve, made), (empty(evil, evil, evil), unanswered(evil))], evil, date=evil)

@@ -172,7 +172,7 @@ def of_setting(setting: str, rows: list[dict[str, Any]]) -> Iterator[Number]:
         ends = [row["intervals"][name][-1] for row in held if row["bounds"][name] is None]
         widths = [np.log10(high / low) for low, high in ends if low > 0.0]
         yield statistic(f"{setting}.{symbol}.width", widths, "decades", seed=FIRST)
-    told = [row["verdict"] not in ("failed", "no_interval") for row in rows]
+    told = [row["verdict"] != "failed" for row in rows]
     yield share(f"{setting}.interval", told, FIRST)
     yield share(f"{setting}.ok", [row["verdict"] == "ok" for row in rows], FIRST)
     yield statistic(f"{setting}.simulations", [row["simulations"] or np.nan for row in rows], "1", seed=FIRST)

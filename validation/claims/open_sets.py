@@ -17,7 +17,7 @@ from cavirheo import read_curves
 from validation.numbers import Number, Run, share, statistic
 
 LIQUID, RHEOMETER, WITHIN = "PEG 40 %", {"PEG 40 %": 0.130, "PEG 10 %": 0.0064}, 0.2  # Pa s
-GOOD = ("ok", "undetermined")
+GOOD = ("ok", "bound")
 
 
 def key_of(name: str) -> str:

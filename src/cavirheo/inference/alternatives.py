@@ -10,10 +10,9 @@ import numpy as np
 
 from cavirheo.messages import Message
 from cavirheo.parameters import is_law_parameter
-from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, intervals
+from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, intervals
 
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
-_FITTING = ("ok", "undetermined")  # verdicts of answers whose simulation follows the measurement
 DECISIVE = 3.0  # log evidence (a factor of 20) by which a model must be larger to be preferred; below, it is possible
 
 
@@ -35,15 +34,11 @@ def rejects(gain: float, errors: Iterable[float | None]) -> bool:
     return gain > DECISIVE + float(np.linalg.norm([error or 0.0 for error in errors]))
 
 
-def judged(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
-    """The checks of an answer with these messages and those of `rival_messages`, each once. The verdict is
-    "other_model_preferred" if the evidence rejects the model of an answer whose simulation follows the measurement."""
-    checks, this = answer.checks, as_alternative(answer)
-    rejected = any(_rejects(rival, this) for rival in _rivals(answer))
-    verdict: Verdict = "other_model_preferred" if rejected and checks.verdict in _FITTING else checks.verdict
+def with_rivals(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
+    """The checks of an answer with these messages and those of `rival_messages`, each once. The verdict stays."""
+    checks = answer.checks
     new = [message for message in (*messages, *rival_messages(answer)) if message not in checks.messages]
-    ordered = [*new, *checks.messages] if verdict == "other_model_preferred" else [*checks.messages, *new]
-    return replace(checks, verdict=verdict, messages=tuple(ordered))
+    return replace(checks, messages=(*checks.messages, *new))
 
 
 def rival_messages(answer: Posterior) -> list[Message]:

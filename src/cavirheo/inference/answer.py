@@ -19,7 +19,7 @@ from cavirheo.inference.sample import EMULATED, SIMULATED, Frames, climb, effect
 from cavirheo.inference.weigh import Model, Weighed, posterior
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
-from cavirheo.parameters import CAMERA, Bound, bound_of, units
+from cavirheo.parameters import CAMERA, DECIDING, Bound, bound_of, units
 from cavirheo.physics.accuracy import BRISK
 from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
 from cavirheo.prior import Prior, State
@@ -34,7 +34,6 @@ OPEN_ENDS: dict[str, Bound] = {"stretch": "lower", "accommodation": "upper", "co
 TRADED = 0.3  # correlation of a parameter with a nuisance at its end, above which it is only bounded
 FEWEST = 10  # draws that tell a correlation
 ENOUGH = EMULATED.effective  # draws without which there is no interval
-DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters whose bounds make the verdict
 NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
 INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
@@ -111,22 +110,17 @@ def sampled_answer(
         messages.append(Message("sampled_by_solver", {"reason": target.unknown}))
     if predictive and predictive["p_value"] < REJECTED and excess > 0.0:
         if not discrepancy or excess > LARGE_MISFIT:
-            verdict = "model_does_not_fit"
+            verdict = "does_not_fit"
         limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
         chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
         messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
     traded = trades(prior, weighed.x, weighed.log_weight, shot.family.parameters)
     if verdict == "ok" and any(name in DECIDING for name in traded):
-        verdict = "undetermined"
+        verdict = "bound"
     for name, (other, bound) in traded.items():
         messages.append(Message(f"traded.{name}", {"name": name, "other": other, "bound": bound}))
     messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
     messages += shot.messages
-    if effective < ENOUGH:
-        unfit = {"draws": len(weighed.x), "effective": effective, "needed": ENOUGH}
-        messages.append(Message("interval.distrusted", unfit))
-        verdict = "no_interval" if verdict == "ok" else verdict
-        found = replace(found, theta=found.theta[best : best + 1], log_weight=None)
     diagnostics = Diagnostics(
         stretch_source=shot.stretch_source(),
         at_bound=tuple(name for name in pulled if name in CAMERA),
@@ -144,7 +138,21 @@ def sampled_answer(
     provenance |= {"evaluations": weighed.evaluations, "share": all_draws.share}
     traded_bounds = {name: bound for name, (_, bound) in traded.items()}
     checks = shot.checks(weighed.x[best], verdict, messages)
-    return replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics, traded=traded_bounds)
+    found = replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics, traded=traded_bounds)
+    return found if effective >= ENOUGH else _without_interval(found, best)
+
+
+def _without_interval(found: Posterior, best: int) -> Posterior:
+    """The answer with too few effective draws for an interval: of a law that does not follow the recording the best
+    draw, as the nearest that this law can come; of any other a failed one."""
+    how = found.diagnostics
+    unfit = Message(
+        "interval.distrusted", {"draws": how.draws, "effective": how.effective_sample_size, "needed": ENOUGH}
+    )
+    if found.checks.verdict != "does_not_fit":
+        return found.without_draws(unfit)
+    checks = replace(found.checks, messages=(*found.checks.messages, unfit))
+    return replace(found, theta=found.theta[best : best + 1], log_weight=None, checks=checks)
 
 
 def _with_draws(empty: Posterior, target: Target, weighed: Weighed) -> Posterior:
@@ -181,7 +189,7 @@ def _bounds(answer: Posterior, family: Family) -> tuple[Verdict, list[Message]]:
             continue
         messages.append(message_of_bound(name, bound, (ends[0], answer.median(name) or 0.0, ends[1])))
         if name in DECIDING:
-            verdict = "undetermined"
+            verdict = "bound"
     return verdict, messages
 
 

@@ -137,7 +137,7 @@ def check_simulation(
     rmse, limit = float(np.sqrt(np.mean(residual**2))), float(np.hypot(limit, view.curve.noise / view.curve.max_radius))
     if rmse > limit:
         missed = Message("misfit.rms", {"rms": rmse, "limit": limit})
-        verdict, messages = "model_does_not_fit", [missed, *messages]
+        verdict, messages = "does_not_fit", [missed, *messages]
     return Checks(
         verdict,
         tuple(messages),

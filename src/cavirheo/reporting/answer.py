@@ -221,10 +221,15 @@ class CurveRecord(Record, Answer):
         return None if name in self.diagnostics.at_bound else super().determined_median(name)
 
     @property
+    def rejected(self) -> bool:
+        """Whether the evidence prefers another model that was looked at."""
+        return any(message.code == "model.rejected" for message in self.messages)
+
+    @property
     def preferred_model(self) -> OtherModel | None:
         """The other model with the largest evidence if the evidence rejects the model of the answer, else None."""
         rivals = [model for model in self.other_models if model.model != self.model and model.log_evidence is not None]
-        return max(rivals, key=log_evidence_key, default=None) if self.verdict == "other_model_preferred" else None
+        return max(rivals, key=log_evidence_key, default=None) if self.rejected else None
 
     @property
     def message(self) -> str:

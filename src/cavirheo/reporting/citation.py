@@ -83,7 +83,7 @@ def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
     words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
     sources = [references()[word] for word in words if word in references()]
     sentences += [_group_sentence(group, shots, result) for group, shots in result.rows_by_group()]
-    verdicts = Counter("ok" if curve.verdict == "undetermined" else curve.verdict for curve in result.curves)
+    verdicts = Counter("ok" if curve.trusted else curve.verdict for curve in result.curves)
     failures = [f"{n} {digits.VERDICT_STYLES[verdict].words}" for verdict, n in verdicts.items() if verdict != "ok"]
     wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)
     count = digits.counted_shots(sum(curve.trusted for curve in result.curves), len(result.curves))

@@ -14,7 +14,6 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, parameter_of
 from cavirheo.physics.bubble import title_of
-from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, log_evidence_key
 from cavirheo.reporting.material import KEYS, ParameterValues, PopulationRecord, size_trend_in_words
 from cavirheo.writing import digits
@@ -24,7 +23,6 @@ MIN_SLOPE_SHOTS = 5  # least number of shots for a slope
 MIN_SENSITIVITY = 3.0  # relative change of G over that of the scale, from which a remark is made
 MAX_SLOPE_SHOTS = 1000  # most shots in a slope, which needs all pairs; of more shots every k-th by size is used
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
-JOINT_PREFERENCE = "all together", "other model preferred"
 OUR_MEANS = "cavirheo"  # name of the means of this program beside the values of other methods
 REFERENCE_METHODS = ("IMR", "rheometer")  # methods relative to which errors are given, by default
 _EQUAL_LOG_RANGE = 1e-6  # range of the logarithm of values, below which they count as equal
@@ -117,12 +115,12 @@ class GroupRecord(Record, ParameterValues[Spread]):
     """The shots of one file or folder, and their statistics.
 
     The statistics of each parameter are over the trusted shots that determine it. Slopes are over the same values; if
-    there are fewer than 5 trusted shots, those with the verdict "model_does_not_fit" are included.
+    there are fewer than 5 trusted shots, those with the verdict "does_not_fit" are included.
 
     Attributes:
         name: name of the file or folder.
         n: number of shots with an answer.
-        n_trusted: number of shots with a trusted verdict ("ok", "undetermined" or "other_model_preferred").
+        n_trusted: number of shots with a trusted verdict ("ok" or "bound").
         n_failed: number of shots without an answer.
         verdicts: number of curves by verdict.
         models: number of trusted answers by model, "law, bubble".
@@ -230,14 +228,8 @@ class GroupRecord(Record, ParameterValues[Spread]):
 
     @property
     def badges(self) -> list[tuple[str, str]]:
-        """(verdict that gives the look, words) for the count of each verdict. A trusted verdict looks like
-        "other_model_preferred" if the evidence of all shots together prefers another model."""
-        badges = []
-        for verdict, count in self.verdicts.items():
-            warned = bool(self.jointly_preferred_models) and verdict in TRUSTED
-            words = f"{count} {digits.VERDICT_STYLES[verdict].words}" + f", {': '.join(JOINT_PREFERENCE)}" * warned
-            badges.append(("other_model_preferred" if warned else verdict, words))
-        return badges
+        """(verdict, words) for the count of each verdict."""
+        return [(verdict, f"{n} {digits.VERDICT_WORDS[verdict]}") for verdict, n in self.verdicts.items()]
 
     @property
     def headline(self) -> str:
@@ -274,7 +266,7 @@ def slope(radius: Sequence[float | None], values: Sequence[float | None], truste
 def shots_for_slope(members: Sequence[CurveRecord]) -> list[CurveRecord]:
     """The shots for a slope: the trusted ones; if these are too few, also those that the model does not fit."""
     trusted = [record for record in members if record.trusted]
-    followed = [record for record in members if record.trusted or record.verdict == "model_does_not_fit"]
+    followed = [record for record in members if record.trusted or record.verdict == "does_not_fit"]
     return trusted if len(trusted) >= MIN_SLOPE_SHOTS else followed
 
 

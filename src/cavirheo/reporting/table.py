@@ -26,7 +26,7 @@ from cavirheo.reporting.answer import (
     parameter_key,
     parameters_of,
 )
-from cavirheo.reporting.group import JOINT_PREFERENCE, OUR_MEANS, GroupRecord, error_of, spread_over
+from cavirheo.reporting.group import OUR_MEANS, GroupRecord, error_of, spread_over
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, export, terminal
@@ -93,9 +93,9 @@ def curves_by_remark(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
 
 def count_unsuited(records: Sequence[CurveRecord]) -> int:
     """Number of answers that suggest another law: their simulation does not fit, or G has no lower bound."""
-    undetermined = [row.shear_modulus_Pa.bound for row in records if row.verdict == "undetermined"]
-    no_stiffness = sum(bound in ("upper", "undetermined") for bound in undetermined)
-    return no_stiffness + sum(row.verdict == "model_does_not_fit" for row in records)
+    bounds = [row.shear_modulus_Pa.bound for row in records if row.verdict == "bound"]
+    no_stiffness = sum(bound in ("upper", "undetermined") for bound in bounds)
+    return no_stiffness + sum(row.verdict == "does_not_fit" for row in records)
 
 
 def next_step(result: Result, analysis: Analysis, out: Path) -> str:
@@ -104,7 +104,7 @@ def next_step(result: Result, analysis: Analysis, out: Path) -> str:
     if analysis.method == "bdt":
         return ""
     records, options = result.curves, []
-    unlike = [record for record in records if record.verdict == "model_does_not_fit"]
+    unlike = [record for record in records if record.verdict == "does_not_fit"]
     diagnostics = [record.diagnostics for record in unlike]
     at_fault = [how for how in diagnostics if how.frames_left_out or {*CAMERA} & {*how.at_bound}]
     if len(at_fault) == len(unlike) > len(records) / 2:
@@ -258,7 +258,7 @@ def _curve_cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
 
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
-    counts += JOINT_PREFERENCE if group.jointly_preferred_models else []  # in two lines
+    counts += ["another model preferred"] * bool(group.jointly_preferred_models)
     counts += [group.counted_in_words or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
     means = [group.mean(group.shear_modulus_Pa, factor), group.mean(group.viscosity)]
     return ["", "", *(mean.replace(" (", "\n(") for mean in means), "", "", "\n".join(counts)]

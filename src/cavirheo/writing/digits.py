@@ -23,13 +23,11 @@ class VerdictStyle(NamedTuple):
 
 VERDICT_STYLES = {
     "ok": VerdictStyle("ok", "#00694d", "green"),
+    "bound": VerdictStyle("bound", "#1f5f8b", "cyan"),
+    "does_not_fit": VerdictStyle("does not fit", "#a34a00", "yellow"),
     "check_input": VerdictStyle("check input", "#7a5c00", "bright_yellow"),
-    "model_does_not_fit": VerdictStyle("does not fit", "#a34a00", "yellow"),
-    "other_model_preferred": VerdictStyle("other model preferred", "#8a4b2a", "yellow"),
-    "undetermined": VerdictStyle("undetermined", "#1f5f8b", "cyan"),
-    "outside_training_range": VerdictStyle("outside range", "#8a3068", "magenta"),
-    "no_interval": VerdictStyle("no interval", "#5f4bb6", "bright_magenta"),
     "failed": VerdictStyle("failed", "#b00020", "red"),
+    "unverified": VerdictStyle("unverified", "#8a3068", "magenta"),
 }
 VERDICT_WORDS = {verdict: look.words for verdict, look in VERDICT_STYLES.items()}
 MATERIAL_TITLES = {
@@ -63,7 +61,8 @@ def unit_for(unit: str, value: float | None) -> tuple[float, str]:
 
 def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
     """A quantity in words: '6.1 [5.4, 6.9]', with digits by the width of the interval; '6.44' without an interval;
-    'below 0.030 (95 %)' or 'undetermined' for a bound. `unit` follows the number, `joint` stands before brackets."""
+    'below 0.030 (95 %)', '0.010 to 0.15' or 'undetermined' for a bound. `unit` follows the number, `joint` stands
+    before brackets."""
     unit = f" {unit}" if unit else ""
     if value.median is None:
         return MISSING
@@ -71,6 +70,8 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
         return value.bound
     if value.bound == "upper" and value.q95 == 0.0:
         return f"0{unit}{joint}(95 %)"
+    if value.bound == "wide" and value.q05 is not None and value.q95 is not None:
+        return f"{significant(value.q05 * factor, 2)} to {significant(value.q95 * factor, 2)}{unit}"
     if value.bound and (end := value.q95 if value.bound == "upper" else value.q05) is not None:
         return f"{_SIDES[value.bound]} {significant(end * factor, 2)}{unit}{joint}(95 %)"
     if value.q05 is None or value.q95 is None or value.q05 == value.q95:

@@ -97,8 +97,9 @@ class Quantity(Record):
         q05: lower end of the central 90 % interval; null for a point answer.
         q95: upper end of the central 90 % interval; null for a point answer.
         bound: what is known of the value if its interval reaches an end of the range of the prior or the search.
-            "upper": it is below q95 (95 %); "lower": it is above q05 (95 %); "undetermined": nothing is known. Null if
-            the interval lies inside the range, for a point answer, and if there is no range.
+            "upper": it is below q95 (95 %); "lower": it is above q05 (95 %); "undetermined": nothing is known. "wide":
+            the interval of G or of a viscosity lies inside the range, but its ends are a factor of more than 10 apart.
+            Null for a value, and for a point answer.
     """
 
     median: float | None = None

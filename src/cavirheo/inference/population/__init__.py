@@ -19,7 +19,7 @@ from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
 from cavirheo.inference.population.importance import Sample
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.parameters import Bound, bound_of, is_law_parameter, natural_name, parameter_of
+from cavirheo.parameters import Bound, bound_of, is_law_parameter, natural_name, parameter_of, wide_bound
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
@@ -124,12 +124,12 @@ class Population:
         return 10.0**low, 10.0**middle, 10.0**high
 
     def bound(self, name: str) -> Bound | None:
-        """The bound of a parameter that the shots do not determine: "upper", "lower" or "undetermined", as
-        `Posterior.bound`. None if its interval is inside the range, and at least three shots, or as many as bound it,
-        determine it by themselves. Raises InputError: as `interval`."""
+        """The bound of a parameter that the shots do not determine: "upper", "lower", "undetermined" or "wide", as
+        `Posterior.bound`. None if its interval is inside the range and no wider than a factor of 10, and at least three
+        shots, or as many as bound it, determine it by themselves. Raises InputError: as `interval`."""
         low, _, high = self._ends(self.centre, name, 0.9)
         reached = bound_of(low, high, self.prior[name]) if name in self.prior else None
-        return reached or self.shots_bound.get(name)
+        return reached or self.shots_bound.get(name) or wide_bound(name, 10.0**low, 10.0**high)
 
     def quantity(self, name: str) -> Quantity:
         """`interval` and `bound` of a parameter. Raises InputError: as `interval`."""
@@ -433,7 +433,7 @@ def _shots_bound(answers: Sequence[Posterior], names: Sequence[str]) -> dict[str
     """Most frequent bound of each parameter that most shots only bound, and fewer than MIN_SHOTS determine."""
     most = {}
     for name in names:
-        bounds = [bound for answer in answers if (bound := answer.bound(name))]
+        bounds = [bound for answer in answers if (bound := answer.bound(name)) not in (None, "wide")]
         if len(answers) - len(bounds) < min(MIN_SHOTS, len(bounds)):
             most[name] = Counter(bounds).most_common(1)[0][0]
     return most

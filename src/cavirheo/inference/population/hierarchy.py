@@ -41,7 +41,13 @@ _BOUND_STEPS, _BOUND_GAIN = 100, 3e-5  # the same where a bound is fitted, which
 _END, _END_DRAWS = 0.1, 2.0  # share of a prior's range near its end; effective draws there above which a bound is tried
 _ADDED = 1e-4  # share of the covariance of all draws that is added to that of each Gaussian
 VALUE, UPPER, LOWER, UNDETERMINED = 0, 1, -1, 2  # what a Gaussian describes of a parameter
-_KINDS: dict[Bound | None, int] = {None: VALUE, "upper": UPPER, "lower": LOWER, "undetermined": UNDETERMINED}
+_KINDS: dict[Bound | None, int] = {
+    None: VALUE,
+    "wide": VALUE,
+    "upper": UPPER,
+    "lower": LOWER,
+    "undetermined": UNDETERMINED,
+}
 P_OUTLIER = 0.05  # prior probability that a shot is an outlier
 OUTLIER_STD = 0.7  # decades: additional standard deviation of outliers
 SPREAD_SCALE = 0.2  # decades: scale of the half-normal prior of each spread
