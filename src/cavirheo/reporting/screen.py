@@ -240,7 +240,7 @@ def _facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """Constants that were not given, and the switches; in one line if there is room."""
     values = {name: value for shot in shots for name, value in shot.provenance.get("assumed", {}).items()}
     constants = f"{constants_in_words(values)}: not given" if values else ""
-    switches = group.population.switches if group.population else {}
+    switches = group.population.switches if group.population and group.has_answer else {}
     words = ", ".join(
         f"{_SWITCHES[name]} {100.0 * share:.0f} %" for name, share in switches.items() if name in _SWITCHES
     )

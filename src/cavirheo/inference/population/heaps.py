@@ -12,8 +12,9 @@ from cavirheo.posterior import Posterior
 
 FEWEST = 2  # shots in a heap
 LEAST_SHARE = 0.2  # of the shots in the smaller heap: fewer are outliers
-APART = 0.2  # decades between the middles of the heaps
-CLEAR = 3.0  # this distance over the deviation within a heap
+APART = 0.3  # decades between the middles of the heaps
+CLEAR = 4.0  # this distance over the deviation of a shot within its heap
+_GAUSSIAN_90 = 1.645  # half-width of a 90 % interval in standard deviations
 
 
 class Heap(NamedTuple):
@@ -40,10 +41,13 @@ def two_heaps(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> 
     order = np.argsort(_middles(ends), kind="stable")
     ends = ends[order]
     middles = _middles(ends)
+    halves = 0.5 * np.diff(ends, axis=1)[np.all(np.isfinite(ends), axis=1), 0]
+    own = float(np.median(halves)) / _GAUSSIAN_90 if len(halves) else 0.0
     for first in range(fewest, len(order) - fewest + 1):
         low, high = ends[:first], ends[first:]
         apart = float(np.mean(middles[first:]) - np.mean(middles[:first]))
-        width = max(float(np.std(middles[:first])), float(np.std(middles[first:])))
+        within = np.concatenate([part - np.mean(part) for part in (middles[:first], middles[first:])])
+        width = float(np.hypot(np.sqrt(np.sum(within**2) / (len(within) - 2)), own))
         if np.max(low[:, 1]) < np.min(high[:, 0]) and apart > max(APART, CLEAR * width):
             names = [[known[i] for i in sorted(part)] for part in (order[:first], order[first:])]
             return _heap(names[0], low), _heap(names[1], high)
