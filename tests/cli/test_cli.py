@@ -34,7 +34,7 @@ def shot(tmp_path) -> Path:
 def test_the_main_job(run):
     curves, (group,), _ = infer(run, EXAMPLE)
     assert [(row["verdict"], row["medium"]["density"]) for row in curves] == [("ok", 998.0)] * 5
-    assert group["n"] == group["n_trusted"] == 5
+    assert group["n"] == group["n_counted"] == 5
     assert Path("r", "report.html").read_text().count("<svg") == 5 + 3  # the group's shots and answers
     assert not list(Path("r").glob("*.png"))
 
