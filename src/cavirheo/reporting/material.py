@@ -160,11 +160,6 @@ class PopulationRecord(Record, ParameterValues):
         """Whether there is a material; if not, the line says why."""
         return bool(self.spreads_decades)
 
-    @property
-    def lines_below_numbers(self) -> list[str]:
-        """Lines below the numbers: the remarks, after the reason if there is no material."""
-        return self.remarks if self.has_material else [self.line, *self.remarks]
-
     def log_moments(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
         """In log10 of these parameters: mean (l,) of the material, its covariance (l, l), which is diagonal because the
         document has only intervals, and the covariance (l, l) of the shots about it, from the medians."""
