@@ -12,6 +12,7 @@ from scipy.stats import norm
 
 from cavirheo import CommonErrors, load, population
 from cavirheo.column import LOG_R_MAX, with_column
+from cavirheo.inference.population.heaps import two_heaps
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE, likelihood
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.which_law import ranked
@@ -442,3 +443,12 @@ def test_two_materials_in_one_group_are_two_heaps_and_one_that_scatters_is_none(
     assert [population(shots(6, 0.08, 0.03, seed=seed)).heaps for seed in range(4)] == [{}] * 4
     outlier = population(shots(8, 0.05, 0.03, away=(2,)))
     assert outlier.heaps == {}  # one shot is no heap
+
+
+def test_limits_of_bounds_need_not_agree_in_a_heap():
+    bounded = [
+        replace(seen([3.8, at], [0.05, 0.1], draws=500), traded={"viscosity": "upper"}) for at in (-3.5, -3.0, -2.5)
+    ]
+    known = [seen([3.8, at], [0.05, 0.05], draws=500) for at in (-1.6, -1.5)]
+    low, high = two_heaps([*bounded, *known], "abcde", "viscosity")
+    assert (low.shots, low.low, high.shots) == (("a", "b", "c"), None, ("d", "e"))

@@ -33,7 +33,9 @@ class Heap(NamedTuple):
 
 def two_heaps(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> tuple[Heap, Heap] | None:
     """The two heaps into which the intervals of a parameter (natural name) fall, the lower one first; None if they do
-    not: no interval of one reaches one of the other, and the heaps are clearly farther apart than they are wide."""
+    not: no interval of one reaches one of the other, and the heaps are clearly farther apart than they are wide.
+
+    A bound is taken at the limit of its heap that is nearest to the other heap; it has no deviation."""
     known, ends = _intervals(answers, shots, name)
     fewest = max(FEWEST, int(np.ceil(LEAST_SHARE * len(known))))
     if len(known) < 2 * fewest:
@@ -41,14 +43,21 @@ def two_heaps(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> 
     order = np.argsort(_middles(ends), kind="stable")
     ends = ends[order]
     middles = _middles(ends)
-    halves = 0.5 * np.diff(ends, axis=1)[np.all(np.isfinite(ends), axis=1), 0]
+    valued = np.all(np.isfinite(ends), axis=1)
+    halves = 0.5 * np.diff(ends[valued], axis=1)
     own = float(np.median(halves)) / _GAUSSIAN_90 if len(halves) else 0.0
     for first in range(fewest, len(order) - fewest + 1):
         low, high = ends[:first], ends[first:]
-        apart = float(np.mean(middles[first:]) - np.mean(middles[:first]))
-        within = np.concatenate([part - np.mean(part) for part in (middles[:first], middles[first:])])
-        width = float(np.hypot(np.sqrt(np.sum(within**2) / (len(within) - 2)), own))
-        if np.max(low[:, 1]) < np.min(high[:, 0]) and apart > max(APART, CLEAR * width):
+        if np.max(low[:, 1]) >= np.min(high[:, 0]):
+            continue
+        below = np.where(valued[:first], middles[:first], np.max(low[:, 1]))
+        above = np.where(valued[first:], middles[first:], np.min(high[:, 0]))
+        apart = float(np.mean(above) - np.mean(below))
+        parts = [part for part in (middles[:first][valued[:first]], middles[first:][valued[first:]]) if len(part)]
+        squares = sum(float(np.sum((part - np.mean(part)) ** 2)) for part in parts)
+        free = max(int(np.count_nonzero(valued)) - len(parts), 1)
+        width = float(np.hypot(np.sqrt(squares / free), own))
+        if apart > max(APART, CLEAR * width):
             names = [[known[i] for i in sorted(part)] for part in (order[:first], order[first:])]
             return _heap(names[0], low), _heap(names[1], high)
     return None
