@@ -47,7 +47,7 @@ START = Page(
     (
         Group("Read and measure", {"cavirheo": "read_curves measure RadiusCurve"}),
         Group("Infer and fit", {"cavirheo": "infer infer_many fit fit_many table Posterior Bubble predict_radius"}),
-        Group("Many shots, and the next one", {"cavirheo": "population Population design Rig"}),
+        Group("Many shots, and the next one", {"cavirheo": "population Population CommonErrors design Rig"}),
         Group("Read back", {"cavirheo": "load"}, "[File formats](../docs/file-formats.md)."),
         Group("Simulate", {"cavirheo": "simulate simulate_many Simulation Medium"}),
         Group("Materials", {"cavirheo": "NeoHookeanKelvinVoigt Newtonian QuadraticKelvinVoigt"}),
@@ -68,7 +68,7 @@ ANSWERS = Page(
         Group(
             "Of a Population, and of a Simulation",
             {
-                "cavirheo.inference.population": "Difference",
+                "cavirheo.inference.population": "Difference Heap",
                 "cavirheo.physics.simulate": "Contents",
             },
         ),
@@ -77,8 +77,8 @@ ANSWERS = Page(
             {
                 "cavirheo.reporting.record": "Result",
                 "cavirheo.reporting.answer": "CurveRecord Sentence OtherModel Compared",
-                "cavirheo.reporting.group": "GroupModel GroupRecord PublishedValue Slope",
-                "cavirheo.reporting.material": "PopulationRecord GroupDifference MaterialRatio",
+                "cavirheo.reporting.group": "GroupRecord PublishedValue Slope",
+                "cavirheo.reporting.material": "PopulationRecord HeapRecord Systematic GroupDifference MaterialRatio",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw",
                 "cavirheo.companions.design": "Design DesignedSetting CheckedSetting",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cavirheo.inference import fit_many as fit_many
     from cavirheo.inference import infer as infer
     from cavirheo.inference import infer_many as infer_many
+    from cavirheo.inference.population import CommonErrors as CommonErrors
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
     from cavirheo.inference.what_if import predict_radius as predict_radius
@@ -38,7 +39,7 @@ _NAMES = {  # public names, by module
     "curve": "RadiusCurve",
     "errors": "InputError SolverError",
     "inference": "fit fit_many infer infer_many",
-    "inference.population": "population Population",
+    "inference.population": "CommonErrors population Population",
     "inference.what_if": "predict_radius",
     "io": "read_curves",
     "io.videos": "measure",

@@ -200,6 +200,41 @@ def _training_range(name: str, value: float, low: float, high: float, trained_at
     return f" (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
 
 
+def _ends(count: int, total: int, names: Sequence[str]) -> str:
+    words = ", ".join(_NUISANCE_WORDS[name][0] for name in names)
+    return f": {words}, in {count} of {total}: check the µm per pixel, the frame rate, and that R_max was recorded"
+
+
+def heaps_in_words(
+    name: str, heaps: Sequence[tuple[float | None, float | None, Sequence[str]]], *, names: bool = False
+) -> str:
+    """'µ 0.026 to 0.033 Pa s in 2, below 0.020 in 3' of (low, high, shots) of each heap, SI; with the names of the
+    shots on request."""
+    parameter = parameter_of(name)
+    factor, unit = digits.unit_for(parameter.unit, max(end for low, high, _ in heaps for end in (low, high) if end))
+    parts: list[str] = []
+    for low, high, shots in heaps:
+        first, last = ("" if end is None else digits.significant(factor * end, 2) for end in (low, high))
+        ends = f"{first} to {last}" if first and last else f"above {first}" if first else f"below {last}"
+        listed = f" ({', '.join(digits.shorten_names(shots))})" if names else ""
+        parts.append(f"{ends}{'' if parts else f' {unit}'} in {len(shots)}{listed}")
+    return f"{parameter.symbol} {', '.join(parts)}"
+
+
+def constants_in_words(values: Mapping[str, float]) -> str:
+    """'density 998 kg/m3, pressure 101 kPa' of constants of the medium by name, SI."""
+    words = []
+    for name, value in values.items():
+        factor, unit = (1e-3, "kPa") if name == "pressure" else (1.0, "kg/m3")
+        words.append(f"{name} {digits.significant(factor * value)} {unit}")
+    return ", ".join(words)
+
+
+def _group_rival(count: int | None, total: int, models: Sequence[str]) -> str:
+    where = "in all shots together" if count is None else f"in {count} of {total} shots"
+    return f" {where}: {' or '.join(models)}"
+
+
 _Model = Mapping[str, Any]  # "material", "bubble" (names), "values" (interval by parameter), "interval" (bool)
 
 
@@ -282,6 +317,8 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "check_input.late_start": "check the recording|: its first radii fall as they do {frames:.2g} frames after R_max: "
     "begin it at R_max or before, or add --trust-input",
     "check_input.scale": ("check the scale of radius and time", _scale),
+    "check_input.smoothed": "the radii seem to be smoothed|: over about {frames} frames, which fills the collapses and "
+    "adds to µ: give the radii as they were measured, or add --trust-input",
     "check_input.no_rebound": "no rebound is counted, and walls and sound of the vessel lengthen a first collapse as a "
     "viscosity does|: read the upper end of µ alone, or let them be free (--confinement-inertia free "
     "--confinement-damping free)",
@@ -348,6 +385,17 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "model.chosen": ("chosen by evidence", _chosen),
     "model.of_group": "chosen by the evidence of the group|: {material}",
     "model.failed": "a law has no answer, and does not count|: {material}, because {reason}",
+    # a group
+    "group.doubt.input": "most shots have an input warning|: {count} of {total}; the report says which",
+    "group.doubt.ends": ("most shots pull the corrections of the camera to an end of what is expected", _ends),
+    "group.doubt.heaps": ("the shots disagree", lambda name, heaps: f": {heaps_in_words(name, heaps, names=True)}"),
+    "group.rival": ("the evidence prefers another model", _group_rival),
+    "group.not_given": ("constants that were not given", lambda values: f": {constants_in_words(values)}"),
+    "group.scale": (
+        "the radius scale and the frame rate change G",
+        lambda change: f": 1 % more by {digits.significant(change, 2)} %",
+    ),
+    "group.slopes": "{text}",
     # no answer
     "answer.not_finite": "the method's answer is not a finite number|: {parameters}",
     "answer.none": "no parameters were found",

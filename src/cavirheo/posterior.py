@@ -148,8 +148,8 @@ class Diagnostics:
         systematic_misfit_over_rmax: root mean square misfit of the best simulation beyond the noise, over R_max.
         simulations: number of simulations.
         failed_simulations: number of failed simulations.
-        modulus_over_scale: relative change of G per relative change of R_max or of the frame rate; per relative change
-            of the density it is half as large.
+        modulus_over_scale: relative change of G per relative change of R_max.
+        viscosity_over_scale: relative change of mu per relative change of R_max.
     """
 
     stretch_source: str = ""
@@ -162,6 +162,7 @@ class Diagnostics:
     simulations: int | None = None
     failed_simulations: int | None = None
     modulus_over_scale: float | None = None
+    viscosity_over_scale: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -33,9 +33,9 @@ def shot(tmp_path) -> Path:
 @pytest.mark.needs("matplotlib")
 def test_the_main_job(run):
     curves, (group,), _ = infer(run, EXAMPLE)
-    assert [(row["verdict"], row["medium"]["density"]) for row in curves] == [("ok", 998.0)] * 5
-    assert group["n"] == group["n_trusted"] == 5
-    assert Path("r", "report.html").read_text().count("<svg") == 5 + 3  # the group's shots and answers
+    assert [(row["verdict"], row["medium"]["density"]) for row in curves] == [("unverified", 998.0)] * 5
+    assert (group["n"], group["n_counted"], group["verdict"]) == (5, 0, "unverified")
+    assert Path("r", "report.html").read_text().count("<svg") == 5 + 2  # the shots of the group, and G with µ
     assert not list(Path("r").glob("*.png"))
 
 
@@ -53,7 +53,7 @@ def test_failed_curves_keep_their_row_and_the_others_their_answer(run, tmp_path,
     for name, (content, _) in FAILED.items():
         (tmp_path / name).write_text(content)
     curves, _, _ = infer(run, *FAILED, shot, status=1)
-    assert [c["verdict"] for c in curves] == ["failed"] * len(FAILED) + ["ok"]
+    assert [c["verdict"] for c in curves] == ["failed"] * len(FAILED) + ["unverified"]
     for row, (_, named) in zip(curves, FAILED.values(), strict=False):
         assert named in row["messages"][-1]["text"]
         assert [row[name]["median"] for name in ("shear_modulus_Pa", "viscosity_Pa_s", "stretch")] == [None] * 3
@@ -61,7 +61,7 @@ def test_failed_curves_keep_their_row_and_the_others_their_answer(run, tmp_path,
     (tmp_path / "folder").mkdir()
     curves, _, err = infer(run, "empty.csv", "folder", "*.xlsx", shot, status=2)
     assert {*re.findall(r"^error: ([^:]+):", err, re.MULTILINE)} == {"empty.csv", "folder", "*.xlsx"}
-    assert [c["verdict"] for c in curves] == ["ok"]
+    assert [c["verdict"] for c in curves] == ["unverified"]
 
 
 def test_simulate_all_options(run, tmp_path):

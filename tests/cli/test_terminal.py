@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import NAMES, answer, bubble, laws_of, sweeps_of, times_of
+from answers import NAMES, answer, bubble, laws_of, sweeps_of, times_of, with_verdict
 from conftest import EXAMPLE, ROOT, done, refusal, rows_of
 from rich.text import Text
 
@@ -14,7 +14,7 @@ from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
 from cavirheo.inference.cards import card, path_of
 from cavirheo.io import write_csv
-from cavirheo.reporting import laws, result, table, write_report
+from cavirheo.reporting import laws, result, screen, table, write_report
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset, scores
 from cavirheo.training.recipe import read_recipe
@@ -42,8 +42,7 @@ def of_comparison(names):
 
 
 TABLES = {
-    "infer": (lambda names: result(answers(names, "bdt"), ""), table.print_table),
-    "fit": (lambda names: result(answers(names), ""), table.print_table),
+    "infer": (lambda names: result(answers(names), ""), screen.print_result),
     "which-law": (laws_of, laws.print_table),
     "compare": (of_comparison, table.print_comparison),
     "rheometer": (sweeps_of, rheometer.print_rheometry),
@@ -51,7 +50,7 @@ TABLES = {
 }
 
 
-@pytest.mark.parametrize("verb", TABLES)
+@pytest.mark.parametrize("verb", [verb for verb in TABLES if verb != "infer"])
 def test_no_table_loses_a_column_or_a_name(verb, monkeypatch, capsys):
     make, show = TABLES[verb]
     document = make([LONG.format(k) for k in range(20)])
@@ -67,14 +66,46 @@ def test_no_table_loses_a_column_or_a_name(verb, monkeypatch, capsys):
     first = "".join(line.split(" ")[0] for line in texts[0].splitlines())
     assert all(LONG.format(k) in first for k in range(20))
     assert narrow <= wide
-    assert narrow == wide or verb in ("infer", "fit")  # narrow ones leave out an interval of λ
+    assert narrow == wide
 
 
-def test_shots_of_one_file_stand_by_their_numbers(monkeypatch, capsys):
+def one_group(count, **more):
+    """A result of so many shots of one file, whose answers differ."""
+    rng, pairs = np.random.default_rng(1), []
+    for curve, made in answers([f"{LONG.format(1)}[{k}]" for k in range(1, count + 1)], **more):
+        theta = made.theta + [0.02, 0.02, 0.1] * rng.standard_normal(3)
+        pairs.append((curve.with_group(LONG.format(1), "a.csv"), replace(made, theta=theta)))
+    return pairs
+
+
+@pytest.mark.parametrize(("count", "most"), [(1, 10), (5, 14), (12, 21), (20, 21), (45, 29)])
+def test_a_group_has_at_most_ten_lines_and_one_for_each_shot(count, most, monkeypatch, capsys):
+    """With the line of the report on stderr, one more. No line is broken in a word, or is too long."""
     monkeypatch.setenv("COLUMNS", "80")
-    table.print_table(result(answers([f"{LONG.format(1)}[{k}]" for k in range(1, 13)], "bdt"), ""))
+    pairs = one_group(count)
+    pairs[0] = pairs[0][0], with_verdict(pairs[0][1], "check_input")
+    document = result(pairs, "")
+    screen.print_result(document)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= most
+    assert max(map(len, lines)) <= 80
+    assert lines[-1].startswith("next")
+    screen.print_result(document, every_shot=True)
     rows = [line.split(" ")[0] for line in capsys.readouterr().out.splitlines()]
-    assert [row for row in rows if re.fullmatch(r"\[\d+\]", row)] == [f"[{k}]" for k in range(1, 13)]
+    if count > 1:
+        assert [row for row in rows if re.fullmatch(r"\[\d+\]", row)] == [f"[{k}]" for k in range(1, count + 1)]
+
+
+def test_the_screen_has_one_number_of_each_quantity(monkeypatch, capsys):
+    """The population's: of its median, no other is near in the lines below the shots."""
+    monkeypatch.setenv("COLUMNS", "80")
+    document = result(one_group(5), "")
+    screen.print_result(document)
+    below = [line for line in capsys.readouterr().out.splitlines() if line.startswith(("G ", "µ "))]
+    assert len(below) == 2
+    (group,) = document.groups
+    assert float(below[0].split()[1]) == pytest.approx(group.population.shear_modulus_Pa.median / 1e3, rel=0.02)
+    assert float(below[1].split()[1]) == pytest.approx(group.population.viscosity_Pa_s.median, rel=0.02)
 
 
 def clean(text: str) -> bool:

@@ -243,8 +243,8 @@ def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path, loss, modu
 
 
 def test_beside_bubbles(run, tmp_path):
-    curves = [bubble(f"shot[{k}]", "gel", "gel.mat") for k in (1, 2)]
-    write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k)) for k, one in enumerate(curves)], "x", ())
+    curves = [bubble(f"shot[{k}]", "gel", "gel.mat") for k in (1, 2, 3)]
+    write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k, draws=200)) for k, one in enumerate(curves)], "x", ())
     before = (tmp_path / "result.json").read_bytes()
     done(run("rheometer", *SWEEPS, "--beside", "result.json", "-o", "r", "--name", "soft gel"))
     assert (tmp_path / "result.json").read_bytes() == before
@@ -252,6 +252,6 @@ def test_beside_bubbles(run, tmp_path):
     assert [modulus["quantity"], viscosity["quantity"]] == ["shear_modulus_Pa", "viscosity_Pa_s"]
     (method,) = (name for name in modulus if name.startswith("rheometer") and name.endswith("_mean"))
     assert float(modulus[method]) == pytest.approx(1500, rel=0.01)
-    assert float(modulus["cavirheo_trusted_mean"]) == pytest.approx(6500)
+    assert 6e3 < float(modulus["cavirheo"]) < 8e3
     (other,) = (row for row in others if row["quantity"] == "viscosity_at_1_rad_per_s")  # another frequency is another
-    assert viscosity[method] == other["cavirheo_trusted_mean"] == ""
+    assert viscosity[method] == other["cavirheo"] == ""

@@ -80,7 +80,7 @@ def test_each_file_is_answered_once_also_after_a_restart_and_stays_when_it_is_mo
     assert bench.settle() == [(name, "ok") for name in bench.asked]
     assert bench.asked == ["shot1", "shot2", "shot3"]
     (group,) = bench.result.groups
-    assert group.n_trusted == 3  # a folder of single shots is one material, as for infer
+    assert group.n_counted == 3  # a folder of single shots is one material, as for infer
     page = (bench.out / LIVE_FILE).read_text()
     assert "<h1>shot3</h1>" in page
     assert not re.search("https?://|<script", page)

@@ -187,7 +187,7 @@ def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
     document = read_json("out/result.json")
     assert document.curves[0].verdict in (("failed",) if time < 1 else ("failed", "check_input"))
     assert "Rayleigh" in document.curves[0].message
-    assert (status, document.groups[0].n_trusted) == (1, 0)
+    assert (status, document.groups[0].n_counted) == (1, 0)
 
 
 def recorded(law, stretch, max_radius=250e-6, *, start=0.0, periods=5.0, frames=80, noise=0.006, seed=0, **bubble):

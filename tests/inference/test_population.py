@@ -10,8 +10,9 @@ from answers import CENTRE, FLAT, NAMES, answer, bubble, empty, seen, shots
 from conftest import EXAMPLE, code_of, done, refusal, slow
 from scipy.stats import norm
 
-from cavirheo import load, population
+from cavirheo import CommonErrors, load, population
 from cavirheo.column import LOG_R_MAX, with_column
+from cavirheo.inference.population.heaps import two_heaps
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE, likelihood
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.which_law import ranked
@@ -385,7 +386,7 @@ def test_shots_of_one_material_share_its_switches(name):
     """Two heaps of draws, of a liquid and of a gel: the material has those of one of them alone."""
     shares, law, viscosity, bubble_model = GROUPS[name]
     answers = [switched(k, **share) for k, share in enumerate(shares)]
-    shared = share_switches(answers, only_trusted=True)
+    shared, _ = share_switches(answers, only_trusted=True)
     assert {one.material for one in shared} == {law}
     assert {one.bubble for one in shared} == {bubble_model}
     for one in shared:
@@ -402,8 +403,52 @@ def test_shots_of_one_material_share_its_switches(name):
 def test_a_doubtful_shot_has_no_vote_in_the_switches():
     liquids, gel = [switched(k, liquid=0.95) for k in range(2)], switched(9)
     wrong = replace(gel, checks=Checks("does_not_fit"))
-    assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True)} == {"newtonian"}
+    assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True)[0]} == {"newtonian"}
     plain = seen(CENTRE, 0.05)  # by another law
-    assert share_switches([plain], only_trusted=True) == [plain]
+    assert share_switches([plain], only_trusted=True)[0] == [plain]
     real = replace(plain, switches={"field_bubble": 0.2})  # another law has the switch of its bubble alone
-    assert share_switches([real, real], only_trusted=True) == [real, real]
+    assert share_switches([real, real], only_trusted=True)[0] == [real, real]
+
+
+@pytest.mark.parametrize(("change", "factor"), [("scale", 1.0), ("rate", 1.0), ("density", 0.5), ("pressure", -0.5)])
+def test_errors_that_all_shots_share_are_in_the_interval(change, factor):
+    """ln G changes by 20 times that of the scale: shots alone give 3 %, and an error of 1 % of the scale 20 %."""
+    rng, answers = np.random.default_rng(3), []
+    for k in range(8):
+        scale = 1.0 + 0.005 * rng.standard_normal(2000)
+        made = seen([CENTRE[0] + 0.02 * rng.standard_normal(), CENTRE[1]], 0.03, draws=2000, seed=k)
+        modulus = made.theta[:, 0] + 20.0 * np.log10(scale)
+        theta = np.column_stack([modulus, made.theta[:, 1], scale])
+        answers.append(replace(made, names=(*made.names, "radius_scale"), units=(*made.units, "1"), theta=theta))
+    none = dict.fromkeys(("scale", "rate", "density", "pressure"), 0.0)
+    size = 0.01
+    found = population(answers, errors=CommonErrors(**none | {change: size}))
+    alone = population(answers, errors=CommonErrors(**none))
+    assert found.over_scale["shear_modulus"] == pytest.approx(20.0, rel=0.15)
+    assert found.statistical_interval("shear_modulus") == alone.statistical_interval("shear_modulus")
+    slope = 20.0 * factor + (1.0 if change == "pressure" else 0.0)
+    wide, narrow = (np.std(one.centre[:, 0]) * np.log(10.0) for one in (found, alone))
+    assert np.sqrt(wide**2 - narrow**2) == pytest.approx(size * abs(slope), rel=0.2)
+
+
+def test_two_materials_in_one_group_are_two_heaps_and_one_that_scatters_is_none():
+    low = shots(3, 0.02, 0.03, seed=2)
+    high = shots(3, 0.02, 0.03, seed=3, centre=np.asarray(CENTRE) + 0.8)
+    found = population([*low, *high], names=[*"abcdef"])
+    first, second = found.heaps["shear_modulus"]
+    assert (first.shots, second.shots) == (("a", "b", "c"), ("d", "e", "f"))
+    value = found.quantity("shear_modulus")
+    assert (value.median, value.bound) == (None, "wide")
+    assert value.q05 < 10.0 ** CENTRE[0] < 10.0 ** (CENTRE[0] + 0.8) < value.q95
+    assert [population(shots(6, 0.08, 0.03, seed=seed)).heaps for seed in range(4)] == [{}] * 4
+    outlier = population(shots(8, 0.05, 0.03, away=(2,)))
+    assert outlier.heaps == {}  # one shot is no heap
+
+
+def test_limits_of_bounds_need_not_agree_in_a_heap():
+    bounded = [
+        replace(seen([3.8, at], [0.05, 0.1], draws=500), traded={"viscosity": "upper"}) for at in (-3.5, -3.0, -2.5)
+    ]
+    known = [seen([3.8, at], [0.05, 0.05], draws=500) for at in (-1.6, -1.5)]
+    low, high = two_heaps([*bounded, *known], "abcde", "viscosity")
+    assert (low.shots, low.low, high.shots) == (("a", "b", "c"), None, ("d", "e"))

@@ -469,7 +469,8 @@ def _material(
     Without a population (two shots) they come from the answers. The default scatter is then that of the parameter which
     scatters most, beyond the widths of the intervals."""
     pooled = group.population
-    if pooled and pooled.has_material and pooled.model.startswith(f"{family.name},"):
+    known = pooled and np.all(np.isfinite(log_ends(map(pooled.value, family.parameters))))
+    if pooled and known and pooled.has_material and pooled.model.startswith(f"{family.name},"):
         mean, covariance, between = pooled.log_moments(family.parameters)
         return mean, covariance, between if scatter is None else scatter, pooled.n - len(pooled.outliers)
     logs = np.array([log_ends(map(row.value, family.parameters)) for row in rows])  # (shots, l, 3)

@@ -26,7 +26,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.media import CONSTANTS, Medium, medium
-from cavirheo.reporting.group import OUR_MEANS, GroupRecord, Published, PublishedValue
+from cavirheo.reporting.group import OUR_METHOD, GroupRecord, Published, PublishedValue
 
 NO_SETS = "references.no_set_column"  # error code for a table without sets, such as one of sweeps
 _MOST_SETS = 500  # largest number of sets in one file
@@ -159,7 +159,7 @@ def _add_line(
     method, (quantity, factor) = line.method or "", _UNITS.get(line.quantity or "", ("", 1.0))
     spelled, first = methods.setdefault(method.casefold(), (method, where))
     expect(method != "", "method", "who measured, such as IMR or rheometer")
-    expect(method.casefold() != OUR_MEANS, "method", "another name: this one is of our own answers")
+    expect(method.casefold() != OUR_METHOD, "method", "another name: this one is of our own answers")
     expect(quantity != "", "quantity", f"one of {', '.join(_UNITS)}")
     expect(line.mean is not None, "mean", f"a number above 0 ({line.quantity})")
     values = reference.values.setdefault(method, {})

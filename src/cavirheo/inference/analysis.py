@@ -19,7 +19,14 @@ from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
 from cavirheo.inference.cards import named
-from cavirheo.inference.checks import ANALYSIS_ERRORS, curve_warnings, failed_checks, wall_warnings, warned
+from cavirheo.inference.checks import (
+    ANALYSIS_ERRORS,
+    curve_warnings,
+    failed_checks,
+    smoothing_warnings,
+    wall_warnings,
+    warned,
+)
 from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
 from cavirheo.messages import Message, is_input_warning
@@ -222,7 +229,7 @@ class Analysis:
         medium = self.medium_for(curve)
         shot = Experiment(curve, Family(str(self.material)), medium, self.options)
         found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
-        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot)]
+        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot), *smoothing_warnings(found.checks)]
         return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 
     def _read(self, curve: RadiusCurve, empty: Posterior, network: Network) -> Posterior:
@@ -259,7 +266,10 @@ class Analysis:
             details = {"model": network.name, "model_sha256": network.sha256, "problem_id": network.problem.id}
         else:
             details["options"] = asdict(self.options)
+        given = {*(self.given or ()), *curve.medium}
+        assumed = {name: getattr(medium, name) for name in ("density", "pressure") if name not in given}
         provenance = {"cavirheo": version("cavirheo"), **details, "source_sha256": curve.source_sha256}
+        provenance["assumed"] = assumed
         draws = np.empty((0, len(names)))
         conditions: dict[str, Any] = {"bubble": self._bubble, "medium": medium}
         return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **conditions)

@@ -126,7 +126,8 @@ def sampled_answer(
         systematic_misfit_over_rmax=excess,
         simulations=shot.simulations.runs,
         failed_simulations=shot.simulations.failures,
-        modulus_over_scale=modulus_over_scale(shot, weighed),
+        modulus_over_scale=over_scale(shot, weighed, "shear_modulus"),
+        viscosity_over_scale=over_scale(shot, weighed, "viscosity"),
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
     provenance |= noise.describe(weighed.residuals[best])
@@ -291,17 +292,18 @@ def predicted(shot: Experiment, noise: Noise, weighed: Weighed, best: int, check
     return np.column_stack([np.interp(checks.compared_time, time, end) for end in ends])
 
 
-def modulus_over_scale(shot: Experiment, weighed: Weighed) -> float | None:
-    """Relative change of G over that of R_max: the slope of log G on the radius scale among the draws that have a G.
-    The frames hardly tell the scale, so its draws are those of its prior. None where either is not inferred."""
+def over_scale(shot: Experiment, weighed: Weighed, name: str) -> float | None:
+    """Relative change of a parameter of the law over that of R_max: the slope of its logarithm on the radius scale
+    among the draws where it is not 0. The frames hardly tell the scale, so its draws are those of its prior. None where
+    either is not inferred."""
     columns = dict(zip(shot.names, weighed.x.T, strict=True))
-    if not {"shear_modulus", "radius_scale"} <= columns.keys():
+    if not {name, "radius_scale"} <= columns.keys():
         return None
-    modulus, scale = columns["shear_modulus"], columns["radius_scale"]
-    good = np.isfinite(modulus) & np.isfinite(weighed.log_weight)
+    value, scale = columns[name], columns["radius_scale"]
+    good = np.isfinite(value) & np.isfinite(weighed.log_weight)
     if np.count_nonzero(good) < FEWEST:
         return None
-    pair = np.cov(modulus[good], scale[good], aweights=relative_weights(weighed.log_weight[good]))
+    pair = np.cov(value[good], scale[good], aweights=relative_weights(weighed.log_weight[good]))
     _, half_width = shot.free["radius_scale"]
     return float(np.log(10.0) * pair[0, 1] / pair[1, 1] / half_width)
 

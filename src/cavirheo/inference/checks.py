@@ -59,6 +59,9 @@ EXPLAINED_MISFIT = 0.045  # largest RMS misfit over R_max of a simulation that e
 COARSE_ERROR = 0.006  # RMS error of coarse simulations over R_max
 BETTER_FACTOR = 1.2  # factor between misfits above which one explanation is clearly better
 PERIODS = 6.0  # length of the comparison, first collapse times
+SMOOTHED_FRAMES = (3, 5, 7, 9)  # frames over which radii may be smoothed
+SMOOTHED_SHARE = 0.85  # share of the residual's power that smoothing leaves unexplained, below which there is a warning
+SMOOTHED_SIZE = (0.6, 2.0)  # of what smoothing explains, over what it should
 PLATEAU_FACTOR = 1.2  # largest factor between a stretch and that of the late plateau
 
 _RADIUS = 150e-6  # m, R_max of the simulations
@@ -177,6 +180,34 @@ def wall_warnings(shot: Experiment) -> list[Message]:
     if len(first) and np.count_nonzero(shot.time_since_max[shot.counted] > first[0]) >= REBOUND_FRAMES:
         return []
     return [Message("check_input.no_rebound")]
+
+
+def smoothing_warnings(checks: Checks) -> list[Message]:
+    """A message if the radii seem to be smoothed: the measurement differs from the simulation as the smoothed
+    simulation does, by a running mean or a parabola through neighbouring frames (Savitzky and Golay 1964,
+    doi:10.1021/ac60214a047)."""
+    time, line, radius = checks.compared_time, checks.reconstruction_time, checks.reconstruction_radius
+    residual = checks.residual_over_rmax
+    if time is None or line is None or radius is None or residual is None or len(time) <= max(SMOOTHED_FRAMES):
+        return []
+    simulated = np.interp(time, line, radius) / np.max(radius)
+    best = (SMOOTHED_SHARE, 0)
+    for frames, degree in product(SMOOTHED_FRAMES, (1, 2)):
+        change = _smoothed(simulated, frames, degree) - simulated
+        if not np.any(change):
+            continue
+        size = float(change @ residual / (change @ change))
+        left = float(np.sum((residual - size * change) ** 2) / np.sum(residual**2))
+        if SMOOTHED_SIZE[0] < size < SMOOTHED_SIZE[1]:
+            best = min(best, (left, frames))
+    return [Message("check_input.smoothed", {"frames": best[1]})] if best[1] else []
+
+
+def _smoothed(values: Floats, frames: int, degree: int) -> Floats:
+    """(n,) values after a least-squares polynomial through each one and its neighbours, `frames` of them."""
+    half = frames // 2
+    weights = np.linalg.pinv(np.vander(np.arange(-half, half + 1.0), degree + 1, increasing=True))[0]
+    return np.convolve(np.pad(values, half, mode="reflect"), weights[::-1], mode="valid")
 
 
 def spike_warnings(

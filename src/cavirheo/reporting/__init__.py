@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.posterior import Posterior
@@ -16,6 +17,9 @@ from cavirheo.reporting.panels import answer_panels, group_panels
 from cavirheo.reporting.pictures import file_names
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, group_names, read_json, result
 from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
+
+if TYPE_CHECKING:
+    from cavirheo.inference.population import CommonErrors
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -45,6 +49,7 @@ def write_report(
     advance: Callable[[], None] | None = None,
     published: Mapping[str, Published] | None = None,
     references: Sequence[str] = REFERENCE_METHODS,
+    errors: CommonErrors | None = None,
     replace: bool = False,
 ) -> Result:
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
@@ -64,6 +69,8 @@ def write_report(
         advance: called after each figure.
         published: values of other methods by group, method and parameter, shown beside the groups.
         references: published methods relative to which errors are given.
+        errors: relative standard deviations of the errors that all shots of a group share; default: those of
+            `population`.
         replace: whether answers of another call or command line may be replaced.
 
     Raises:
@@ -76,7 +83,7 @@ def write_report(
     claim = Claim(command, {"command": command, "curves": sources}, replace)
     with nullcontext() if CLAIM.get() else claim.running():  # a verb of the command line has set its claim already
         folder = outputs(directory, pairs.curves, figures)
-        document = result(pairs, command, date=date, notes=notes)
+        document = result(pairs, command, date=date, notes=notes, errors=errors)
         document.add_published(published or {}, references)
         of_curves = _curve_pictures(pairs, document) if draw else []
         of_groups = group_pictures(pairs, document, document.notes) if draw else []

@@ -65,7 +65,7 @@ def _json_data(value: Any) -> Any:
 StoredMedium = Annotated[Medium, BeforeValidator(_read_medium), PlainSerializer(_json_data)]
 
 
-class Answer(ParameterValues[Quantity]):
+class Answer(ParameterValues):
     """Common part of the record of a curve and of the answer of another model.
 
     Attributes:
@@ -79,10 +79,6 @@ class Answer(ParameterValues[Quantity]):
         material: str
         bubble: Bubble
     _keys = KEYS | {"stretch": "stretch"}
-
-    def determined_median(self, name: str) -> float | None:
-        """The median of a parameter (natural name), SI; None if there is only a bound, or nothing."""
-        return self.value(name).determined_median
 
     @property
     def model(self) -> str:
@@ -216,10 +212,6 @@ class CurveRecord(Record, Answer):
                 words.append(f"{symbol} = {digits.significant(factor * value, 4)} {unit}".rstrip())
         return f"{digits.simulation_name(self.method)}: {', '.join(words)}" if words else ""
 
-    def determined_median(self, name: str) -> float | None:
-        """As `Answer.determined_median`, and None also for a parameter at an end of the searched range."""
-        return None if name in self.diagnostics.at_bound else super().determined_median(name)
-
     @property
     def rejected(self) -> bool:
         """Whether the evidence prefers another model that was looked at."""
@@ -350,7 +342,7 @@ def log_evidence_key(model: OtherModel) -> float:
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
     """Law parameters that are known in these records, G and µ first; a reference viscosity only with a yield stress."""
     names = dict.fromkeys([*KEYS, *(name for record in records for name in record.other_parameters)])
-    inferred = [name for name in names if any(record.value(name).median is not None for record in records)]
+    inferred = [name for name in names if any(record.value(name).known for record in records)]
     excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
     return [name for name in inferred if is_law_parameter(name) and name not in excluded]
 

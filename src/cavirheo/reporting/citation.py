@@ -161,7 +161,7 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
         yield f"The evidence [Kass1995] compares this with {', '.join(sorted(rivals))}: {verdicts}."
 
     if any(curve.method in ("verified", "least_squares") for curve in answers):
-        names = [name for curve in answers for name in KEYS if curve.value(name).median]
+        names = [name for curve in answers for name in KEYS if curve.value(name).known]
         names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
         ranges = []
         for symbol, unit, searched, *_ in map(PARAMETERS.__getitem__, dict.fromkeys(names)):
@@ -180,20 +180,18 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
 
 
 def _group_sentence(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
-    """Sentence on a group: its material; else its trusted shot, or mean and standard deviation of several; or ""."""
-    if group.headline:
-        return f"{group.name}: {group.headline}."
-    trusted = [member for member in members if member.trusted]
-    n, values = group.n_trusted, []
-    for name in parameters_of(trusted):
+    """Sentence on a group: its material, or its only shot, and its doubts; "" without an answer."""
+    if not group.has_answer:
+        return ""
+    doubts = "".join(f"{message.text}; " for message in group.doubts)
+    if group.material:
+        return f"{group.name}: {doubts}{group.material.line}."
+    values = []
+    for name in parameters_of(members):
         symbol, factor, unit = display_unit(name, result.modulus_unit)
-        text = digits.quantity(trusted[0].value(name), factor, unit=unit)
-        if n > 1:
-            text = f"{digits.spread(group.value(name), factor).replace('±', '+-')} {unit}".rstrip()
+        text = digits.quantity(group.value(name), factor, unit=unit)
         values += [f"{symbol} = {text}"] if digits.MISSING not in text else []
-    over = f" (mean and standard deviation of {n} shots)" if n > 1 else ""
-    first = f"{group.warning}; " if group.warning else ""
-    return f"{group.name}: {first}{', '.join(values)}{over}." if values and n else ""
+    return f"{group.name}: {doubts}{', '.join(values)}." if values else ""
 
 
 def _range(values: list[float]) -> str:

@@ -1,7 +1,8 @@
-"""The shots of one file or folder: their means, and whether a constant of the material changes with the bubble's size.
+"""The shots of one file or folder: the answer for their material, its verdict, and what a user must know of it.
 
-The slope d ln(value)/d ln R_max is that of Theil and Sen (Sen 1968, doi:10.1080/01621459.1968.10480934): it assumes
-only that the scatter is the same at all sizes, and a few shots in a false mode hardly change it.
+The verdict of a group obeys its rows. The slope d ln(value)/d ln R_max is that of Theil and Sen (Sen 1968,
+doi:10.1080/01621459.1968.10480934): it assumes only that the scatter is the same at all sizes, and a few shots in a
+false mode hardly change it.
 """
 
 from __future__ import annotations
@@ -12,19 +13,25 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, parameter_of
-from cavirheo.physics.bubble import title_of
-from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, log_evidence_key
-from cavirheo.reporting.material import KEYS, ParameterValues, PopulationRecord, size_trend_in_words
+from cavirheo.messages import Message
+from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, is_law_parameter, parameter_of
+from cavirheo.posterior import Verdict
+from cavirheo.reporting.answer import CurveRecord, OtherModel, Sentence, log_evidence_key
+from cavirheo.reporting.material import (
+    KEYS,
+    PopulationRecord,
+    Systematic,
+    size_trend_in_words,
+)
 from cavirheo.writing import digits
-from cavirheo.writing.document import Quantity, Record, Spread, spread_of
+from cavirheo.writing.document import Quantity, Record, Spread
 
 MIN_SLOPE_SHOTS = 5  # least number of shots for a slope
-MIN_SENSITIVITY = 3.0  # relative change of G over that of the scale, from which a remark is made
 MAX_SLOPE_SHOTS = 1000  # most shots in a slope, which needs all pairs; of more shots every k-th by size is used
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
-OUR_MEANS = "cavirheo"  # name of the means of this program beside the values of other methods
+OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 REFERENCE_METHODS = ("IMR", "rheometer")  # methods relative to which errors are given, by default
+MOST = 0.5  # share of the shots of a group, above which they decide its verdict
 _EQUAL_LOG_RANGE = 1e-6  # range of the logarithm of values, below which they count as equal
 
 
@@ -48,7 +55,7 @@ class Slope(Quantity):
     Attributes:
         median: median of the slopes of all pairs of shots.
         n: number of shots in the slope.
-        n_trusted: number of these shots with a trusted verdict (`TRUSTED` of cavirheo.posterior).
+        n_trusted: number of these shots that count.
     """
 
     n: int
@@ -62,169 +69,68 @@ class Slope(Quantity):
         return f"{median:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
 
 
-class GroupModel(Record):
-    """The answers of another model for the trusted shots of a group, each shot by itself.
+class GroupRecord(Record):
+    """The shots of one file or folder, and the answer for their material.
 
-    Attributes:
-        material: name of the law.
-        bubble: name of the bubble model.
-        n: number of trusted shots with an answer of this model.
-        shear_modulus_Pa: statistics of G, Pa, over the answers that determine it.
-        viscosity_Pa_s: statistics of mu, Pa s, over the answers that determine it; for a law without a constant
-            viscosity, of the viscosity at a shear rate of 1e5 1/s.
-        log_evidence: log evidence of this model minus that of the answer, summed over the shots that have both; null
-            where no shot has both.
-        slopes: slopes over R_max by natural name; empty unless all shots of the group's slopes have an answer of this
-            model.
-    """
-
-    material: str
-    bubble: str
-    n: int
-    shear_modulus_Pa: Spread
-    viscosity_Pa_s: Spread
-    log_evidence: float | None = None
-    slopes: dict[str, Slope] = {}
-
-    @property
-    def words(self) -> str:
-        """Sentence: "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers it to the answer by ..."."""
-        from cavirheo.inference.alternatives import equal_odds
-
-        factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
-        modulus = f"G {digits.spread(self.shear_modulus_Pa, factor)} {unit}"
-        viscosity = f"µ {digits.spread(self.viscosity_Pa_s)} Pa s"
-        values = [text for text in (modulus, viscosity) if digits.MISSING not in text]
-        sentence = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
-        if self.log_evidence is None:
-            return sentence
-        if equal_odds(self.log_evidence):
-            return f"{sentence}; as likely as the answer"
-        preferred = "it to the answer" if self.log_evidence > 0 else "the answer"
-        return f"{sentence}; the evidence prefers {preferred} by a factor of e^{abs(self.log_evidence):.0f}"
-
-    @property
-    def is_preferred(self) -> bool:
-        """Whether the evidence of all shots together rejects the model of the answers in favour of this model."""
-        from cavirheo.inference.alternatives import rejects
-
-        return self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
-
-
-class GroupRecord(Record, ParameterValues[Spread]):
-    """The shots of one file or folder, and their statistics.
-
-    The statistics of each parameter are over the trusted shots that determine it. Slopes are over the same values; if
-    there are fewer than 5 trusted shots, those with the verdict "does_not_fit" are included.
+    Slopes are over the shots that count and determine the parameter; if there are fewer than 5, those with the verdict
+    "does_not_fit" are included.
 
     Attributes:
         name: name of the file or folder.
         n: number of shots with an answer.
-        n_trusted: number of shots with a trusted verdict ("ok" or "bound").
+        n_counted: number of shots that count in the answer.
         n_failed: number of shots without an answer.
+        population: the answer for the material; of a single shot that counts, its own answer. Left out where there is
+            none.
+        systematic: what errors that all shots share do to it; left out where that is not known.
+        verdict: "ok", or what is wrong (docs/method/verdicts.md).
+        messages: reasons for the verdict first, then remarks.
         verdicts: number of curves by verdict.
-        models: number of trusted answers by model, "law, bubble".
-        preferred: number of shots whose evidence prefers another model to that of the answer, by this other model in
-            words; left out where there is none.
         slopes: slopes d ln(value)/d ln R_max of parameters that should not depend on R_max, by natural name.
-        other_models: answers of other models for the trusted shots, such as the field's bubble beside the real one.
-        population: the material of the shots, from their intervals; left out for a single shot, and where no shot has
-            an interval.
-        modulus_over_scale: relative change of G per relative change of R_max or of the frame rate, as the median over
-            the trusted shots that determine G; half as large per relative change of the density. Left out where it is
-            not known.
         published: values of other methods, by method and parameter, SI; left out unless they were given. The parameter
             viscosity_at_1_rad_per_s is the viscosity by a rheometer at this angular frequency.
-        errors: |mean - mean of the reference| / mean of the reference, by reference, method ("cavirheo" for the means
+        errors: |value - mean of the reference| / mean of the reference, by reference, method ("cavirheo" for the answer
             of this group) and parameter; left out where there is no reference.
     """
 
     name: str
     n: int
-    n_trusted: int
+    n_counted: int
     n_failed: int
-    shear_modulus_Pa: Spread
-    viscosity_Pa_s: Spread
-    other_parameters: dict[str, Spread] = {}
-    verdicts: dict[str, int]
-    models: dict[str, int] = {}
-    preferred: dict[str, int] = {}
-    slopes: dict[str, Slope] = {}
-    other_models: list[GroupModel] = []
     population: PopulationRecord | None = None
-    modulus_over_scale: float | None = None
+    systematic: Systematic | None = None
+    verdict: Verdict
+    messages: list[Sentence] = []
+    verdicts: dict[str, int]
+    slopes: dict[str, Slope] = {}
     published: dict[str, dict[str, PublishedValue]] = {}
     errors: dict[str, dict[str, dict[str, float]]] = {}
-    _omitted_if_empty = ("preferred", "population", "modulus_over_scale", "published", "errors")
+    _omitted_if_empty = ("population", "systematic", "published", "errors")
+
+    def value(self, name: str) -> Quantity:
+        """The group's answer for a parameter by its natural name; an empty one if there is none."""
+        return self.population.value(name) if self.population else Quantity()
 
     @property
-    def by_method(self) -> dict[str, Mapping[str, Spread]]:
-        """Published values by method, then the means of this program if there are answered shots as well."""
-        means = {name: self.value(name) for name in KEYS}
-        return {**self.published, **({OUR_MEANS: means} if self.n and self.published else {})}
-
-    def add_published(self, published: Published, references: Sequence[str] = REFERENCE_METHODS) -> None:
-        """Add published values, and the errors of all methods relative to the reference methods."""
-        self.published |= {method: dict(values) for method, values in published.items()}
-        for reference in [name for name in references if self.published.get(name)]:
-            expected, self.errors[reference] = self.published[reference], {}
-            for method, values in self.by_method.items():
-                errors = {name: error_of(value, expected.get(name, Spread())) for name, value in values.items()}
-                finite_errors = {name: error for name, error in errors.items() if error is not None}
-                if finite_errors and method != reference:
-                    self.errors[reference][method] = finite_errors
-
-    def mean(self, value: Spread, factor: float = 1.0) -> str:
-        """Mean and deviation, '6.4 ± 1.6', or '0.041 ± 0.006 (n = 3)' if n is not `n_counted`."""
-        fewer = value.mean is not None and value.n not in (None, self.n_counted)
-        return digits.spread(value, factor) + (f" (n = {value.n})" if fewer else "")
+    def viscosity(self) -> Quantity:
+        """The viscosity, or that at 1e5 1/s of a law without a constant viscosity."""
+        return self.population.viscosity if self.population else Quantity()
 
     @property
-    def remarks(self) -> list[str]:
-        """Remarks on a preferred model, mixed models, slopes, how the scale changes G, and each other model."""
-        lines = [self.warning] if self.warning and not self.material else []
-        if len(self.models) > 1:
-            models = ", ".join(f"{count} {model}" for model, count in self.models.items())
-            lines.append(f"the means are over answers of different models: {models}")
-        if self.slopes:
-            lines.append(slopes_in_words(self.slopes))
-        if abs(slope := self.modulus_over_scale or 0.0) >= MIN_SENSITIVITY:
-            more = "1 % more in R_max or in the frame rate would change"
-            lines.append(f"{more} G by {slope:+.0f} %, in the density by {slope / 2.0:+.0f} %")
-        return lines + [model.words for model in self.other_models]
+    def has_answer(self) -> bool:
+        """Whether any parameter of the material has a value or a bound."""
+        return any(self.value(name).known for name in KEYS) or self.viscosity.known
 
     @property
     def material(self) -> PopulationRecord | None:
-        """The material of the shots; None if there is none."""
+        """The population of several shots; None if there is none."""
         return self.population if self.population and self.population.has_material else None
 
     @property
-    def n_counted(self) -> int:
-        """Number of shots in the material, or else in the means."""
-        return self.material.n if self.material else self.n_trusted
-
-    @property
     def counted_in_words(self) -> str:
-        """How many shots count, as in the line of the material: '3 of 5 shots count'; "" if all do."""
+        """How many shots count: '3 of 5 shots count'; "" if all do."""
         total = self.n + self.n_failed
         return "" if self.n_counted == total else digits.counted_shots(self.n_counted, total)
-
-    @property
-    def warning(self) -> str:
-        """Warning 'the evidence prefers another model in 3 of 5 shots: nhkv, real bubble'; if it does in no single
-        shot, a warning if the evidence of all shots together does; else ""."""
-        if self.preferred:
-            of = f"{sum(self.preferred.values())} of {digits.counted(self.n + self.n_failed, 'shot')}"
-            return f"the evidence prefers another model in {of}: {' or '.join(self.preferred)}"
-        models = " or ".join(self.jointly_preferred_models)
-        return f"the evidence of all shots together prefers another model: {models}" if models else ""
-
-    @property
-    def jointly_preferred_models(self) -> list[str]:
-        """Models that only the evidence of all shots together prefers, in words."""
-        if self.preferred:
-            return []
-        return [f"{model.material}, {title_of(model.bubble)}" for model in self.other_models if model.is_preferred]
 
     @property
     def badges(self) -> list[tuple[str, str]]:
@@ -232,21 +138,40 @@ class GroupRecord(Record, ParameterValues[Spread]):
         return [(verdict, f"{n} {digits.VERDICT_WORDS[verdict]}") for verdict, n in self.verdicts.items()]
 
     @property
-    def headline(self) -> str:
-        """The line of the material for a paper, after the warning, if any; "" without a material."""
-        return "; ".join(filter(None, [self.warning, self.material.line])) if self.material else ""
+    def doubts(self) -> list[Sentence]:
+        """The messages because of which no line of this group is to be used without a second look."""
+        return [message for message in self.messages if message.code.startswith("group.doubt.")]
+
+    @property
+    def remarks(self) -> list[str]:
+        """All messages, then the remarks on the population, as sentences."""
+        of_population = self.population.remarks if self.population else []
+        return [message.text for message in self.messages] + of_population
+
+    def add_published(self, published: Published, references: Sequence[str] = REFERENCE_METHODS) -> None:
+        """Add published values, and the errors of all methods relative to the reference methods."""
+        self.published |= {method: dict(values) for method, values in published.items()}
+        for reference in [name for name in references if self.published.get(name)]:
+            expected, self.errors[reference] = self.published[reference], {}
+            numbers = {
+                method: {name: value.mean for name, value in values.items()}
+                for method, values in self.published.items()
+            }
+            numbers[OUR_METHOD] = {name: self.value(name).median for name in KEYS}
+            for method, values in numbers.items():
+                errors = {
+                    name: error_of(number, expected[name].mean) for name, number in values.items() if name in expected
+                }
+                finite_errors = {name: error for name, error in errors.items() if error is not None}
+                if finite_errors and method != reference:
+                    self.errors[reference][method] = finite_errors
 
 
-def error_of(value: Spread, reference: Spread) -> float | None:
-    """|mean - mean of the reference| / mean of the reference; None where one of the two is not known."""
-    if value.mean is None or not reference.mean:
+def error_of(value: float | None, reference: float | None) -> float | None:
+    """|value - reference| / reference; None where one of the two is not known."""
+    if value is None or not reference:
         return None
-    return abs(value.mean - reference.mean) / reference.mean
-
-
-def spread_over(answers: Iterable[Answer], name: str) -> Spread:
-    """Mean, deviation and median of a parameter over the answers that determine it."""
-    return spread_of([answer.determined_median(name) for answer in answers])
+    return abs(value - reference) / reference
 
 
 def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
@@ -270,11 +195,11 @@ def shots_for_slope(members: Sequence[CurveRecord]) -> list[CurveRecord]:
     return trusted if len(trusted) >= MIN_SLOPE_SHOTS else followed
 
 
-def slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
-    """Slopes of those MATERIAL_CONSTANTS that have one, by name, over these shots with one answer each."""
+def slopes(shots: Sequence[CurveRecord]) -> dict[str, Slope]:
+    """Slopes of those MATERIAL_CONSTANTS that have one, by name, over these shots."""
     radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
     for name in MATERIAL_CONSTANTS:
-        values = [answer.value(name).determined_median for answer in answers]
+        values = [shot.value(name).median for shot in shots]
         trusted = sum(shot.trusted and value is not None for shot, value in zip(shots, values, strict=True))
         if power := slope(radii, values, trusted):
             slopes[name] = power
@@ -296,63 +221,129 @@ def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
     return float(np.median(slopes)), float(slopes[low]), float(slopes[high])
 
 
-def slopes_in_words(slopes: dict[str, Slope]) -> str:
+def slopes_in_words(slopes: Mapping[str, Slope]) -> str:
     """One line on which parameters rise or fall with R_max, and which do not."""
     clauses = [size_trend_in_words(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
     most = max(slopes.values(), key=lambda power: power.n)
-    shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
+    shots = f"{most.n} shots" + (f", {most.n_trusted} of which count" if most.n_trusted < most.n else "")
     wrong = ", and a constant should not: the law or the bubble may be wrong (by chance so in 1 group of 10)"
     return f"{', '.join(clauses)} over {shots}" + wrong * any(power.sign for power in slopes.values())
 
 
-def group_record(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
+def group_record(
+    name: str,
+    members: Sequence[CurveRecord],
+    population: PopulationRecord | None = None,
+    systematic: Systematic | None = None,
+) -> GroupRecord:
     """The record of a group, from the records of its curves and from its material."""
-    trusted, followed = [record for record in members if record.trusted], shots_for_slope(members)
-    n = sum(record.has_answer for record in members)
-    more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
-    firm = [record.diagnostics.modulus_over_scale for record in trusted if record.determined_median("shear_modulus")]
+    answered = [record for record in members if record.has_answer]
+    followed = shots_for_slope(members)
+    if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
+        population = _of_one_shot(members[0])
+    powers = slopes(followed)
+    doubts = _doubts(answered, population)
+    facts = [*_not_given(answered), *_rivals(answered), *_sensitivity(systematic), *_trends(powers)]
     return GroupRecord(
         name=name,
-        n=n,
-        n_trusted=len(trusted),
-        n_failed=len(members) - n,
-        **GroupRecord.fields_of({name: spread_over(trusted, name) for name in (*KEYS, *more)}),
-        verdicts=dict(Counter(record.verdict for record in members)),
-        models=dict(Counter(record.model for record in trusted)),
-        preferred=dict(Counter(shot.model_title for record in members if (shot := record.preferred_model))),
-        slopes=slopes(followed, followed),
-        other_models=_other_models(trusted, followed),
+        n=len(answered),
+        n_counted=population.n if population else sum(record.trusted for record in members),
+        n_failed=len(members) - len(answered),
         population=population,
-        modulus_over_scale=spread_of(firm).median,
+        systematic=systematic,
+        verdict=_verdict(answered, doubts, population),
+        messages=[Sentence(code=message.code, text=message.text) for message in (*doubts, *facts)],
+        verdicts=dict(Counter(record.verdict for record in members)),
+        slopes=powers,
     )
 
 
-def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> list[GroupModel]:
-    """A summary of each other model of the trusted shots; its slopes are over the shots of `followed`."""
-    alternatives = [(record, _by_model(record.other_models)) for record in trusted]
-    of_followed = [_by_model(record.other_models) for record in followed]
-    summaries = []
-    for model, first in _by_model(answer for _, models in alternatives for answer in models.values()).items():
-        if {record.model for record in trusted} == {model}:  # another mode of the same model
-            continue
-        pairs = [(record, models[model]) for record, models in alternatives if model in models]
-        answers = [answer for _, answer in pairs]
-        logs = [(answer.log_evidence, record.evidence) for record, answer in pairs]
-        gains = [log - evidence.log for log, evidence in logs if log is not None and evidence is not None]
-        complete = all(model in models for models in of_followed)
-        summary = GroupModel(
-            material=first.material,
-            bubble=first.bubble.name,
-            n=len(pairs),
-            shear_modulus_Pa=spread_over(answers, "shear_modulus"),
-            viscosity_Pa_s=spread_of([answer.viscosity.determined_median for answer in answers]),
-            log_evidence=float(np.sum(gains)) if gains else None,
-            slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
-        )
-        summaries.append(summary)
-    return summaries
+def _of_one_shot(row: CurveRecord) -> PopulationRecord:
+    """The answer of a single shot as that of its group."""
+    names = [name for name in (*KEYS, *row.other_parameters) if name in KEYS or is_law_parameter(name)]
+    values = {name: row.value(name) for name in names}
+    return PopulationRecord(
+        line="a single shot", model=row.model, n=1, switches=row.switches, **PopulationRecord.fields_of(values)
+    )
+
+
+def _most(count: int, of: int) -> bool:
+    return count > MOST * of
+
+
+def _doubts(answered: Sequence[CurveRecord], population: PopulationRecord | None) -> list[Message]:
+    """Why the answer of a group is not to be used without a second look."""
+    messages = []
+    total = len(answered)
+    doubted = [record for record in answered if record.verdict == "check_input"]
+    if _most(len(doubted), total):
+        messages.append(Message("group.doubt.input", {"count": len(doubted), "total": total}))
+    pulled = [record for record in answered if {*CAMERA} & {*record.diagnostics.at_bound}]
+    if total > 1 and _most(len(pulled), total):
+        names = sorted({name for record in pulled for name in record.diagnostics.at_bound if name in CAMERA})
+        messages.append(Message("group.doubt.ends", {"count": len(pulled), "total": total, "names": names}))
+    for name, heaps in (population.heaps if population else {}).items():
+        parts = [(heap.low, heap.high, heap.shots) for heap in heaps]
+        messages.append(Message("group.doubt.heaps", {"name": name, "heaps": parts}))
+    return messages
+
+
+def _verdict(
+    answered: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord | None
+) -> Verdict:
+    """The verdict of a group. It obeys its rows; with a material it is about the material's G and mu."""
+    if not answered:
+        return "failed"
+    if len(answered) == 1:
+        return answered[0].verdict
+    if doubts:
+        return "check_input"
+    if _most(sum(record.verdict == "does_not_fit" for record in answered), len(answered)):
+        return "does_not_fit"
+    if population is None or not population.has_material:
+        return Counter(record.verdict for record in answered).most_common(1)[0][0]
+    values = [population.value(name) for name in KEYS]
+    return "bound" if any(value.bound and not value.is_zero for value in values) else "ok"
+
+
+def _not_given(answered: Sequence[CurveRecord]) -> list[Message]:
+    """A message on the constants that neither a file nor the user gave."""
+    values = {name: value for record in answered for name, value in record.provenance.get("assumed", {}).items()}
+    return [Message("group.not_given", {"values": values})] if values else []
+
+
+def _rivals(answered: Sequence[CurveRecord]) -> list[Message]:
+    """A message on the models that the evidence of single shots, or of all together, prefers to that of the answers."""
+    preferred = Counter(model.model_title for record in answered if (model := record.preferred_model))
+    if preferred:
+        counts = {"count": sum(preferred.values()), "total": len(answered), "models": list(preferred)}
+        return [Message("group.rival", counts)]
+    jointly = _jointly_preferred([record for record in answered if record.trusted])
+    return [Message("group.rival", {"count": None, "total": len(answered), "models": jointly})] if jointly else []
+
+
+def _jointly_preferred(records: Sequence[CurveRecord]) -> list[str]:
+    """Models that the evidence of all shots together prefers to that of the answers, in words."""
+    from cavirheo.inference.alternatives import rejects
+
+    gains: dict[str, list[float]] = {}
+    for record in records:
+        for title, model in _by_model(record.other_models).items():
+            if record.evidence is not None and model.log_evidence is not None and title != record.model_title:
+                gains.setdefault(title, []).append(model.log_evidence - record.evidence.log)
+    return [title for title, mine in gains.items() if rejects(float(np.sum(mine)), [None] * len(mine))]
 
 
 def _by_model(answers: Iterable[OtherModel]) -> dict[str, OtherModel]:
-    """The answers by model; of several modes of a model, that with the largest evidence."""
-    return {answer.model: answer for answer in sorted(answers, key=log_evidence_key)}
+    """The answers by the title of their model; of several modes of a model, that with the largest evidence."""
+    return {answer.model_title: answer for answer in sorted(answers, key=log_evidence_key)}
+
+
+def _sensitivity(systematic: Systematic | None) -> list[Message]:
+    """A message on what 1 % of scale or rate does to G."""
+    change = systematic.slopes.get("shear_modulus", {}).get("scale") if systematic else None
+    return [] if change is None else [Message("group.scale", {"change": change})]
+
+
+def _trends(powers: Mapping[str, Slope]) -> list[Message]:
+    return [Message("group.slopes", {"text": slopes_in_words(powers)})] if powers else []

@@ -89,7 +89,7 @@ def law_records(
         for law in group.evidence:
             shots = shots_for_slope([answer for i in group.members if (answer := by_curve[i].laws[law].answer)])
             material = population_record(group.populations.get(law), group.column)
-            fields[law] = {"slopes": slopes(shots, shots), "population": material}
+            fields[law] = {"slopes": slopes(shots), "population": material}
         by_group.append(_record_of(group, fields))
     return by_curve, by_group
 
@@ -166,6 +166,7 @@ def _law_cells(law: WeighedLaw, best: float) -> list[str]:
         error = "" if law.standard_error is None else f" ± {law.standard_error:.1f}"
         texts = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
     if (answer := law.answer) is not None:
-        texts += [digits.number(answer.shear_modulus_Pa.median), digits.number(answer.viscosity.median)]
+        values = (answer.shear_modulus_Pa, answer.viscosity)
+        texts += [digits.quantity(value).partition(" [")[0] for value in values]
         texts += [digits.percent(answer.rmse_over_rmax), digits.VERDICT_STYLES[answer.verdict].words]
     return texts

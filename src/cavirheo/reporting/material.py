@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
 from functools import lru_cache
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -15,10 +16,10 @@ from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
-from cavirheo.writing.document import Finite, Quantity, Record, Spread
+from cavirheo.writing.document import Finite, Quantity, Record
 
 if TYPE_CHECKING:
-    from cavirheo.inference.population import Population
+    from cavirheo.inference.population import CommonErrors, Population
     from cavirheo.reporting.answer import CurveRecord
 
 KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
@@ -26,10 +27,9 @@ _MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change 
 _TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
 _KINDS = {"newtonian": "liquid", "nhkv": "gel", "fung + newtonian": "stiffening_gel"}  # by law of a group's state
 _MAX_COMPARED = 6  # most groups that are compared, each with each
-Value = TypeVar("Value", Quantity, Spread)
 
 
-class ParameterValues(Generic[Value]):
+class ParameterValues:
     """Common part of records with parameters: those of `_keys` are fields, all others are in `other_parameters`.
 
     Attributes:
@@ -39,37 +39,70 @@ class ParameterValues(Generic[Value]):
     """
 
     if TYPE_CHECKING:
-        shear_modulus_Pa: Value
-        viscosity_Pa_s: Value
-        other_parameters: dict[str, Value]
+        shear_modulus_Pa: Quantity
+        viscosity_Pa_s: Quantity
+        other_parameters: dict[str, Quantity]
     _keys: ClassVar[Mapping[str, str]] = KEYS
 
     @classmethod
-    def fields_of(cls, values: Mapping[str, Value]) -> dict[str, Any]:
+    def fields_of(cls, values: Mapping[str, Quantity]) -> dict[str, Any]:
         """The fields of a record that hold these parameters."""
         standard = {key: values[name] for name, key in cls._keys.items() if name in values}
         further = {name: value for name, value in values.items() if name not in cls._keys}
         return {**standard, "other_parameters": further}
 
-    def value(self, name: str) -> Value:
+    def value(self, name: str) -> Quantity:
         """The value of a parameter by its natural name; an empty one if there is none."""
         if key := self._keys.get(name):
             return getattr(self, key)
-        return self.other_parameters.get(name, type(self.shear_modulus_Pa)())
+        return self.other_parameters.get(name, Quantity())
 
     @property
-    def viscosity(self) -> Value:
+    def viscosity(self) -> Quantity:
         """The viscosity, or that at 1e5 1/s of a law without a constant viscosity."""
-        return self.viscosity_Pa_s if self.viscosity_Pa_s.median is not None else self.value(VISCOSITY_AT_RATE)
+        return self.viscosity_Pa_s if self.viscosity_Pa_s.known else self.value(VISCOSITY_AT_RATE)
 
 
 def log_ends(values: Iterable[Quantity]) -> Floats:
-    """(n, 3) log10 of q05, median and q95, SI; NaN where there is none."""
-    ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float)
-    return np.log10(np.where(ends > 0, ends, np.nan))
+    """(n, 3) log10 of q05, median and q95, SI; NaN where there is none. The middle of a wide interval is its median."""
+    values = list(values)
+    ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float).reshape(-1, 3)
+    logs = np.log10(np.where(ends > 0, ends, np.nan))
+    wide = [value.bound == "wide" for value in values]
+    logs[wide, 1] = 0.5 * (logs[wide, 0] + logs[wide, 2])
+    return np.asarray(logs)
 
 
-class PopulationRecord(Record, ParameterValues[Quantity]):
+class HeapRecord(Record):
+    """Shots whose intervals of a parameter are alike, where those of the others are not.
+
+    Attributes:
+        low: lower end of their intervals, SI; null if they are only bounded from above.
+        high: upper end of their intervals, SI; null if they are only bounded from below.
+        shots: their names.
+    """
+
+    low: Finite = None
+    high: Finite = None
+    shots: list[str]
+
+
+class Systematic(Record):
+    """What errors that all shots of a group share do to its answer.
+
+    Attributes:
+        errors: relative standard deviations of the errors: "scale" of the radius, "rate" of the frames, "density" and
+            "pressure" of the medium.
+        slopes: relative change of a parameter per relative change of each of these, by natural name.
+        statistics: the answer without these errors, by natural name, SI; the interval in the population has them.
+    """
+
+    errors: dict[str, float]
+    slopes: dict[str, dict[str, float]]
+    statistics: dict[str, Quantity]
+
+
+class PopulationRecord(Record, ParameterValues):
     """The material of n shots. Without a material, the parameters are null, and `line` says why.
 
     Attributes:
@@ -77,6 +110,9 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         remarks: sentences on outliers, shots that do not count, and limits of the result.
         model: law and name of the bubble model, "nhkv, kinetic".
         n: number of shots that count.
+        switches: probability of each switch of the default family, by all shots together; left out for other laws.
+        heaps: the two heaps into which the shots fall in a parameter in which they disagree, by natural name; left out
+            where there are none.
         spread_decades: standard deviation of the shots about the material, decades (log10); root mean square over the
             law's parameters.
         spreads_decades: standard deviation of the shots in each parameter, decades, by natural name.
@@ -100,6 +136,8 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
     remarks: list[str] = []
     model: str
     n: int
+    switches: dict[str, float] = {}
+    heaps: dict[str, list[HeapRecord]] = {}
     shear_modulus_Pa: Quantity = Quantity()
     viscosity_Pa_s: Quantity = Quantity()
     other_parameters: dict[str, Quantity] = {}
@@ -115,17 +153,12 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
     column: str = ""
     column_at: Finite = None
     slopes_decades: dict[str, Quantity] = {}
-    _omitted_if_empty = ("common", "column", "column_at", "slopes_decades")
+    _omitted_if_empty = ("switches", "heaps", "common", "column", "column_at", "slopes_decades")
 
     @property
     def has_material(self) -> bool:
         """Whether there is a material; if not, the line says why."""
         return bool(self.spreads_decades)
-
-    @property
-    def lines_below_numbers(self) -> list[str]:
-        """Lines below the numbers: the remarks, after the reason if there is no material."""
-        return self.remarks if self.has_material else [self.line, *self.remarks]
 
     def log_moments(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
         """In log10 of these parameters: mean (l,) of the material, its covariance (l, l), which is diagonal because the
@@ -143,7 +176,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         +- `half_width` of the value, if the same share of them counts; None: more than 10,000, or neither is."""
         from cavirheo.inference.design import material_information, shots_wanted, variance
 
-        names = [name for name in KEYS if self.value(name).determined_median is not None]
+        names = [name for name in KEYS if self.value(name).median is not None]
         logs = [log_ends(map(row.value, names)) for row in shots if row.trusted]
         if not (names and (logs := [intervals for intervals in logs if np.all(np.isfinite(intervals))])):
             return None
@@ -157,7 +190,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
     def contour(self, level: float = 0.9) -> Floats | None:
         """Contour (n, 2), mu and G in SI, around the share `level` of all shots; None unless both are determined."""
         names = ("viscosity", "shear_modulus")
-        if any(self.value(name).determined_median is None or name not in self.spreads_decades for name in names):
+        if any(self.value(name).median is None or name not in self.spreads_decades for name in names):
             return None
         middle, _, scatter = self.log_moments(names)
         turn = np.linspace(0.0, 2.0 * np.pi, 121)
@@ -206,14 +239,18 @@ class GroupDifference(Record):
 
 
 def material_of(
-    answers: tuple[Posterior, ...], names: tuple[str, ...], along: tuple[float, ...] | None = None
+    answers: tuple[Posterior, ...],
+    names: tuple[str, ...],
+    along: tuple[float, ...] | None = None,
+    errors: CommonErrors | None = None,
 ) -> Population | None:
-    """The population of a group by `with_slope_if_any`; None for a single shot, or if no shot has an interval."""
+    """The population of a group by `with_slope_if_any`, with these common errors; None for a single shot, or if no shot
+    has an interval."""
     if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
         return None
     from cavirheo.inference.population import with_slope_if_any
 
-    return with_slope_if_any(answers, names, along)
+    return with_slope_if_any(answers, names, along, errors=errors)
 
 
 cached_material_of = lru_cache(maxsize=8)(material_of)  # in a watched folder each new shot writes all groups again
@@ -232,6 +269,11 @@ def population_record(
         state = state_in_words(_KINDS.get(population.material, "law"), bubble)
         fields["remarks"] = [f"all shots together: {state}", *population.remarks]
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
+    fields["switches"] = dict(population.switches)
+    fields["heaps"] = {
+        name: [HeapRecord(low=heap.low, high=heap.high, shots=list(heap.shots)) for heap in heaps]
+        for name, heaps in population.heaps.items()
+    }
     if not len(population.centre):
         return PopulationRecord(**fields)
 
@@ -254,6 +296,24 @@ def population_record(
         log_evidence=evidence.log if evidence else None,
         log_evidence_error=evidence.error if evidence else None,
         log_evidence_of_scatter=scattered.log if scattered else None,
+    )
+
+
+def systematic_of(population: Population | None) -> Systematic | None:
+    """What common errors do to a population; None where it has no draws, or where that is not known."""
+    if population is None or not len(population.centre) or not population.over_scale:
+        return None
+    from cavirheo.inference.population.systematic import slopes
+
+    names = [name for name in population.over_scale if population.bound(name) is None]
+    statistics = {}
+    for name in names:
+        low, high = population.statistical_interval(name)
+        statistics[name] = Quantity(median=population.quantity(name).median, q05=low, q95=high)
+    return Systematic(
+        errors=asdict(population.errors),
+        slopes={name: slopes(name, population.over_scale[name]) for name in names},
+        statistics=statistics,
     )
 
 

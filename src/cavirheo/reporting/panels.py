@@ -253,7 +253,7 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
     names = parameters_of(records)
     upper = next((name for name in MATERIAL_CONSTANTS if name in names), names[0])
     lower = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
-    all_elastic = lower and all(record.shear_modulus_Pa.median is not None for record in records)
+    all_elastic = lower and all(record.shear_modulus_Pa.known for record in records)
     lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
     tones = _tones(np.array([curve.max_radius for curve in curves]))
     end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
@@ -323,9 +323,9 @@ def _answers_panel(
         layers.append(Layer("line", "contour", of_modulus * contour[:, 1], contour[:, 0], "90 % of shots"))
         centre = _interval_ends([material.value(across)], of_modulus)[0], _interval_ends([material.value(upper)])[0]
         marks.append(("centre", "material", *centre))
-    elif mean_y is not None and group.value(upper).std is not None and (over_size or mean_x is not None):
-        marks.append(("centre", "mean ± std", None if over_size else mean_x, mean_y))
-    if not (over_size and group.shear_modulus_Pa.mean is not None):  # in one panel only
+    elif mean_y is not None and (over_size or mean_x is not None):
+        marks.append(("centre", "material", None if over_size else mean_x, mean_y))
+    if not (over_size and group.value("shear_modulus").median is not None):  # in one panel only
         for method, values in group.published.items():
             of_x, of_y = (_mean(values.get(name, Spread()), display_unit(name, unit)[1]) for name in (across, upper))
             if of_y is not None and (over_size or of_x is not None):
@@ -344,14 +344,16 @@ def _answers_panel(
 def _axis_values(
     name: str, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit
 ) -> tuple[Floats, Floats | None, str]:
-    """(values of a parameter or of R_max (n, 3), the group's mean (3,) or None, label of the axis)."""
+    """(values of a parameter or of R_max (n, 3), the material of the group (3,) or None, label of the axis)."""
     if name == _SIZE:
         radii = [1e6 * (record.max_radius_m or np.nan) for record in records]
         return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
     symbol, factor, written = display_unit(name, unit)
     viscous = name in ("viscosity", VISCOSITY_AT_RATE)
     values = _interval_ends([record.viscosity if viscous else record.value(name) for record in records], factor)
-    return values, _mean(group.value(name), factor), f"{symbol} ({written})" if written else symbol
+    of_group = group.viscosity if viscous else group.value(name)
+    middle = None if group.material is None or of_group.median is None else _interval_ends([of_group], factor)[0]
+    return values, middle, f"{symbol} ({written})" if written else symbol
 
 
 def _mean(value: Spread, factor: float) -> Floats | None:

@@ -1,8 +1,8 @@
 """result.json: the answers as a document for other programs (schema 1), made and read.
 
 Every number is SI and finite, or null: q05 and q95 are null for a method without an interval; all values of the answer
-are null for a curve without one, and `messages` say why. Means of a group are over its trusted curves, those whose
-verdict is in TRUSTED (posterior.py).
+are null for a curve without one, and `messages` say why. A bound has no median. The answer of a group is that of the
+population of its shots.
 """
 
 from __future__ import annotations
@@ -21,13 +21,20 @@ from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import REFERENCE_METHODS, GroupRecord, Published, group_record
-from cavirheo.reporting.material import GroupDifference, cached_material_of, differences, material_of, population_record
+from cavirheo.reporting.material import (
+    GroupDifference,
+    cached_material_of,
+    differences,
+    material_of,
+    population_record,
+    systematic_of,
+)
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Document
 from cavirheo.writing.export import dataframe
 
 if TYPE_CHECKING:
-    from cavirheo.inference.population import Population
+    from cavirheo.inference.population import CommonErrors, Population
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
@@ -62,7 +69,7 @@ class Result(Document):
 
     Attributes:
         curves: the answer for each curve.
-        groups: the shots of each file or folder, with their means and their material. A group of published values
+        groups: the shots of each file or folder, with the answer for their material. A group of published values
             without recordings has no shots.
         differences: comparisons of each two of the first 6 groups that have a material, where both have the same model
             and determine a parameter; left out where there is none.
@@ -83,7 +90,7 @@ class Result(Document):
     @property
     def modulus_unit(self) -> tuple[float, str]:
         """(factor from Pa, name) of the unit of G in all tables and pictures of this document."""
-        return digits.modulus_unit(curve.shear_modulus_Pa.median for curve in self.curves)
+        return digits.modulus_unit(curve.shear_modulus_Pa.largest for curve in self.curves)
 
     @property
     def parameters(self) -> list[str]:
@@ -128,9 +135,16 @@ class Result(Document):
             group.add_published(published.get(group.name, {}), references)
 
 
-def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = ()) -> Result:
+def result(
+    pairs: Pairs,
+    command: str,
+    *,
+    date: str | None = None,
+    notes: Sequence[str] = (),
+    errors: CommonErrors | None = None,
+) -> Result:
     """The result of all curves, in the given order, and of their groups. The answers are read group by group. command,
-    date, notes: as of `write_report`."""
+    date, notes, errors: as of `write_report`."""
     pairs = CurveAnswers.from_pairs(pairs)
     curves, answers, title = pairs.curves, pairs.answers, _column_title(pairs.curves)
     material = cached_material_of if len(curves) <= MAX_CACHED_CURVES else material_of
@@ -141,7 +155,7 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
         shots = [curve_record(curves[i], answer) for i, answer in zip(indices, of_group, strict=True)]
         rows |= zip(indices, shots, strict=True)
         along = tuple(shot.column.get(title, np.nan) for shot in shots) if title else None
-        materials.append(material(of_group, tuple(shot.name for shot in shots), along))
+        materials.append(material(of_group, tuple(shot.name for shot in shots), along, errors))
     return result_of([rows[i] for i in range(len(rows))], command, materials, date=date, notes=notes)
 
 
@@ -161,6 +175,7 @@ def result_of(
             name,
             [rows[i] for i in indices],
             population_record(material, title, switched=any(rows[i].switches for i in indices)),
+            systematic_of(material),
         )
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]

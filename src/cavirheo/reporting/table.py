@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,22 +25,19 @@ from cavirheo.reporting.answer import (
     parameter_key,
     parameters_of,
 )
-from cavirheo.reporting.group import OUR_MEANS, GroupRecord, error_of, spread_over
+from cavirheo.reporting.group import OUR_METHOD, GroupRecord, PublishedValue, error_of
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
+from cavirheo.reporting.screen import print_result
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Spread, write_rows
+from cavirheo.writing.document import Quantity, Spread, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from cavirheo.inference.analysis import Analysis
 
-MAX_REMARKS = 10  # most remarks on groups and curves below the table; there is always room for half as many on curves
-TRUSTED_MEANS, ALL_MEANS = f"{OUR_MEANS}, trusted", f"{OUR_MEANS}, all"  # names of our two means where they differ
 WIDE_SCATTER = 0.4  # standard deviation of G from shot to shot over its mean; one batch of gel has less
-_WIDE_TABLE = 110  # columns; in a narrower terminal intervals are below medians, and only those of G and mu are shown
 _WIDE_COMPARISON = 100  # columns; in a narrower terminal cells have two lines
 
 
@@ -98,29 +94,6 @@ def count_unsuited(records: Sequence[CurveRecord]) -> int:
     return no_stiffness + sum(row.verdict == "does_not_fit" for row in records)
 
 
-def next_step(result: Result, analysis: Analysis, out: Path) -> str:
-    """Advice on the next step: the recordings to check if these explain most misfits, else the command to run if most
-    answers suggest another law or bubble; "" if neither."""
-    if analysis.method == "bdt":
-        return ""
-    records, options = result.curves, []
-    unlike = [record for record in records if record.verdict == "does_not_fit"]
-    diagnostics = [record.diagnostics for record in unlike]
-    at_fault = [how for how in diagnostics if how.frames_left_out or {*CAMERA} & {*how.at_bound}]
-    if len(at_fault) == len(unlike) > len(records) / 2:
-        names = ", ".join(record.name for record in unlike[:3]) + f" and {len(unlike) - 3} more" * (len(unlike) > 3)
-        look = "µm per pixel, frame rate, the frames at R_max and those that stand out"
-        return f"next: look at the recording ({look}) before another model is tried: {names}"
-    unsuited, rejected = count_unsuited(records), sum(record.preferred_model is not None for record in records)
-    if unsuited > len(records) / 2 and analysis.material != "auto":
-        options += ["--material auto"]
-    if not options:
-        return ""
-    many = digits.counted(len(records), "shot")
-    why = f"another model may follow {unsuited + rejected} of {many} better, and the evidence can choose it"
-    return f"next: {why}: the same command with {' '.join(options)} -o {shlex.quote(f'{out}-auto')}"
-
-
 def groups_with_mixed_files(result: Result) -> list[tuple[str, str, list[str]]]:
     """(group, scatter of G in %, stems of the file names) of groups that may be several materials: their scatter is
     larger than WIDE_SCATTER, and their files have several stems, some of them with several numbers."""
@@ -137,76 +110,18 @@ def groups_with_mixed_files(result: Result) -> list[tuple[str, str, list[str]]]:
     return groups
 
 
-def print_table(
-    result: Result, *, analysis: Analysis | None = None, out: Path = Path(), printed_notes: Collection[str] = ()
-) -> None:
-    """Print a row per curve and per group (mean ± standard deviation), the remarks on groups and curves, and, with an
-    analysis, the next step. out: folder of the run. printed_notes: notes that were already printed on stderr."""
-    from rich.text import Text
-
-    console = terminal.console()
-    models = [(row.material, row.bubble.name) for row in result.curves if row.has_answer]
-    wide = console.width >= _WIDE_TABLE
-    mixed = [k for k in (0, 1) if len({model[k] for model in models}) > 1]
-    factor, unit = result.modulus_unit
-    heads = [*(["model"] if mixed else []), "R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%"]
-    heads += ["collapses" if wide else "col-\nlapses", "verdict"]
-    table = terminal.table("curve", heads, left=("model", "verdict"), gap=int(wide))
-    rows: list[tuple[str, Sequence[Any], str]] = []
-    for record in result.curves:
-        look = digits.VERDICT_STYLES[record.verdict]
-        model = [", ".join((record.material, record.bubble.name)[k] for k in mixed)] if mixed else []
-        rows.append((record.name, [*model, *_curve_cells(record, factor, wide), Text(look.words, look.terminal)], ""))
-    terminal.add_rows(table, rows)
-    for group in result.groups:
-        if group.headline:
-            console.print(f"{group.name}: {group.headline}", style="bold")
-    table.add_section()
-    blank = [""] * bool(mixed)
-    terminal.add_rows(table, [(row.name, [*blank, *_group_cells(row, factor)], "bold") for row in result.groups])
-    console.print(table)
-    key = "RMSE: measured minus simulated, % of R_max"
-    if any(record.viscosity.q05 is not None for record in result.curves):
-        key += "; [ , ]: central 90 % interval"
-    if any(value.bound for record in result.curves for value in (record.shear_modulus_Pa, record.viscosity)):
-        key += "; below, above: a bound (95 %) and no value"
-    console.print("\n".join([key, *result.model_key]), style="dim")
-    _print_parameters(console, result)
-    terminal.print_warnings(console, input_warnings(result.curves))
-    remarks = []
-    for group in result.groups:
-        lines = [*group.remarks, *(group.population.lines_below_numbers if group.population else [])]
-        remarks += [(group.name, line) for line in lines]
-    _print_first(console, remarks, MAX_REMARKS)
-    further = [note for note in result.notes if note not in printed_notes]
-    terminal.print_remarks(console, {}, [*(row.words for row in result.differences), *further])
-    whole, several = digits.counted(len(result.curves), "curve"), curves_by_remark(result.curves).items()
-    curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), cause) for cause, of in several]
-    _print_first(console, curves, max(MAX_REMARKS - len(remarks), MAX_REMARKS // 2))
-    if analysis and (step := next_step(result, analysis, out)):
-        console.print(Text(digits.printable(step), "bold"), soft_wrap=True)  # a command that can be copied
-
-
-def _print_first(console: Console, remarks: Sequence[tuple[str, str]], most: int) -> None:
-    """Print a line for each (who, sentence), at most `most`, then the number of the others."""
-    for who, sentence in remarks[:most]:
-        terminal.print_remarks(console, {sentence: [who]})
-    if (more := len(remarks) - most) > 0:
-        terminal.print_remarks(console, {}, [f"{digits.counted(more, 'more remark')} in the report"])
-
-
 def print_line(record: CurveRecord) -> None:
     """Print an answer in one line, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s
     [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
     from rich.text import Text
 
-    look, factor, unit = digits.VERDICT_STYLES[record.verdict], *digits.modulus_unit([record.shear_modulus_Pa.median])
+    look, factor, unit = digits.VERDICT_STYLES[record.verdict], *digits.modulus_unit([record.shear_modulus_Pa.largest])
     values = {"G": (record.shear_modulus_Pa, factor, unit), "µ": (record.viscosity, 1.0, "Pa s")}
     values["λ"] = record.stretch, 1.0, ""
     parts = [
         f"{symbol} {digits.quantity(value, scale, unit=name)}"
         for symbol, (value, scale, name) in values.items()
-        if value.median is not None
+        if value.known
     ]
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
     line = f"{record.name}: {', '.join(parts) if record.has_answer else record.message}"
@@ -214,10 +129,17 @@ def print_line(record: CurveRecord) -> None:
 
 
 def print_all(result: Result) -> None:
-    """Print `print_table`, the comparison with published values, and the answers of other models."""
-    print_table(result)
-    if any(group.published for group in result.groups):
-        print_comparison(result)
+    """Print all parameters, the remarks and the answers of other models; then the result, with a row for each shot, and
+    the comparison with published values."""
+    console = terminal.console()
+    _print_parameters(console, result)
+    if result.model_key:
+        console.print("\n".join(result.model_key), style="dim")
+    terminal.print_warnings(console, input_warnings(result.curves))
+    terminal.print_remarks(console, curves_by_remark(result.curves))
+    for group in result.groups:
+        terminal.print_remarks(console, {remark: [group.name] for remark in group.remarks})
+    terminal.print_remarks(console, {}, [row.words for row in result.differences])
     factor, unit = result.modulus_unit
     heads = [f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
     for record in [record for record in result.curves if record.other_models]:
@@ -225,7 +147,10 @@ def print_all(result: Result) -> None:
         table = terminal.table("model", heads, title=words)
         for row in model_rows(record, factor):
             table.add_row(*(cell.replace(" [", "\n[").replace(" (", "\n(") for cell in row))
-        terminal.console().print(table)
+        console.print(table)
+    print_result(result, every_shot=True)
+    if any(group.published for group in result.groups):
+        print_comparison(result)
 
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
@@ -239,29 +164,6 @@ def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
         texts = [digits.quantity(value, scale) for value, scale in values]
         rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), "0" if model is record else above])
     return rows
-
-
-def _curve_cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
-    joint = " " if wide else "\n"
-    collapses, end = record.window.collapses, record.window.t_star_end
-    window = digits.MISSING if collapses is None else str(collapses)
-    window += f", t* ≤ {digits.significant(end, 2)}" if wide and end is not None else ""
-    return [
-        digits.micrometres(record.max_radius_m),
-        digits.quantity(record.stretch, joint=joint).split("\n")[0],
-        digits.quantity(record.shear_modulus_Pa, factor, joint=joint),
-        digits.quantity(record.viscosity, joint=joint),
-        digits.percent(record.rmse_over_rmax),
-        window,
-    ]
-
-
-def _group_cells(group: GroupRecord, factor: float) -> list[str]:
-    counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
-    counts += ["another model preferred"] * bool(group.jointly_preferred_models)
-    counts += [group.counted_in_words or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
-    means = [group.mean(group.shear_modulus_Pa, factor), group.mean(group.viscosity)]
-    return ["", "", *(mean.replace(" (", "\n(") for mean in means), "", "", "\n".join(counts)]
 
 
 def _print_parameters(console: Console, result: Result) -> None:
@@ -284,8 +186,8 @@ def _print_parameters(console: Console, result: Result) -> None:
 
 
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
-    """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number). Of a
-    bound only its limit is there, as q05 or q95, so that a mean of medians is one of values."""
+    """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number). A
+    bound has no median, so that a mean of medians is one of values."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
     columns = {name: column_name(name, digits.symbol_and_unit(name)[1]) for name in (*first, *further)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
@@ -295,7 +197,7 @@ def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     head += [columns[name] + end for name in further for end in ends.values()]
     rows = []
     for record in result.curves:
-        values = {column: record.value(name).told for name, column in columns.items()}
+        values = {column: record.value(name) for name, column in columns.items()}
         numbers = {column + end: getattr(value, part) for column, value in values.items() for part, end in ends.items()}
         words = {"message": record.message, "bubble": record.bubble.name}
         rows.append(vars(record) | words | vars(record.window) | numbers)
@@ -303,27 +205,36 @@ def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 
 
 class ComparedParameter(NamedTuple):
-    """A parameter of a group (natural name, or "" for a group without parameters) and its values by method. Our means
-    are TRUSTED_MEANS, over the trusted shots that determine it, and ALL_MEANS, over all shots that determine it."""
+    """A parameter of a group (natural name, or "" for a group without parameters), its published values by method, and
+    the group's answer."""
 
     group: GroupRecord
     shots: Sequence[CurveRecord]
     name: str
-    values: dict[str, Spread]
+    published: Mapping[str, PublishedValue]
+    ours: Quantity
 
     @property
-    def our_methods(self) -> list[str]:
-        """Names of our means: one if both means are over as many shots, else two; none without a recording."""
-        if not self.shots or self.name not in (*KEYS, ""):
-            return []
-        return [OUR_MEANS] if self.values[ALL_MEANS].n == self.values[TRUSTED_MEANS].n else [TRUSTED_MEANS, ALL_MEANS]
+    def methods(self) -> list[str]:
+        """The methods with a value, ours last; none of ours without a recording."""
+        ours = [OUR_METHOD] if self.shots and self.name in (*KEYS, "") else []
+        return [*self.published, *ours]
 
-    def value(self, method: str) -> Spread:
-        return self.values.get(TRUSTED_MEANS if method == OUR_MEANS else method, Spread())
+    def number(self, method: str) -> float | None:
+        """The published mean, or the median of our answer."""
+        if method == OUR_METHOD:
+            return self.ours.median
+        return self.published[method].mean if method in self.published else None
 
     def error(self, reference: str, method: str) -> float | None:
-        """|mean - mean of the reference| / mean of the reference."""
-        return error_of(self.value(method), self.value(reference))
+        """|value - mean of the reference| / mean of the reference."""
+        return error_of(self.number(method), self.number(reference))
+
+    def words(self, method: str, factor: float) -> str:
+        """The value in words: a mean with its deviation, or our answer with its interval."""
+        if method == OUR_METHOD:
+            return digits.quantity(self.ours, factor)
+        return digits.spread(self.published[method], factor)
 
     @property
     def misfits(self) -> list[float | None]:
@@ -336,12 +247,11 @@ def compared_parameters(result: Result) -> list[ComparedParameter]:
     """One entry for each published or inferred parameter of each group, or one without a name if there is none."""
     rows = []
     for group, shots in result.rows_by_group():
-        inferred = [name for name in KEYS if any(shot.value(name).median for shot in shots)]
+        inferred = [name for name in KEYS if any(shot.value(name).known for shot in shots)]
         published = [name for values in group.published.values() for name in values]
         for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
-            values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
-            values |= {TRUSTED_MEANS: group.value(name), ALL_MEANS: spread_over(shots, name)}
-            rows.append(ComparedParameter(group, shots, name, values))
+            values = {method: of[name] for method, of in group.published.items() if name in of}
+            rows.append(ComparedParameter(group, shots, name, values, group.value(name)))
     return rows
 
 
@@ -351,8 +261,8 @@ def _references(result: Result) -> list[str]:
 
 
 def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
-    """Lines on a group: its material, the counts of verdicts other than "ok", and why shots have no answer."""
-    lines = [group.material.line] if group.material else []
+    """Lines on a group: its remarks, the counts of verdicts other than "ok", and why shots have no answer."""
+    lines = [message.text for message in group.messages]
     counted = {words: group.verdicts.get(verdict) for verdict, words in digits.VERDICT_WORDS.items() if verdict != "ok"}
     if counts := [f"{words} {n}" for words, n in counted.items() if n]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
@@ -364,16 +274,13 @@ def print_comparison(result: Result) -> None:
     """Print a line for each group, parameter and method; then the key, remarks on each group, and notes."""
     console = terminal.console()
     console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
-    means = "mean ± standard deviation over the trusted shots that determine it. "
-    several = any(len(row.our_methods) > 1 for row in compared_parameters(result))
-    also = f"{ALL_MEANS}: over all answered shots, those with an input warning included. "
-    means = f"{TRUSTED_MEANS}: {means}{also}" if several else means.capitalize()
+    ours = f"{OUR_METHOD}: the material of all shots that count, with its 90 % interval; others: mean ± deviation. "
     references = " or ".join(_references(result))
-    errors = f"Error to {references}: |mean − its mean| / its mean, in %. " if references else ""
+    errors = f"Error to {references}: |value − its mean| / its mean, in %. " if references else ""
     misfits = "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
     bubbles = ", ".join(dict.fromkeys(shot.bubble.title for shot in result.curves if shot.has_answer))
     assumed = f" Our answers assume the {bubbles}." if bubbles else ""
-    console.print(means + errors + misfits + assumed, style="dim")
+    console.print(ours + errors + misfits + assumed, style="dim")
     for group, shots in result.rows_by_group():
         terminal.print_remarks(console, {remark: [group.name] for remark in group_remarks(group, shots)})
     terminal.print_remarks(console, {}, result.notes)
@@ -390,10 +297,10 @@ def print_comparison_with_warning(result: Result, warning: str) -> None:
 def comparison_table(result: Result, *, wide: bool) -> Table:
     """The comparison with published values as a table for the terminal. wide: no cell needs two lines."""
     rows, references = compared_parameters(result), _references(result)
-    heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in references)]
-    heads += ["shots", "trusted", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
+    heads = ["", "method", "value", *(f"error to\n{reference}, %" for reference in references)]
+    heads += ["shots", "count", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
     table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
-    moduli = [value.mean for row in rows if row.name == "shear_modulus" for value in row.values.values()]
+    moduli = [row.number(method) for row in rows if row.name == "shear_modulus" for method in row.methods]
     modulus_unit, before = digits.modulus_unit([0.0, *moduli]), None  # one unit for all rows
     for row in rows:
         factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
@@ -401,17 +308,16 @@ def comparison_table(result: Result, *, wide: bool) -> Table:
             symbol, factor, unit = display_unit(row.name, modulus_unit)
             label = f"{symbol} ({unit})"
         head = ["" if row.group is before else row.group.name, label or digits.MISSING]
-        shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.our_methods else ["", ""]
         middle, low, high = map(digits.percent, row.misfits)
         misfit = middle if middle == digits.MISSING else f"{middle}{' ' if wide else chr(10)}({low}–{high})"
-        counts = [*shots, misfit]
-        for method in [method for method in row.values if method not in (TRUSTED_MEANS, ALL_MEANS)] + row.our_methods:
-            texts = [*head, method, digits.spread(row.value(method), factor)]
+        for method in row.methods:
             errors = {to: digits.percent(row.error(to, method)) for to in references if to != method}
+            texts = [*head, method, row.words(method, factor)]
             texts += [errors.get(to, "") for to in references]  # no method is its own reference
-            ours = method in row.our_methods
-            table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != ALL_MEANS else None)
-            head, counts = ["", ""], [] if ours else counts
+            ours = method == OUR_METHOD
+            counts = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_counted), misfit] if ours else ["", "", ""]
+            table.add_row(*texts, *counts, style="bold" if ours else None)
+            head = ["", ""]
         before = row.group
         table.add_section()
     return table
@@ -419,19 +325,26 @@ def comparison_table(result: Result, *, wide: bool) -> Table:
 
 def write_comparison(path: Path, result: Result) -> None:
     """Write CSV with a line for each group and parameter: SI, errors as fractions, empty cells for missing numbers."""
-    lines, methods = list[dict[str, Any]](), [method for group in result.groups for method in group.published]
-    parts = dict.fromkeys(methods, ("mean", "std")) | dict.fromkeys((TRUSTED_MEANS, ALL_MEANS), ("mean", "std", "n"))
-    names = {method: method.replace(", ", "_") if method in (TRUSTED_MEANS, ALL_MEANS) else method for method in parts}
+    lines = list[dict[str, Any]]()
+    methods = list(dict.fromkeys(method for group in result.groups for method in group.published))
     for row in compared_parameters(result):
         line: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
-        for method, name in names.items():
-            line |= {f"{name}_{part}": getattr(row.value(method), part) for part in parts[method]}
+        for method in methods:
+            value = row.published.get(method, Spread())
+            line |= {f"{method}_mean": value.mean, f"{method}_std": value.std}
+        ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
+        line |= {OUR_METHOD + end: getattr(row.ours, part) for part, end in ends.items()}
+        line |= {"n_counted": row.group.n_counted, "verdict": row.group.verdict}
         for to in _references(result):
-            line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in names.items() if method != to}
+            errors = {method: row.error(to, method) for method in (*methods, OUR_METHOD) if method != to}
+            line |= {f"{method}_error_to_{to}": error for method, error in errors.items()}
         line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
         line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in digits.VERDICT_STYLES}
-        ends = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
-        line |= zip(ends, row.misfits, strict=True)
-        line |= {"models": ", ".join(row.group.models), "message": "; ".join(group_remarks(row.group, row.shots))}
+        names = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
+        line |= zip(names, row.misfits, strict=True)
+        line |= {
+            "model": row.group.population.model if row.group.population else "",
+            "message": "; ".join(group_remarks(row.group, row.shots)),
+        }
         lines.append(line)
     write_rows(path, list(lines[0]) if lines else [], lines)

@@ -25,13 +25,13 @@ _DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 
 
 @dataclass(kw_only=True)
-class _ReportVerb(options.MeasuredFiles):
+class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
     """Answer the curves of files by one analysis, and write a report."""
 
     def __call__(self, run: Run) -> None:
         from cavirheo.reporting import DOCUMENTS, outputs, write_report
         from cavirheo.reporting.record import CurveAnswers
-        from cavirheo.reporting.table import print_table
+        from cavirheo.reporting.screen import print_result
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing.document import Outputs
@@ -50,14 +50,19 @@ class _ReportVerb(options.MeasuredFiles):
             run.end_interrupted(f"{note}; until then the earlier answers stay", out / "result.json")
         if note and not pairs:
             run.end_interrupted(note, None)
-        keywords: dict[str, Any] = {"date": run.date, "draw": self.pictures, "complete": not note}
+        keywords: dict[str, Any] = {
+            "date": run.date,
+            "draw": self.pictures,
+            "complete": not note,
+            "errors": self.errors,
+        }
         keywords["notes"] = [note, *run.notes] if note else run.notes
         with run.progress_bar("drawing", unit="figures", visible=bool(figures)) as advance:
             result = write_report(out, pairs, run.command, figures, advance=advance, **keywords)
         if note:
             run.end_interrupted(note, out / "result.json")
         unfinished.remove()
-        run.show(result, partial(print_table, analysis=analysis, out=out, printed_notes=run.printed_notes))
+        run.show(result, partial(print_result, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
         run.end(digits.counted(len(curves), "curve"), has_problems(result), f"; report: {out / 'report.html'}")
 
 
@@ -154,7 +159,7 @@ class WhichLaw(options.MeasuredFiles):
 
 
 @dataclass(kw_only=True)
-class Watch(options.Inference):
+class Watch(options.Inference, options.SharedErrors):
     """Every recording that arrives in a folder, answered as `infer` does, until Ctrl-C."""
 
     folder: Annotated[Path, argument("FOLDER", "where the recordings arrive: R(t) files or videos", readable=False)]
@@ -167,7 +172,8 @@ class Watch(options.Inference):
         from cavirheo.column import is_r_max, read_column
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report
-        from cavirheo.reporting.table import print_line, print_table
+        from cavirheo.reporting.screen import print_result
+        from cavirheo.reporting.table import print_line
 
         folder, out = self.folder, self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
@@ -193,8 +199,10 @@ class Watch(options.Inference):
         except KeyboardInterrupt:  # the usual end
             stopped = True
         pairs, notes = watched.pairs()
-        result = write_report(out, pairs, run.command, date=run.date, notes=notes, draw=self.pictures)
-        run.show(result, print_table)
+        result = write_report(
+            out, pairs, run.command, date=run.date, notes=notes, draw=self.pictures, errors=self.errors
+        )
+        run.show(result, partial(print_result, out=out, every_shot=self.every_shot))
         run.unreadable = 0 if stopped else watched.unreadable
         failed = not stopped and has_problems(result)
         run.end(digits.counted(len(pairs), "curve"), failed, f"; report: {out / 'report.html'}")

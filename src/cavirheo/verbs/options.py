@@ -18,6 +18,7 @@ from cavirheo.errors import InputError, parse_number, require
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
     from cavirheo.inference.analysis import Analysis
+    from cavirheo.inference.population import CommonErrors
     from cavirheo.io.shots import CurveSet
     from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium
@@ -151,6 +152,7 @@ CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a f
 _BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
+_SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 _PICTURES = "draw pictures; --no-pictures is faster"
 _INFER_STRETCH = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
@@ -240,6 +242,25 @@ class BubbleOptions:
         names = "real" if self.bubble is None else self.bubble
         bubbles = [bubble for name in names.split(",") for bubble in bubbles_of(name.strip())]
         return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in bubbles for damage in damages)
+
+
+@dataclass(kw_only=True)
+class SharedErrors:
+    """Options for the errors that all shots of a group share, and for the rows on the screen."""
+
+    scale_error: Annotated[float, option(_SCALE_ERROR, INTERVAL, min=0.0, max=20.0)] = 1.0
+    rate_error: Annotated[float, option("the same of the frame rate, %", INTERVAL, min=0.0, max=20.0)] = 0.1
+    density_error: Annotated[float, option("the same of the density, %", INTERVAL, min=0.0, max=20.0)] = 1.0
+    pressure_error: Annotated[float, option("the same of the pressure, %", INTERVAL, min=0.0, max=20.0)] = 1.0
+    every_shot: Annotated[bool, option("print a row for each shot, not for exceptions alone", OUTPUT, "--all")] = False
+
+    @property
+    def errors(self) -> "CommonErrors":
+        """The errors as fractions. Raises InputError: one of them is below 0, or above 20 %."""
+        from cavirheo.inference.population import CommonErrors
+
+        per_cent = self.scale_error, self.rate_error, self.density_error, self.pressure_error
+        return CommonErrors(*(0.01 * error for error in per_cent))
 
 
 @dataclass(kw_only=True)

@@ -27,15 +27,28 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Document, Outputs
 
 # options that change no answer
-_NEUTRAL_OPTIONS = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
+_NEUTRAL_OPTIONS = (
+    "out",
+    "replace",
+    "json",
+    "quiet",
+    "pictures",
+    "figures",
+    "scheduler",
+    "once",
+    "patience",
+    "every_shot",
+)
 # order of the options on the first screen ("" stands for all others), and of the panels
 _OPTION_ORDER = ("material", "laws", "stretch", "bubble", "", "out", "replace", "json", "quiet", "help")
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 
 def has_problems(result: Result) -> bool:
-    """Whether a curve of the result failed, or has an input warning as its verdict."""
-    return any(record.verdict in ("failed", "check_input") for record in result.curves)
+    """Whether a curve or a group of the result failed, or is doubted."""
+    verdicts = {record.verdict for record in result.curves}
+    verdicts |= {group.verdict for group in result.groups if group.n}
+    return not verdicts.isdisjoint(("failed", "check_input"))
 
 
 class Run:

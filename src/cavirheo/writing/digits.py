@@ -64,7 +64,7 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
     'below 0.030 (95 %)', '0.010 to 0.15' or 'undetermined' for a bound. `unit` follows the number, `joint` stands
     before brackets."""
     unit = f" {unit}" if unit else ""
-    if value.median is None:
+    if not value.known:
         return MISSING
     if value.bound == "undetermined":
         return value.bound
@@ -74,6 +74,8 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
         return f"{significant(value.q05 * factor, 2)} to {significant(value.q95 * factor, 2)}{unit}"
     if value.bound and (end := value.q95 if value.bound == "upper" else value.q05) is not None:
         return f"{_SIDES[value.bound]} {significant(end * factor, 2)}{unit}{joint}(95 %)"
+    if value.median is None:
+        return MISSING
     if value.q05 is None or value.q95 is None or value.q05 == value.q95:
         return significant(value.median * factor) + unit
     half = (value.q95 - value.q05) / 2.0

@@ -23,10 +23,10 @@ from math import isfinite
 from pathlib import Path
 from stat import S_ISREG
 from tempfile import TemporaryFile
-from typing import IO, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import IO, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_serializer
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_serializer, model_validator
 from pydantic_core import to_json
 
 from cavirheo.errors import InputError, as_cell, as_remark, printable, read_bytes, require, sha256
@@ -93,7 +93,7 @@ class Quantity(Record):
     """A value with its interval, in the unit of its field.
 
     Attributes:
-        median: median of the posterior, or the value of a point answer; null where there is none.
+        median: median of the posterior, or the value of a point answer; null for a bound, and where there is none.
         q05: lower end of the central 90 % interval; null for a point answer.
         q95: upper end of the central 90 % interval; null for a point answer.
         bound: what is known of the value if its interval reaches an end of the range of the prior or the search.
@@ -114,16 +114,26 @@ class Quantity(Record):
         """The quantity with this interval (5 %, 50 %, 95 %)."""
         return cls(median=median, q05=low, q95=high, bound=bound)
 
-    @property
-    def determined_median(self) -> float | None:
-        """The median; None if there is only a bound."""
-        return self.median if self.bound is None else None
+    @model_validator(mode="after")
+    def _bound_without_median(self) -> Self:
+        if self.bound is not None:
+            self.median = None
+        return self
 
     @property
-    def told(self) -> Quantity:
-        """What the recording tells: of a bound its limit alone, without the median and the end that the range gives."""
-        limits = {"upper": Quantity(q95=self.q95), "lower": Quantity(q05=self.q05), "undetermined": Quantity()}
-        return limits[self.bound].model_copy(update={"bound": self.bound}) if self.bound else self
+    def known(self) -> bool:
+        """Whether there is a value or a bound."""
+        return self.median is not None or self.bound is not None
+
+    @property
+    def largest(self) -> float | None:
+        """The median, or the end of a bound, by which a unit is chosen; None where there is none."""
+        return self.median if self.bound is None else self.q05 if self.bound == "lower" else self.q95
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the value is 0: the bound of a modulus of a liquid."""
+        return self.q95 == 0.0
 
     @property
     def sign(self) -> int:

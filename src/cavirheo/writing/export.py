@@ -115,33 +115,41 @@ def interval_plot(
     width = 2.6 * len(values)
     figure = style.new_figure(height, left + width)
     for k, (parameter, each) in enumerate(values.items()):
-        whole = material[parameter].told
-        factor, label = _axis(parameter, whole.median or whole.q95 or whole.q05)
+        whole = material[parameter]
+        low, high = _limits(whole)
+        factor, label = _axis(parameter, whole.largest)
         place = (left + 2.6 * k) / (left + width), 0.5 / height, 2.4 / (left + width), 1.0 - 0.6 / height
         axes = style.new_axes(figure, place, label, "")
         axes.locator_params(axis="x", nbins=4)
         axes.margins(x=0.1)
         axes.set_yticks(range(len(names)), names if k == 0 else [""] * len(names))
         axes.set_ylim(len(names) - 0.5, -0.5)
-        if whole.q05 is not None and whole.q95 is not None:
-            axes.axvspan(factor * whole.q05, factor * whole.q95, color=style.BLUE, alpha=0.2, lw=0)
-        for limit in (whole.q05, whole.median, whole.q95):
+        if low is not None and high is not None:
+            axes.axvspan(factor * low, factor * high, color=style.BLUE, alpha=0.2, lw=0)
+        for limit in (low, whole.median, high):
             if limit is not None:
                 axes.axvline(factor * limit, color=style.BLUE, lw=0.8, ls="-" if limit == whole.median else "--")
         for row, value in enumerate(each):
-            _draw_interval(axes, row, value.told, factor, style.INK)
+            _draw_interval(axes, row, value, factor, style.INK)
     return figure
+
+
+def _limits(value: Quantity) -> tuple[float | None, float | None]:
+    """(low, high) ends of an interval that the recording gives; None for one that the range gives."""
+    low = value.q05 if value.bound in (None, "lower", "wide") else None
+    high = value.q95 if value.bound in (None, "upper", "wide") else None
+    return low, high
 
 
 def _draw_interval(axes: Axes, row: int, value: Quantity, factor: float, colour: str) -> None:
     """Draw a value with its interval at a height `row`; of a bound the limit, with an arrow to where the value is."""
-    low, middle, high = (None if end is None else factor * end for end in (value.q05, value.median, value.q95))
+    low, high = (None if end is None else factor * end for end in _limits(value))
     if low is not None and high is not None:
         axes.plot([low, high], [row, row], color=colour, lw=1.2)
-    if middle is not None:
-        axes.plot(middle, row, "o", color=colour, ms=4)
+    if value.median is not None:
+        axes.plot(factor * value.median, row, "o", color=colour, ms=4)
     limit, points = (high, -18) if value.bound == "upper" else (low, 18)
-    if value.bound and limit is not None:
+    if value.bound in ("upper", "lower") and limit is not None:
         axes.plot(limit, row, "|", color=colour, ms=7)
         arrow = {"arrowstyle": "<-", "color": colour, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (limit, row), (points, 0), textcoords="offset points", arrowprops=arrow)

@@ -16,10 +16,13 @@ from scipy.special import expit
 from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
+from cavirheo.inference.population.heaps import Heap, two_heaps
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
 from cavirheo.inference.population.importance import Sample
 from cavirheo.inference.population.switches import share_switches
+from cavirheo.inference.population.systematic import CommonErrors, over_scale, shifts
 from cavirheo.parameters import (
+    DECIDING,
     Bound,
     bound_of,
     column_name,
@@ -38,7 +41,7 @@ from cavirheo.writing.document import Quantity
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Population", "population"]
+__all__ = ["CommonErrors", "Heap", "Population", "population"]
 
 MIN_SHOTS = 3  # least number of shots of a population
 _DRAWS = 4000  # draws of a population
@@ -81,11 +84,12 @@ class Population:
         left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
             "other_model" or "copy".
         warnings: what a user must know before using it.
-        centre: (draws, d) log10 of the material's parameters, SI.
+        centre: (draws, d) log10 of the material's parameters, SI, with the errors that all shots share.
+        statistical: (draws, d) the same without these errors.
         spread: (draws, d) standard deviation of the shots about the centre, decades.
         correlation: (draws, d, d) of this scatter.
         slope: (draws, d) decades per unit of the column, or None.
-        common: (draws, d) the centre if all shots but the outliers had exactly one material.
+        common: (draws, d) as `centre`, if all shots but the outliers had exactly one material.
         outlier_probability: (n,) probability that a shot is an outlier.
         gain: log evidence of the population minus that of shots which have nothing in common.
         gain_of_one: the same without spread.
@@ -94,6 +98,10 @@ class Population:
         prior: (low, high) of the centre, log10 of SI, by name.
         shots_bound: the bound that most shots give of a parameter that too few shots determine, by name.
         shot_values: of each shot that counts: its own median, interval and bound of each parameter, by name.
+        heaps: the two heaps, the lower one first, into which the shots fall in a parameter in which they disagree.
+        switches: probability of each switch of the default family, by all shots together.
+        errors: relative standard deviations of the errors that all shots share.
+        over_scale: relative change of each parameter per relative change of R_max; those that are known.
     """
 
     names: tuple[str, ...]
@@ -103,6 +111,7 @@ class Population:
     left_out: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     centre: Floats = field(default_factory=lambda: _EMPTY)
+    statistical: Floats = field(default_factory=lambda: _EMPTY)
     spread: Floats = field(default_factory=lambda: _EMPTY)
     correlation: Floats = field(default_factory=lambda: _EMPTY)
     slope: Floats | None = None
@@ -115,6 +124,10 @@ class Population:
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     shots_bound: Mapping[str, Bound] = field(default_factory=dict)
     shot_values: tuple[Mapping[str, Quantity], ...] = ()
+    heaps: Mapping[str, tuple[Heap, Heap]] = field(default_factory=dict)
+    switches: Mapping[str, float] = field(default_factory=dict)
+    errors: CommonErrors = field(default_factory=CommonErrors)
+    over_scale: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """The line for a paper, then the remarks."""
@@ -147,16 +160,31 @@ class Population:
     def bound(self, name: str) -> Bound | None:
         """The bound of a parameter that the shots do not determine: "upper", "lower", "undetermined" or "wide", as
         `Posterior.bound`. None if its interval is inside the range and no wider than a factor of 10, and at least three
-        shots, or as many as bound it, determine it by themselves. Raises InputError: as `draws`."""
-        low, _, high = self._ends(self.centre, name, 0.9)
+        shots, or as many as bound it, determine it by themselves; "wide", if the shots disagree (`heaps`). Raises
+        InputError: as `draws`."""
         name = self.names[self._column(name)]
+        if name in self.heaps:
+            return "wide"
+        low, _, high = self._ends(self.centre, name, 0.9)
         reached = bound_of(low, high, self.prior[name]) if name in self.prior else None
         return reached or self.shots_bound.get(name) or wide_bound(name, 10.0**low, 10.0**high)
 
     def quantity(self, name: str) -> Quantity:
-        """Median, 90 % interval and bound of a parameter, SI. Raises InputError: as `draws`."""
+        """Median, 90 % interval and bound of a parameter, SI; where the shots disagree, the ends of all of them. Raises
+        InputError: as `draws`."""
+        name = self.names[self._column(name)]
+        if name in self.heaps:
+            first, second = self.heaps[name]
+            return Quantity(q05=first.low or 0.0, q95=second.high or 10.0 ** self.prior[name][1], bound="wide")
         low, high = self.interval(name)
         return Quantity(median=self.median(name), q05=low, q95=high, bound=self.bound(name))
+
+    def statistical_interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
+        """(low, high) of the material's parameter, SI, without the errors that all shots share. Raises InputError: as
+        `interval`."""
+        check_level(level)
+        low, _, high = self._ends(self.statistical, name, level)
+        return 10.0**low, 10.0**high
 
     @property
     def determined(self) -> list[str]:
@@ -229,7 +257,7 @@ class Population:
 
     def _value(self, name: str) -> str:
         value, parameter = self.quantity(name), parameter_of(name)
-        factor, unit = digits.unit_for(parameter.unit, value.median)
+        factor, unit = digits.unit_for(parameter.unit, value.largest)
         text = digits.quantity(value, factor, unit=unit)
         return f"{parameter.symbol} {text}" if value.bound else f"{parameter.symbol} = {text.replace('[', '[90 %: ')}"
 
@@ -249,10 +277,11 @@ class Population:
     def against(self, other: Population) -> dict[str, Difference]:
         """Differences of this material from another one, by parameter that both determine; empty without draws.
 
-        Both must have the same law and bubble. Errors that they share (of the radius scale) are not included."""
+        Both must have the same law and bubble. The errors that all shots share are left out, for both materials have
+        them."""
         differences = {}
         for name in (name for name in self.determined if name in other.determined):
-            mine, its = self.centre[:, self._column(name)], other.centre[:, other._column(name)]
+            mine, its = self.statistical[:, self._column(name)], other.statistical[:, other._column(name)]
             count = min(len(mine), len(its))
             difference = mine[:count] - its[:count]
             low, middle, high = _quantiles(difference, 0.9)
@@ -333,6 +362,7 @@ def population(
     names: Sequence[str] | None = None,
     along: ArrayLike | None = None,
     only_trusted: bool = True,
+    errors: CommonErrors | None = None,
     seed: int = 0,
 ) -> Population:
     """The material of many shots, from the draws of their posteriors without further simulations.
@@ -346,6 +376,8 @@ def population(
         along: (n,) a column on which the centre may depend, such as log10 of R_max or a concentration: the population
             then has a slope, in decades of each parameter per unit of the column.
         only_trusted: False: answers count with any verdict, as the evidence of a law needs it.
+        errors: relative standard deviations of the errors that all shots share; default: 1 % of scale, density and
+            pressure, 0.1 % of the frame rate.
         seed: random seed of the draws.
 
     Returns:
@@ -359,7 +391,8 @@ def population(
     answers = list(answers)
     for answer in answers:
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
-    answers = share_switches(answers, only_trusted=only_trusted)
+    own = answers  # each by itself
+    answers, switches = share_switches(answers, only_trusted=only_trusted)
     expect_whole(seed, "seed", 0, "option.seed")
     require(bool(answers), "a population needs answers of shots, got none", "population.none")
     shots = _shot_names(answers) if names is None else list(names)
@@ -372,7 +405,8 @@ def population(
     law = tuple(name for name in first.names if is_law_parameter(name))
     names = tuple(map(natural_name, law))
     fields: dict[str, Any] = {"names": names, "material": first.material, "bubble": first.bubble}
-    fields |= {"shots": tuple(shots[i] for i in likelihoods), "left_out": excluded}
+    fields |= {"shots": tuple(shots[i] for i in likelihoods), "left_out": excluded, "switches": switches}
+    fields["errors"] = errors = errors or CommonErrors()
     if len(likelihoods) < MIN_SHOTS:
         count = digits.counted_shots(len(likelihoods), len(answers))
         return Population(**fields, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
@@ -392,13 +426,22 @@ def population(
     if sample.ess < _LEAST_EFFECTIVE or not sample.reliable:
         notes.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
     u = _resampled(sample, seed)
-    fields["centre"], fields["spread"], fields["correlation"], slope = several.parts(u)
+    centre, fields["spread"], fields["correlation"], slope = several.parts(u)
+    over = {name: change for k, name in enumerate(names) if (change := over_scale(counted, law[k])) is not None}
+    shift = shifts(names, over, errors, _DRAWS, seed)
+    heaps = {
+        name: two_heaps([own[i] for i in likelihoods], fields["shots"], name) for name in names if name in DECIDING
+    }
     if along is not None:
         fields |= {"slope": slope / unit, "along_at": middle}
     return Population(
         **fields,
         warnings=tuple(notes),
-        common=common.parts(_resampled(sample_of_one, seed))[0],
+        centre=centre + shift,
+        statistical=centre,
+        over_scale=over,
+        heaps={name: both for name, both in heaps.items() if both},
+        common=common.parts(_resampled(sample_of_one, seed))[0] + shift,
         outlier_probability=several.outliers(u[:: _DRAWS // 1000]),
         gain=several.evidence(sample),
         gain_of_one=common.evidence(sample_of_one),
@@ -416,15 +459,16 @@ def _shot_names(answers: Sequence[Posterior]) -> list[str]:
 
 
 def with_slope_if_any(
-    answers: Sequence[Posterior], names: Sequence[str], along: Sequence[float] | None, *, only_trusted: bool = True
+    answers: Sequence[Posterior], names: Sequence[str], along: Sequence[float] | None, **options: Any
 ) -> Population:
-    """As `population`, with a slope along the column if enough shots count and their values of the column differ."""
+    """As `population`, with a slope along the column if enough shots count and their values of the column differ.
+    options: those of `population`."""
     if along is not None:
         with suppress(InputError):
-            sloped = population(answers, names=names, along=along, only_trusted=only_trusted)
+            sloped = population(answers, names=names, along=along, **options)
             if len(sloped.centre):
                 return sloped
-    return population(answers, names=names, only_trusted=only_trusted)
+    return population(answers, names=names, **options)
 
 
 def _select_likelihoods(

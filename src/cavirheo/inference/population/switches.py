@@ -3,7 +3,7 @@ liquid, whether it stiffens, and which bubble it needs; then each shot counts by
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -47,13 +47,13 @@ def in_state(answer: Posterior, state: State) -> Bools:
     return np.asarray(kinds[state.kind] & (field == state.field))
 
 
-def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> list[Posterior]:
-    """The answers of shots of one material; those by the default family with the draws in the state that all of them
-    together make most probable, as answers by the law of this state."""
+def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> tuple[list[Posterior], dict[str, float]]:
+    """(the answers of shots of one material, the probability of each switch by all of them together). Answers by the
+    default family have the draws in the state that all of them together make most probable, and are of its law."""
     several = [answer for answer in answers if _is_default(answer) and len(answer.theta) > 1]
     votes = [answer for answer in several if not only_trusted or answer.checks.verdict in TRUSTED]
     if not votes:
-        return list(answers)
+        return list(answers), {}
     log_probability = {state: float(np.log(prior)) for state, prior in PRIOR.items()}
     for answer in votes:
         weight = relative_weights(np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight)
@@ -62,7 +62,21 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> list[
             share = float(weight @ in_state(answer, state)) / float(np.sum(weight))
             log_probability[state] += float(np.log((share + least) / prior))
     best = max(log_probability, key=lambda state: log_probability[state])
-    return [_conditioned(answer, best) if _is_default(answer) else answer for answer in answers]
+    conditioned = [_conditioned(answer, best) if _is_default(answer) else answer for answer in answers]
+    return conditioned, _switches(log_probability)
+
+
+def _switches(log_probability: Mapping[State, float]) -> dict[str, float]:
+    """The probability of each switch from that of each state."""
+    top = max(log_probability.values())
+    weight = {state: float(np.exp(log - top)) for state, log in log_probability.items()}
+    total = sum(weight.values())
+    on: dict[str, Callable[[State], bool]] = {
+        "liquid": lambda state: state.kind == "liquid",
+        "stiffening": lambda state: state.kind == "stiffening gel",
+        "field_bubble": lambda state: state.field,
+    }
+    return {name: sum(weight[state] for state in weight if holds(state)) / total for name, holds in on.items()}
 
 
 def _is_default(answer: Posterior) -> bool:

@@ -1,0 +1,94 @@
+"""Errors that all shots of a group share: of the radius scale, the frame rate, the density and the pressure.
+
+R/R_max over t/t_c, t_c = R_max sqrt(rho/p), depends on G/p, mu/(p t_c) and the stretch, and little on anything else. An
+error of one of these four changes t/t_c, and so all of them act as one. With s the relative change of a parameter per
+relative change of R_max, its relative changes per relative change of each are
+
+    parameter   R_max   frame rate   density   pressure
+    G           s       s            s/2       1 - s/2
+    mu          s       s - 1        s/2       1 - s/2
+
+Two different errors of the scale are told apart. `radius_scale` of each shot (experiment.py) is what differs from shot
+to shot, such as the focus and the fitted outline: it widens the interval of each shot, and averages out over many. The
+errors here are one number for all shots, such as the micrometres per pixel: no shot has them, and they do not average
+out. So nothing is counted twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from cavirheo.arrays import Floats, relative_weights
+from cavirheo.errors import require
+from cavirheo.inference.sample import effective_size
+from cavirheo.parameters import natural_name
+from cavirheo.posterior import Posterior
+
+_LN10 = float(np.log(10.0))
+_FEWEST = 10  # draws that tell a slope
+_STREAM = 7  # of the random draws of the errors
+
+
+@dataclass(frozen=True)
+class CommonErrors:
+    """Relative standard deviations of the errors that all shots of a group share.
+
+    Attributes:
+        scale: of the radius (micrometres per pixel).
+        rate: of the frame rate.
+        density: of the medium.
+        pressure: far from the bubble.
+
+    Raises:
+        InputError: a number below 0, or above 0.2.
+    """
+
+    scale: float = 0.01
+    rate: float = 0.001
+    density: float = 0.01
+    pressure: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            message = f"the {name} error is a relative standard deviation from 0 to 0.2, got {value!r}"
+            require(isinstance(value, int | float) and 0.0 <= value <= 0.2, message, f"option.{name}_error")
+
+
+def slopes(name: str, over_scale: float) -> dict[str, float]:
+    """Relative change of a parameter, by its natural name, per relative change of what `CommonErrors` names, from that
+    per relative change of R_max."""
+    rate = over_scale if name == "shear_modulus" else over_scale - 1.0
+    return {"scale": over_scale, "rate": rate, "density": 0.5 * over_scale, "pressure": 1.0 - 0.5 * over_scale}
+
+
+def over_scale(answers: Sequence[Posterior], name: str) -> float | None:
+    """Relative change of a parameter of G or mu per relative change of R_max: the common slope of its logarithm on the
+    radius scale, within the draws of each shot that determines it. The frames hardly tell the scale, so its draws are
+    those of its prior. None where no shot determines the parameter or infers the scale."""
+    products, squares = 0.0, 0.0
+    for answer in answers:
+        if "radius_scale" not in answer.names or name not in answer.names or answer.bound(natural_name(name)):
+            continue
+        value, scale = (answer.theta[:, answer.names.index(column)] for column in (name, "radius_scale"))
+        log_weight = np.zeros(len(value)) if answer.log_weight is None else answer.log_weight
+        good = np.isfinite(value) & np.isfinite(log_weight)
+        if np.count_nonzero(good) < _FEWEST:
+            continue
+        pair = np.cov(value[good], scale[good], aweights=relative_weights(log_weight[good]))
+        worth = effective_size(log_weight[good]) / pair[0, 0]
+        products += worth * pair[0, 1]
+        squares += worth * pair[1, 1]
+    return _LN10 * products / squares if squares else None
+
+
+def shifts(names: Sequence[str], over: Mapping[str, float], errors: CommonErrors, draws: int, seed: int) -> Floats:
+    """(draws, d) log10 of the factor by which errors drawn from their priors change each parameter, all by the same
+    errors; 0 for a parameter whose slope is not known."""
+    rng = np.random.Generator(np.random.Philox(seed).jumped(_STREAM))
+    deviations = np.array([*asdict(errors).values()])
+    drawn = rng.standard_normal((draws, len(deviations))) * deviations
+    by_error = [[*slopes(name, over[name]).values()] if name in over else np.zeros(len(deviations)) for name in names]
+    return np.asarray(drawn @ np.array(by_error).T / _LN10)
