@@ -395,7 +395,6 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
         "the radius scale and the frame rate change G",
         lambda change: f": 1 % more by {digits.significant(change, 2)} %",
     ),
-    "group.slopes": "|{text}",
     # no answer
     "answer.not_finite": "the method's answer is not a finite number|: {parameters}",
     "answer.none": "no parameters were found",

@@ -209,6 +209,7 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     made = result(pairs, COMMAND)
     found = made.groups[0].slopes["viscosity"]
     assert (found.n, found.n_trusted, found.sign, made.groups[0].slopes["shear_modulus"].sign) == (7, 7, 1, 0)
+    assert any(message.text.startswith("µ rises") for message in made.groups[0].messages)
     assert 1.8 < found.q05 < 2.4 < found.q95 < 3.0
     assert any("R_max^" in message.text for message in made.groups[0].messages)
     line = panels_of_group(pairs, made)[2].layer("centre")

@@ -40,7 +40,7 @@ def held() -> dict[str, Any]:
         "simulation": cavirheo.simulate(gel, max_radius=2e-4, stretch=6.0, time=time),
         "pulse": Pulse(1e5, 1e6, 1e-6), "trace": Trace(time, 1e5 * time), "bubble": Bubble("kinetic"),
         "rig": cavirheo.Rig(frames=64),
-        "evidence": Evidence(-3.0, 0.1),
+        "evidence": Evidence(-3.0, 0.1), "errors": cavirheo.CommonErrors(0.02),
         "document": result(list(zip(curves, answers, strict=True)), "cavirheo infer"),
         "input error": InputError("no file", "reading.missing"), "solver error": SolverError("too many steps"),
     }  # fmt: skip
