@@ -1,4 +1,4 @@
-"""From the shots of a group to mean ± standard deviation, and to result.json, result.csv and report.html."""
+"""From the shots of a group to G and mu of their material, and to result.json, result.csv and report.html."""
 
 from pathlib import Path
 
@@ -9,5 +9,6 @@ curves = cavirheo.read_curves(Path(__file__).parent / "stiff_gel.mat")
 answers = cavirheo.infer_many(curves)
 document = write_report("group-result", list(zip(curves, answers, strict=True)), "group_to_table.py")
 for group in document.groups:
-    G, mu = group.shear_modulus_Pa, group.viscosity_Pa_s
-    print(f"{group.name}: {group.n} shots, G {G.mean:.0f} ± {G.std:.0f} Pa, mu {mu.mean:.4f} ± {mu.std:.4f} Pa s")
+    G, mu = group.value("shear_modulus"), group.value("viscosity")
+    print(f"{group.name}: {group.n} shots, {group.verdict}")
+    print(f"G {G.median:.0f} [{G.q05:.0f}, {G.q95:.0f}] Pa, mu {mu.median:.4f} [{mu.q05:.4f}, {mu.q95:.4f}] Pa s")

@@ -57,8 +57,7 @@ run("cavirheo infer measured/measured.csv -o one-shot", shell=True, check=True)
 run("cavirheo infer stiff_gel.mat --figures png,pdf -o gel", shell=True, check=True)
 
 # %% [markdown]
-# The first line is the one for a paper: the material, with the scatter of its shots.
-# The last row of the table is the mean ± standard deviation, which the field reports.
+# Below the shots stand G and µ of the material with 90 % intervals, whether to use them, and the next command.
 #
 # ## The table
 # `result.csv` has every number.
@@ -73,8 +72,9 @@ for shot in result.curves:
     cells = f"{shot.max_radius_m * 1e6:.0f} & {G.median / 1e3:.1f} [{G.q05 / 1e3:.1f}, {G.q95 / 1e3:.1f}]"
     print(f"{shot.name} & {cells} & {mu.median:.3f} [{mu.q05:.3f}, {mu.q95:.3f}]", r"\\")
 for group in result.groups:
-    G, mu = group.shear_modulus_Pa, group.viscosity_Pa_s
-    print(f"mean & & {G.mean / 1e3:.1f} $\\pm$ {G.std / 1e3:.1f} & {mu.mean:.3f} $\\pm$ {mu.std:.3f}", r"\\")
+    G, mu = group.value("shear_modulus"), group.value("viscosity")
+    cells = f"{G.median / 1e3:.1f} [{G.q05 / 1e3:.1f}, {G.q95 / 1e3:.1f}]"
+    print(f"material & & {cells} & {mu.median:.3f} [{mu.q05:.3f}, {mu.q95:.3f}]", r"\\")
 
 # %% [markdown]
 # ## The figures

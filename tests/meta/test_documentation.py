@@ -171,7 +171,7 @@ LONG = {
     "infer_a_file": r"soft_gel\[1\]: R_max 267 um, G 6[0-6]\d\d Pa, mu 0\.0(29|3[0-2])",
     "fit_a_window": r"(?s)2 collapses:.*G: 3\.\d+e\+04 Pa.*3 collapses:.*G: 3\.\d+e\+04 Pa",
     "measure_a_video": r"R_max 250\.\d um.* 7\d frames ok.*G (9[89]|10[01])\d\d Pa \(true 10000\)",
-    "group_to_table": r"stiff_gel: 5 shots, G 30\d\d\d ± ",
+    "group_to_table": r"stiff_gel: 5 shots, ok\nG (29|30|31)\d\d\d \[",
     "posterior_interval": r"draws are worth \d{3,} independent ones",
     "compare_laws": r"chosen: nhkv",
 }
