@@ -51,7 +51,7 @@ def test_frames_after_the_window_lie_where_the_draws_predict_them():
 def test_shipped_examples_give_back_their_truth(file):
     truth = [row for row in rows_of(ROOT / "examples" / "truth.csv") if row["set"] == Path(file).stem]
     answers = infer_many(read_curves(ROOT / "examples" / file))
-    assert [a.checks.verdict for a in answers] == ["ok"] * len(truth)
+    assert [a.checks.verdict for a in answers] == ["unverified"] * len(truth)
     for name, unit, close in (("shear_modulus", "Pa", 0.15), ("viscosity", "Pa_s", 0.2)):
         found = np.mean([one.median(name) for one in answers])
         assert found == pytest.approx(float(truth[0][f"{name}_{unit}"]), rel=close)
@@ -66,7 +66,7 @@ def test_the_medium_and_small_changes_of_size_enter(max_radius, medium):
     time = np.arange(0.0, 5 * medium.time_scale(max_radius), 0.25e-6)
     curve = shot(max_radius=max_radius, time=time, medium=medium)
     answer = infer(curve, medium=medium)
-    assert answer.checks.verdict == "ok"
+    assert answer.checks.verdict == "unverified"
     assert answer.median("shear_modulus") == pytest.approx(8e3, rel=0.1)
     assert answer.median("viscosity") == pytest.approx(0.05, rel=0.2)
 
