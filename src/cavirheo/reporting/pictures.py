@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 PX = 4  # SVG units per pixel
 WIDTH, HEIGHT = 480, 300  # px of a picture as the report shows it
 POINTS = 800  # approximate number of points of a picture
-SHOT_SIZE = (380.0, 236.0)  # px of the picture of a shot in a report
+SHOT_SIZE = (380.0, 218.0)  # px of the picture of a shot in a report
 GROUP_SIZE = (400.0, 340.0)  # px of each of the two pictures of a group
 GROUP_POINTS = 4 * POINTS  # approximate number of points of all shots of a group
 Word = tuple[str, int, int, str]  # look, x and y of the baseline, text
@@ -123,7 +123,7 @@ class Frame:
         ticks = [
             ("end", left - 5 * PX, down + 4 * PX, panel.y.written(n)) for down, n in zip(places, rows, strict=True)
         ]
-        names = [("name", 2 * PX, top - 6 * PX, panel.y.label)]
+        names = [("name", 2 * PX, top - 8 * PX, panel.y.label)]
         if along:
             places = self.place(columns, panel.y.low)[0]
             path += "".join(f"M{across} {bottom}v{_TICK}" for across in places)
