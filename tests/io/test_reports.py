@@ -7,7 +7,6 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,6 @@ from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
 from cavirheo.reporting import group, html, result, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.group_panels import group_panels
-from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.panels import answer_panels, preview_panels
 from cavirheo.reporting.pictures import figure_stems
 from cavirheo.reporting.record import CurveAnswers
@@ -324,17 +322,6 @@ def test_panels_are_the_measurement_the_simulation_and_the_residual(pairs):
     assert {"measured", "outside"} <= {layer.look for layer in panel.layers if len(layer.x)}
     assert panel.layer("outlier").y == pytest.approx([1e6 * spiking[39]])
     assert len(panel.layer("missing").x) == 3
-
-
-def test_the_contour_of_a_material_is_that_of_modulus_and_viscosity_whatever_else_the_law_has():
-    of = ("shear_modulus", "stiffening", "viscosity")
-    pairs = zip(map(", ".join, combinations(of, 2)), (-0.9, 0.9, 0.0), strict=True)
-    about = {"spreads_decades": {name: Quantity(median=0.1) for name in of}}
-    about |= {"correlation": {pair: Quantity(median=value) for pair, value in pairs}}
-    modulus, viscosity = Quantity.from_interval(4e3, 5e3, 6e3), Quantity.from_interval(0.03, 0.04, 0.05)
-    about |= {"shear_modulus_Pa": modulus, "viscosity_Pa_s": viscosity}
-    made = PopulationRecord(line="", model="", n=5, **about)
-    assert np.corrcoef(np.log10(made.contour()).T)[0, 1] == pytest.approx(0.9, abs=0.01)
 
 
 @pytest.mark.needs("matplotlib")

@@ -272,8 +272,10 @@ def _curve_layers(curve: RadiusCurve, checks: Checks, end: float, tone: Floats, 
     if (predicted := predicted_radius(checks, curve)) is not None:
         time, radius = predicted
         layers.append(Layer("area", "draws-shot", (time - curve.time_of_max) / unit, radius / size, "", tone, share))
-    elif (line := checks.reconstruction_radius) is not None and np.shape(line) == np.shape(checks.reconstruction_time):
-        time = (np.asarray(checks.reconstruction_time) - curve.time_of_max) / unit
+    elif (line := checks.reconstruction_radius) is not None and (times := checks.reconstruction_time) is not None:
+        if len(line) != len(times):
+            return []
+        time = (times - curve.time_of_max) / unit
         layers.append(Layer("line", "shot", time, line / size, "", tone, share))
     time = (curve.time - curve.time_of_max) / unit
     some = (time >= -0.1) & (time <= end) & np.isfinite(curve.radius)
