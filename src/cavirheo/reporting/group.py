@@ -127,17 +127,6 @@ class GroupRecord(Record):
         return self.population if self.population and self.population.has_material else None
 
     @property
-    def counted_in_words(self) -> str:
-        """How many shots count: '3 of 5 shots count'; "" if all do."""
-        total = self.n + self.n_failed
-        return "" if self.n_counted == total else digits.counted_shots(self.n_counted, total)
-
-    @property
-    def badges(self) -> list[tuple[str, str]]:
-        """(verdict, words) for the count of each verdict."""
-        return [(verdict, f"{n} {digits.VERDICT_WORDS[verdict]}") for verdict, n in self.verdicts.items()]
-
-    @property
     def doubts(self) -> list[Sentence]:
         """The messages because of which no line of this group is to be used without a second look."""
         return [message for message in self.messages if message.code.startswith("group.doubt.")]
