@@ -23,7 +23,6 @@ from cavirheo.reporting.material import (
     Systematic,
     size_trend_in_words,
 )
-from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread
 
 MIN_SLOPE_SHOTS = 5  # least number of shots for a slope
