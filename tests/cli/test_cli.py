@@ -35,7 +35,7 @@ def test_the_main_job(run):
     curves, (group,), _ = infer(run, EXAMPLE)
     assert [(row["verdict"], row["medium"]["density"]) for row in curves] == [("unverified", 998.0)] * 5
     assert (group["n"], group["n_counted"], group["verdict"]) == (5, 0, "unverified")
-    assert Path("r", "report.html").read_text().count("<svg") == 5 + 2  # the shots of the group, and G with µ
+    assert Path("r", "report.html").read_text().count("<svg") == 5 + 2  # the plane of the group, and all curves
     assert not list(Path("r").glob("*.png"))
 
 

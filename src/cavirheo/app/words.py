@@ -237,11 +237,13 @@ def answers(session: Session) -> str:
     document = current.document
     factor, unit = document.modulus_unit
     differences = [difference.words for difference in document.differences]
-    groups = html.render_macro("groups_table", document.groups, factor, unit), differences
+    said = [html.render_macro("group_answer", *answer) for answer in html.group_answers(document)]
+    said.append(html.render_macro("comparisons", document.groups, factor, unit))
+    groups = "\n".join(said), differences
     rows, models = _page_rows(document.curves), {row.model_title for row in document.curves if row.has_answer}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.render_macro("curves_table", rows, factor, unit, title, False)
-    explanation = html.render_macro("reading", document.curves), *methods_paragraph(document)
+    explanation = html.render_macro("reading"), *methods_paragraph(document)
     progress = (len(ready), len(chosen)), len(document.curves), current.not_run, groups_with_mixed_files(document)
     return render(
         "answers", session.stale and not chosen, *progress, *groups, shots, curves_by_remark(rows), *explanation
@@ -262,4 +264,4 @@ def facts(session: Session, name: str) -> str:
         times = (posterior.checks.compared_time for posterior in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
     key = parameter_key(record.other_parameters)
-    return render("facts", table, frames, failed, html.article(record, factor, unit), key)
+    return render("facts", table, frames, failed, html.about(record, factor, unit), key)

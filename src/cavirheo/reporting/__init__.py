@@ -13,7 +13,8 @@ from cavirheo.posterior import Posterior
 from cavirheo.reporting import html, pictures, table
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import REFERENCE_METHODS, GroupRecord, Published
-from cavirheo.reporting.panels import answer_panels, group_panels
+from cavirheo.reporting.group_panels import group_panels
+from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.pictures import file_names
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, group_names, read_json, result
 from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
@@ -101,12 +102,15 @@ def write_report(
 
 def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
     """SVG of each curve, or the reason why there is none; only R(t), half as high, if there are too many."""
-    count, height = (1, pictures.HEIGHT / 2) if len(pairs) > html.MAX_DETAILED_CURVES else (2, pictures.HEIGHT)
+    brief = len(pairs) > html.MAX_DETAILED_CURVES
+    count = 1 if brief else 2
+    width, height = pictures.SHOT_SIZE
+    height = height / 2 if brief else height
     points, notes = min(pictures.POINTS, MAX_PAGE_POINTS // max(len(pairs), 1)), document.notes
 
     def draw(pair: tuple[RadiusCurve, Posterior], row: CurveRecord) -> str:
         panels = answer_panels(pair[0], pair[1].checks, row)
-        return pictures.curve_svg(panels[:count], height=height, points=points)
+        return pictures.curve_svg(panels[:count], width, height, points=points, with_key=False)
 
     rows = zip(pairs, document.curves, strict=True)
     return [try_to_draw(f"picture of {row.name}", notes, draw, pair, row) or notes[-1] for pair, row in rows]

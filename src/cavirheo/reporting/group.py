@@ -23,7 +23,6 @@ from cavirheo.reporting.material import (
     Systematic,
     size_trend_in_words,
 )
-from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread
 
 MIN_SLOPE_SHOTS = 5  # least number of shots for a slope
@@ -125,17 +124,6 @@ class GroupRecord(Record):
     def material(self) -> PopulationRecord | None:
         """The population of several shots; None if there is none."""
         return self.population if self.population and self.population.has_material else None
-
-    @property
-    def counted_in_words(self) -> str:
-        """How many shots count: '3 of 5 shots count'; "" if all do."""
-        total = self.n + self.n_failed
-        return "" if self.n_counted == total else digits.counted_shots(self.n_counted, total)
-
-    @property
-    def badges(self) -> list[tuple[str, str]]:
-        """(verdict, words) for the count of each verdict."""
-        return [(verdict, f"{n} {digits.VERDICT_WORDS[verdict]}") for verdict, n in self.verdicts.items()]
 
     @property
     def doubts(self) -> list[Sentence]:

@@ -22,14 +22,18 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, display_unit, meaning_of, parameter_key
+from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.pictures import curve_svg
 from cavirheo.reporting.record import Result
+from cavirheo.reporting.screen import answer_lines, group_facts, value_parts
 from cavirheo.reporting.table import model_rows
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
-MAX_OPEN_CURVES = 6  # curves; if there are more, each is folded to a line, which its link in the table opens
+MIN_SORTED = 7  # curves, from which on the table can be sorted and filtered
+MANY = 60  # curves; if there are more, those out of sight are not laid out
+MAX_ANSWERS = 200  # most groups whose answer has a section of its own; the table has all shots
 MAX_DETAILED_CURVES = 500  # curves; if there are more, each has only its row, message and picture
 LIVE_FILE = "live.html"
 HALF_WIDTH = 0.1  # half width of the 90 % interval of the material that is wanted, over the value
@@ -46,17 +50,36 @@ def write(
     group_pictures: Sequence[str] = (),
     sheets: Sequence[str] = (),
 ) -> None:
-    """Write the page of a result. group_pictures: shown before the curves. pictures: of each curve, SVG or the reason
-    why there is none. sheets: of each curve, an image of all frames of its recording, or "". Facts that all curves
-    share are shown once; of more than MAX_DETAILED_CURVES curves each has only its row, message and picture."""
+    """Write the page of a result. group_pictures: of each group of several answered shots, beside its answer. pictures:
+    of each curve, SVG or the reason why there is none. sheets: of each curve, an image of all frames of its recording,
+    or "". Facts that all curves share are shown once; of more than MAX_DETAILED_CURVES curves each has only its row,
+    message and picture."""
     curves = result.curves
-    answers = [curve for curve in curves if curve.has_answer]
-    common = _common([facts(curve) for curve in answers]) if len(answers) > 1 else {}
+    answered = [curve for curve in curves if curve.has_answer]
+    common = _common([facts(curve) for curve in answered]) if len(answered) > 1 else {}
     shared = {name: text for name, text in common.items() if text}
+    groups = [group.name for group in result.groups]
+    title = ", ".join(groups[:3]) + (f" and {len(groups) - 3} more" if len(groups) > 3 else "")
     content = {"result": result, "unit": result.modulus_unit, "shared": shared, "pictures": pictures}
-    content |= {"group_pictures": group_pictures, "sheets": sheets, "brief": len(curves) > MAX_DETAILED_CURVES}
-    content["origin"] = _json_markup(_common([curve.provenance for curve in (answers if shared else curves)]))
+    content |= {"sheets": sheets, "brief": len(curves) > MAX_DETAILED_CURVES, "title": title or "no curves"}
+    content |= {"answers": group_answers(result, group_pictures)}
+    content["names"] = digits.distinct_names([curve.name for curve in curves])
+    content["origin"] = _json_markup(_common([curve.provenance for curve in (answered if shared else curves)]))
     Path(path).write_text(template("report.html").render(**content), encoding="utf-8")
+
+
+def group_answers(result: Result, pictures: Sequence[str] = ()) -> list[tuple[GroupRecord, str, list[str], Any, str]]:
+    """(group, heading, facts, lines, picture) of each group with an answer of its own: of those of several shots, and
+    of a shot that is alone in its run. pictures: of the groups of several answered shots."""
+    left = iter(pictures)
+    answers = []
+    for group, shots in result.rows_by_group():
+        picture = next(left, "") if group.n > 1 else ""
+        if len(shots) > 1 or (shots and len(result.curves) == 1):
+            heading = group.name if len(result.groups) > 1 else "Answer"
+            lines = answer_lines(result, group, shots)
+            answers.append((group, heading, group_facts(group, shots), lines, picture))
+    return answers[:MAX_ANSWERS]
 
 
 def facts(record: CurveRecord) -> dict[str, str]:
@@ -78,10 +101,11 @@ def _json_markup(origin: Mapping[str, Any]) -> Markup:
     return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # &quot; is longer
 
 
-def article(record: CurveRecord, factor: float, unit: str) -> str:
-    """HTML of one curve and its answer, without a picture. factor, unit: unit of moduli, and its factor from Pa."""
+def about(record: CurveRecord, factor: float, unit: str) -> str:
+    """HTML of all that is known of an answer, without a picture. factor, unit: unit of moduli, and its factor from
+    Pa."""
     origin = _json_markup({"source": record.source, **record.provenance})
-    return render_macro("article", record, factor, unit, origin=origin)
+    return render_macro("about", record, factor, unit, origin=origin)
 
 
 @cache
@@ -93,9 +117,9 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True, finalize=_printable
     )
-    functions = (facts, display_unit, meaning_of, parameter_key, model_rows)
+    functions = (facts, display_unit, meaning_of, parameter_key, model_rows, value_parts)
     environment.globals.update({function.__name__: function for function in functions})
-    environment.globals.update(MAX_OPEN_CURVES=MAX_OPEN_CURVES)
+    environment.globals.update(MIN_SORTED=MIN_SORTED, MANY=MANY)
     environment.globals.update(digits=digits, VERDICT_STYLES=digits.VERDICT_STYLES, Quantity=Quantity)
     return environment.get_template(name)
 

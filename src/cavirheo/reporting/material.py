@@ -187,16 +187,6 @@ class PopulationRecord(Record, ParameterValues):
         inliers = 1.0 - len(self.outliers) / self.n
         return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
 
-    def contour(self, level: float = 0.9) -> Floats | None:
-        """Contour (n, 2), mu and G in SI, around the share `level` of all shots; None unless both are determined."""
-        names = ("viscosity", "shear_modulus")
-        if any(self.value(name).median is None or name not in self.spreads_decades for name in names):
-            return None
-        middle, _, scatter = self.log_moments(names)
-        turn = np.linspace(0.0, 2.0 * np.pi, 121)
-        circle = np.sqrt(-2.0 * np.log(1.0 - level)) * np.array([np.cos(turn), np.sin(turn)])
-        return np.asarray(10.0 ** (middle + (np.linalg.cholesky(scatter) @ circle).T))
-
 
 class MaterialRatio(Record):
     """A parameter of the material of the first group over that of the second (`Difference` in inference/population).

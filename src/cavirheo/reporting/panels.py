@@ -14,31 +14,31 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
-from cavirheo.reporting.answer import CurveRecord, Unit, display_unit, parameters_of
-from cavirheo.reporting.group import MATERIAL_CONSTANTS, GroupRecord
-from cavirheo.reporting.record import Pairs, Result
+from cavirheo.reporting.answer import CurveRecord
 from cavirheo.writing import digits
-from cavirheo.writing.document import Quantity, Spread
 
-ZERO_AXIS_RATIO = 3.0  # ratio of the largest to the smallest value, above which an axis begins at zero
 RMAX = "Rₘₐₓ"
-_SIZE = "R_max"  # used instead of the name of a parameter
+_LOG_DIGITS = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 3.0, 5.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Name and ends of an axis, and a remark on it, which figure files leave out."""
+    """Name and ends of an axis, and a remark on it, which figure files leave out. log: places on it, and its ends, are
+    log10 of the values."""
 
     label: str
     low: float
     high: float
     remark: str = ""
+    log: bool = False
 
     def ticks(self, most: int) -> list[float]:
-        """Evenly spaced round numbers within the ends, at most `most` + 1; none if the axis has no finite length."""
+        """Places of evenly spaced round numbers within the ends, at most `most` + 1; none if the axis has no finite
+        length. On a logarithmic axis, those of a few digits in each decade."""
+        if self.log:
+            return self._log_ticks(most)
         rough = (self.high - self.low) / max(most, 1)
         if not np.isfinite(rough) or rough <= 0.0:
             return []
@@ -47,6 +47,20 @@ class Axis:
         first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
         return [float(f"{number * step:.10g}") + 0.0 for number in np.arange(first, last + 1.0)]
 
+    def _log_ticks(self, most: int) -> list[float]:
+        decades = range(int(np.floor(self.low)), int(np.ceil(self.high)) + 1)
+        places = list[float]()
+        for digits_of_decade in _LOG_DIGITS:
+            numbers = [decade + float(np.log10(digit)) for decade in decades for digit in digits_of_decade]
+            places = [place for place in numbers if self.low <= place <= self.high]
+            if len(places) <= most + 1:
+                break
+        return places[:: -(-len(places) // (most + 1)) or 1]
+
+    def written(self, place: float) -> str:
+        """The number at a place."""
+        return f"{10.0**place:.6g}" if self.log else f"{place:g}"
+
 
 @dataclass(frozen=True, eq=False)
 class Layer:
@@ -54,23 +68,27 @@ class Layer:
 
     Attributes:
         shape: "dots", "line", "bars" (values with their intervals), "band" (between two values of `y`), "area" (between
-            two lines) or "ticks" (on the lower end of `y`).
+            two lines), "ticks" (on the lower end of `y`), "region" (within corners), "arrows" (from the first to the
+            second place) or "labels" (`texts` at points).
         look: name of the style, for which SVG and matplotlib have colours and sizes: "measured", "simulated", ...
-        x: (n,); of bars (n, 3) lower ends, middles and upper ends; of a band (2,) the ends of the axis.
+        x: (n,); of bars (n, 3) lower ends, middles and upper ends; of a band (2,) the ends of the axis; of arrows
+            (n, 2).
         y: as `x`; of an area (n, 2); of a band (2,) lower and upper value; of ticks zeros.
         name: text in the key of the picture; "": none.
         tones: from 0 (dark) to 1 (light), (n,) for the colours of points, or (1,) for that of a line; None: the colour
             of the look.
         share: largest part of the points of a picture that this layer may have; None: all its points are drawn.
+        texts: of labels.
     """
 
-    shape: Literal["dots", "line", "bars", "band", "area", "ticks"]
+    shape: Literal["dots", "line", "bars", "band", "area", "ticks", "region", "arrows", "labels"]
     look: str
     x: Floats
     y: Floats
     name: str = ""
     tones: Floats | None = None
     share: float | None = None
+    texts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,19 +231,28 @@ class _Units(NamedTuple):
     def predicted(self, checks: Checks, curve: RadiusCurve) -> list[Layer]:
         """The areas that hold 90 % of what an answer predicts: of the radius, and of the residual; none of an answer
         without draws."""
-        compared, ends = checks.compared_time, checks.predicted_over_rmax
-        time, radius = checks.reconstruction_time, checks.reconstruction_radius
-        if compared is None or ends is None or time is None or radius is None:
+        compared, ends, predicted = checks.compared_time, checks.predicted_over_rmax, predicted_radius(checks, curve)
+        if compared is None or ends is None or predicted is None:
             return []
-        within = (time >= compared[0]) & (time <= compared[-1])
-        time, radius = time[within], radius[within]
-        shift = np.column_stack([np.interp(time, compared, end) for end in ends.T])
-        area = self.points(time, np.maximum(radius[:, None] + curve.max_radius * shift, 0.0))
+        area = self.points(*predicted)
         across, _ = self.points(compared, compared)
         return [
             Layer("area", "draws", *area, "90 % of predictions", share=0.2),
             Layer("area", "draws", across, 100.0 * ends, share=0.1),
         ]
+
+
+def predicted_radius(checks: Checks, curve: RadiusCurve) -> tuple[Floats, Floats] | None:
+    """(times (n,), s, and the ends (n, 2), m, between which lie 90 % of the predictions of an answer); None of one
+    without draws."""
+    compared, ends = checks.compared_time, checks.predicted_over_rmax
+    time, radius = checks.reconstruction_time, checks.reconstruction_radius
+    if compared is None or ends is None or time is None or radius is None:
+        return None
+    within = (time >= compared[0]) & (time <= compared[-1])
+    time, radius = time[within], radius[within]
+    shift = np.column_stack([np.interp(time, compared, end) for end in ends.T])
+    return time, np.maximum(radius[:, None] + curve.max_radius * shift, 0.0)
 
 
 def _time_ends(time: Floats, window: Floats) -> tuple[float, float]:
@@ -239,26 +266,6 @@ def _time_ends(time: Floats, window: Floats) -> tuple[float, float]:
         first = max(first, float(window[0] - (window[-1] - window[0])))
     margin = 0.015 * (last - first) or 1.0
     return first - margin, last + margin
-
-
-def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequence[int]) -> list[Panel]:
-    """The panel of the answered shots of a group, R/R_max over t*, darker for smaller R_max; then one or two panels of
-    a parameter over another one, or over R_max. indices: of the group's curves in the result."""
-    members = [i for i in indices if result.curves[i].has_answer]
-    records, curves, t_c = [result.curves[i] for i in members], list[RadiusCurve](), list[float]()
-    for i in members:  # draws of thousands of answers need not be in memory at once
-        curve, answer = pairs[i]
-        curves.append(curve)
-        t_c.append(answer.checks.time_scale or np.nan)
-    names = parameters_of(records)
-    upper = next((name for name in MATERIAL_CONSTANTS if name in names), names[0])
-    lower = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
-    all_elastic = lower and all(record.shear_modulus_Pa.known for record in records)
-    lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
-    tones = _tones(np.array([curve.max_radius for curve in curves]))
-    end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
-    answers = [_answers_panel(records, group, result.modulus_unit, upper, across, tones) for across in lower]
-    return [_overlay(curves, t_c, 1.1 * end, scaled=True), *answers]
 
 
 def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> list[Panel]:
@@ -278,7 +285,7 @@ def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float =
     times are t*, up to `end`."""
     sizes = np.array([curve.max_radius for curve in curves])
     layers = []
-    for curve, unit, size, tone in zip(curves, units, sizes, _tones(sizes), strict=True):
+    for curve, unit, size, tone in zip(curves, units, sizes, tones_of(sizes), strict=True):
         time = (curve.time - curve.time_of_max) / unit
         some = (time >= -1.1) & (time <= end) if scaled else np.isfinite(time)
         radius = curve.radius[some] / (size if scaled else 1e-6)
@@ -293,88 +300,6 @@ def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float =
     return Panel(Axis(labels[0], float(low), float(high)), Axis(labels[1], 0.0, top), tuple(layers), note=key)
 
 
-def _tones(sizes: Floats) -> Floats:
+def tones_of(sizes: Floats) -> Floats:
+    """Tones from 0 (the smallest, dark) to 1 (the largest)."""
     return (sizes - sizes.min()) / (np.ptp(sizes) or 1.0)
-
-
-def _answers_panel(
-    records: Sequence[CurveRecord], group: GroupRecord, unit: Unit, upper: str, across: str, tones: Floats
-) -> Panel:
-    """The panel of the answers of a group, `upper` over `across`; rings mark answers that do not count."""
-    x, mean_x, x_label = _axis_values(across, records, group, unit)
-    y, mean_y, y_label = _axis_values(upper, records, group, unit)
-    trusted = np.array([record.trusted for record in records])
-    finite = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
-    over_size, material = across == _SIZE, group.material
-    layers = [
-        Layer("bars", "interval", x[finite], y[finite], tones=tones[finite]),
-        Layer("dots", "estimate", x[finite, 1], y[finite, 1], tones=tones[finite]),
-        Layer("dots", "ring", x[finite & ~trusted, 1], y[finite & ~trusted, 1], "does not count"),
-    ]
-    # (look, name, x, y), x and y (3,): lower end, value and upper end; x is None: across the whole panel
-    marks: list[tuple[str, str, Floats | None, Floats]] = []
-    if over_size and (slope := group.slopes.get(upper)):
-        power, some = slope.median or 0.0, (y[:, 1] > 0) & (trusted | (slope.n_trusted < slope.n))
-        level = np.median(np.log(y[some, 1]) - power * np.log(x[some, 1]))
-        line = np.linspace(x[:, 1].min(), x[:, 1].max(), 60)
-        layers.append(Layer("line", "centre", line, np.exp(level) * line**power, f"{RMAX}^{slope.words}"))
-    elif (across, upper) == ("shear_modulus", "viscosity") and material and (contour := material.contour()) is not None:
-        of_modulus = display_unit("shear_modulus", unit)[1]
-        layers.append(Layer("line", "contour", of_modulus * contour[:, 1], contour[:, 0], "90 % of shots"))
-        centre = _interval_ends([material.value(across)], of_modulus)[0], _interval_ends([material.value(upper)])[0]
-        marks.append(("centre", "material", *centre))
-    elif mean_y is not None and (over_size or mean_x is not None):
-        marks.append(("centre", "material", None if over_size else mean_x, mean_y))
-    if not (over_size and group.value("shear_modulus").median is not None):  # in one panel only
-        for method, values in group.published.items():
-            of_x, of_y = (_mean(values.get(name, Spread()), display_unit(name, unit)[1]) for name in (across, upper))
-            if of_y is not None and (over_size or of_x is not None):
-                marks.append(("published", digits.elide(method, 14), of_x, of_y))
-    layers += [Layer("bars", look, x[None], y[None], name) for look, name, x, y in marks if x is not None]
-    ends = ([x, *(layer.x for layer in layers)], [y, *(layer.y for layer in layers), *(y for *_, y in marks)])
-    axes = Axis(x_label, *_axis_ends(ends[0], close=over_size)), Axis(y_label, *_axis_ends(ends[1]))
-    width = np.array([axes[0].low, axes[0].high])
-    for look, name, place, (low, middle, high) in marks:
-        if place is None:
-            layers.append(Layer("line", look, width, np.full(2, middle), name))
-            layers.append(Layer("band", f"{look}-range", width, np.array([low, high])))
-    return Panel(*axes, tuple(layer for layer in layers if len(layer.x)))
-
-
-def _axis_values(
-    name: str, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit
-) -> tuple[Floats, Floats | None, str]:
-    """(values of a parameter or of R_max (n, 3), the material of the group (3,) or None, label of the axis)."""
-    if name == _SIZE:
-        radii = [1e6 * (record.max_radius_m or np.nan) for record in records]
-        return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
-    symbol, factor, written = display_unit(name, unit)
-    viscous = name in ("viscosity", VISCOSITY_AT_RATE)
-    values = _interval_ends([record.viscosity if viscous else record.value(name) for record in records], factor)
-    of_group = group.viscosity if viscous else group.value(name)
-    middle = None if group.material is None or of_group.median is None else _interval_ends([of_group], factor)[0]
-    return values, middle, f"{symbol} ({written})" if written else symbol
-
-
-def _mean(value: Spread, factor: float) -> Floats | None:
-    if value.mean is None:
-        return None
-    return factor * (value.mean + (value.std or 0.0) * np.array([-1.0, 0.0, 1.0]))
-
-
-def _interval_ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
-    """(n, 3) lower end, median and upper end; three times the median where there is no interval."""
-    ends = factor * np.array([(value.q05, value.median, value.q95) for value in values], dtype=float).reshape(-1, 3)
-    return np.where(np.isnan(ends), ends[:, 1:2], ends)
-
-
-def _axis_ends(parts: Sequence[Floats], *, close: bool = False) -> tuple[float, float]:
-    """Ends of an axis around these positive numbers; from zero if max/min exceeds ZERO_AXIS_RATIO, unless `close`."""
-    numbers = np.concatenate([np.ravel(part) for part in parts])
-    numbers = numbers[np.isfinite(numbers)]
-    if not len(numbers) or numbers.max() <= 0.0:
-        return 0.0, 1.0
-    low, high = float(numbers.min()), float(numbers.max())
-    begin = 0.0 if low < high / ZERO_AXIS_RATIO and not close else low
-    margin = 0.1 * (high - begin) or 0.1 * high
-    return max(begin - margin, 0.0), high + margin

@@ -18,11 +18,12 @@ import numpy as np
 from markupsafe import Markup
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, printable, require
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.panels import Axis, Layer, Panel, answer_panels, group_panels
+from cavirheo.reporting.group_panels import group_panels
+from cavirheo.reporting.panels import Axis, Layer, Panel, answer_panels
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits, style
 from cavirheo.writing.document import Outputs, short_name, try_to_draw
@@ -34,7 +35,9 @@ if TYPE_CHECKING:
 PX = 4  # SVG units per pixel
 WIDTH, HEIGHT = 480, 300  # px of a picture as the report shows it
 POINTS = 800  # approximate number of points of a picture
-GROUP_POINTS = 8 * POINTS  # approximate number of points of all shots of a group
+SHOT_SIZE = (380.0, 218.0)  # px of the picture of a shot in a report
+GROUP_SIZE = (400.0, 340.0)  # px of each of the two pictures of a group
+GROUP_POINTS = 4 * POINTS  # approximate number of points of all shots of a group
 Word = tuple[str, int, int, str]  # look, x and y of the baseline, text
 Key = list[tuple[str, str]]  # look, text
 _LEFT, _RIGHT, _BOTTOM = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
@@ -43,7 +46,19 @@ _TICK = 4 * PX
 _MIN_LINE_POINTS = 40  # least number of points of a line
 _TONES = 12  # steps from the darkest to the lightest tone
 _SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
-_SYMBOLS |= {"ring": "○", "outlier": "○", "contour": "- -"}  # or by look
+_SYMBOLS |= {"outlier": "○", "region": "▰", "region-out": "▱", "material": "▣", "published": "▢"}  # or by look
+_LETTER, _CAPITAL = 6 * PX, 10 * PX  # width and height of a letter of the name of a shot
+_AROUND = (
+    (0.0, 0.0),
+    (1.0, 0.0),
+    (-1.0, 0.0),
+    (0.0, -1.0),
+    (0.0, 1.0),
+    (1.0, -1.0),
+    (-1.0, -1.0),
+    (1.0, 1.0),
+    (-1.0, 1.0),
+)
 FIGURE_KINDS = ("png", "svg", "pdf")  # of figure files
 _MM_PER_INCH = 25.4
 _COLUMN_MM, _PAGE_MM = 84.0, 174.0  # mm, width of a column and of a page
@@ -65,14 +80,22 @@ _LOOKS: dict[str, dict[str, Any]] = {  # styles of matplotlib by look; a layer o
     "residual": _DOT | {"mec": "black"},
     "zero": {"color": "black", "lw": 0.5},
     "shot": {"lw": 0.8 * _LINE_PT},
+    "measured-shot": {"marker": "o", "ls": "", "ms": 1.6, "mew": 0.0},
+    "draws-shot": {"alpha": 0.25, "lw": 0},
+    "region": {"alpha": 0.3, "lw": 0.8},
+    "region-out": {"color": _GREY, "fill": False, "ls": "--", "lw": 0.8},
     "interval": {"lw": 0.8},
     "estimate": {"s": 14.0},
-    "ring": {"marker": "o", "ls": "", "ms": 3.2, "mew": 0.8, "mec": style.INK, "mfc": "white"},
-    "contour": {"color": "black", "ls": "--", "lw": 0.7 * _LINE_PT, "zorder": 3},
-    "centre": {"color": "black", "marker": "D", **_MARK},
-    "published": {"color": style.VERMILLION, "marker": "s", **_MARK},
-    "centre-range": {"color": "black", "alpha": 0.1, "lw": 0},
-    "published-range": {"color": style.VERMILLION, "alpha": 0.1, "lw": 0},
+    "material": {"color": "black", "fill": False, "lw": 1.4 * _LINE_PT, "zorder": 4},
+    "published": {"color": style.VERMILLION, "fill": False, "lw": 1.2 * _LINE_PT, "zorder": 4},
+    "shot-name": {"color": style.INK},
+    "shot-name outside": {"color": _GREY},
+}
+_LOOKS |= {f"shot-name beside{rest}": {"color": style.INK} for rest in ("", " outside")}
+_LOOKS |= {
+    f"{kind} {look}": {"color": _LOOKS[look].get("color", style.INK), "lw": 1.0}
+    for kind in ("arrow", "limit")
+    for look in ("region", "region-out", "material", "published")
 }
 
 
@@ -97,12 +120,14 @@ class Frame:
         rows, columns = panel.y.ticks(max(height // (36 * PX), 4)), panel.x.ticks(max(width // (55 * PX), 2))
         places = self.place(panel.x.low, rows)[1]
         path = "".join(f"M{left} {down}h{width}" for down in places) + f"M{left} {top}v{height}h{width}"
-        ticks = [("end", left - 5 * PX, down + 4 * PX, f"{n:g}") for down, n in zip(places, rows, strict=True)]
-        names = [("name", 2 * PX, top - 6 * PX, panel.y.label)]
+        ticks = [
+            ("end", left - 5 * PX, down + 4 * PX, panel.y.written(n)) for down, n in zip(places, rows, strict=True)
+        ]
+        names = [("name", 2 * PX, top - 8 * PX, panel.y.label)]
         if along:
             places = self.place(columns, panel.y.low)[0]
             path += "".join(f"M{across} {bottom}v{_TICK}" for across in places)
-            ticks += [("middle", x, bottom + 15 * PX, f"{n:g}") for x, n in zip(places, columns, strict=True)]
+            ticks += [("middle", x, bottom + 15 * PX, panel.x.written(n)) for x, n in zip(places, columns, strict=True)]
             title = ", ".join(filter(None, (panel.x.label, panel.x.remark)))
             names.append(("name end", right, bottom + 31 * PX, title))
         if second := panel.top_axis:
@@ -161,6 +186,41 @@ class Frame:
             for (a, k, b), (c, m, d) in zip(across.tolist(), down.tolist(), strict=True)
         )
 
+    def _region(self, x: Floats, y: Floats, _: int) -> str:
+        first, *steps = _steps(*self.place(x, y))
+        return f"M{first}l{' '.join(steps)}z"
+
+    def _arrows(self, x: Floats, y: Floats, _: int) -> str:
+        """Path of arrows, of which each has two strokes as a head."""
+        path = ""
+        for (a, b), (c, d) in zip(*(values.tolist() for values in self.place(x, y)), strict=True):
+            length = max(np.hypot(b - a, d - c), 1.0)
+            along, down = (round(6 * PX * (begin - end) / length) for begin, end in ((a, b), (c, d)))
+            half = along // 2, down // 2
+            path += f"M{a} {c}L{b} {d}M{b + along - half[1]} {d + down + half[0]}"
+            path += f"L{b} {d}L{b + along + half[1]} {d + down - half[0]}"
+        return path
+
+    def _labels(self, x: Floats, y: Floats, _: int) -> str:
+        return ""  # `names` writes them
+
+    def names(self) -> list[Word]:
+        """The names at points, each where it covers no other; one without such a place is left out."""
+        words, taken = list[Word](), list[tuple[float, float, float, float]]()
+        left, top, width, height = self.box
+        for layer in (layer for layer in self.panel.layers if layer.shape == "labels"):
+            for across, down, text in zip(*self.place(layer.x, layer.y), layer.texts, strict=True):
+                half = 0.5 * _LETTER * len(text)
+                for aside, below in _AROUND[1:] if "beside" in layer.look else _AROUND:
+                    x, y = across + aside * (half + 2 * PX), down + below * _CAPITAL * 1.2
+                    box = (x - half, y - _CAPITAL / 2, x + half, y + _CAPITAL / 2)
+                    within = left < box[0] and box[2] < left + width and top < box[1] and box[3] < top + height
+                    if within and not any(_overlap(box, other) for other in taken):
+                        taken.append(box)
+                        words.append((f"{layer.look} middle", round(x), round(y + 4 * PX), text))
+                        break
+        return words
+
     def _ticks(self, x: Floats, y: Floats, _: int) -> str:
         return "".join(f"M{across} {down}v{-7 * PX}" for across, down in zip(*self.place(x, y), strict=True))
 
@@ -176,21 +236,35 @@ class Frame:
         return np.union1d(np.minimum(even, len(x) - 1), turns[: max(most, 0)])
 
 
-def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS) -> Markup:
+def curve_svg(
+    panels: Sequence[Panel],
+    width: float = WIDTH,
+    height: float = HEIGHT,
+    *,
+    points: int = POINTS,
+    with_key: bool = True,
+) -> Markup:
     """The picture of a curve: measured points with the simulation over them, and below the residual with a band of
-    ± RMSE. width, height: px; the size of the type does not change. points: approximate number of drawn points."""
+    ± RMSE. width, height: px; the size of the type does not change. points: approximate number of drawn points.
+    with_key: whether the looks are named."""
     radius, *residual = panels
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
-    key = _key(radius, omitted_look="outside" if width < WIDTH else "")  # a narrow key has no room
+    key = _key(radius, omitted_look="outside" if width < WIDTH else "") if with_key else []  # a narrow one has no room
     key += [("failed", f"{radius.note}\u2003")] if radius.note else []
     return _picture(panels, f"measured radius over time{simulated}", key, points, (width, height))
 
 
 def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
-    """The pictures of a group beside each other: its shots (`overlay_svg`), then their answers."""
-    pictures = [overlay_svg(panels[0], points)]
-    for panel in panels[1:]:
-        pictures.append(_picture([panel], f"{panel.y.label} of each shot over {panel.x.label}", _key(panel), points))
+    """The pictures of a group beside each other: the plane of G and mu, and all curves."""
+    plane, curves = panels
+    shots = digits.counted(sum(len(layer.texts) for layer in plane.layers), "shot")
+    about = f"{plane.y.label} over {plane.x.label} of {shots}, with the 90 % region of each and that of the material"
+    key = _key(plane)
+    if any(layer.look.startswith("arrow") for layer in plane.layers):
+        key.append(("", "→ bound"))
+    pictures = [_picture([plane], about, key, points, GROUP_SIZE)]
+    about = f"{curves.y.label} over {curves.x.label} of {shots}: measured points and the predictions of the answers"
+    pictures.append(_picture([curves], about, [("", curves.note)], points, GROUP_SIZE))
     return Markup("").join(pictures)
 
 
@@ -210,7 +284,8 @@ def _picture(
     """SVG of one panel, or of a panel with that of the residual below it. key: the text in the row at the top."""
     from cavirheo.reporting.html import template
 
-    view, top = [round(PX * side) for side in size], 2 * _ROW + 2 * PX
+    view = [round(PX * side) for side in size]
+    top = (2 if key else 1) * _ROW + 2 * PX
     across, inner = view[0] - _LEFT - _RIGHT, view[1] - _BOTTOM - top
     below = PX * round(0.26 * (inner - _ROW) / PX) if len(panels) > 1 else 0
     begin = view[1] - _BOTTOM - below
@@ -219,7 +294,8 @@ def _picture(
     frames = [Frame(panel, box) for panel, box in zip(panels, boxes, strict=False)]  # one, or both
     axes, ticks, names = zip(*(frame.axes(along=frame is frames[-1]) for frame in frames), strict=True)
     notes = [("residual end", view[0] - _RIGHT, begin - 6 * PX, panel.note) for panel in panels[1:]]
-    content = {"axes": axes, "ticks": [*chain(*ticks)], "words": [*chain(*names), *notes], "key": key}
+    content: dict[str, Any] = {"axes": axes, "ticks": [*chain(*ticks)], "key": key}
+    content["words"] = [*chain(*names), *notes, *chain(*(frame.names() for frame in frames))]
     content["layers"] = [*chain(*(frame.paths(points) for frame in frames))]
     return Markup(template("picture.svg").render(view=view, label=label, left=_LEFT, row=_ROW - 5 * PX, **content))
 
@@ -231,6 +307,11 @@ def _key(panel: Panel, *, omitted_look: str = "") -> Key:
         for layer in panel.layers
         if layer.name and layer.look != omitted_look
     ]
+
+
+def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:
+    """Whether two boxes (left, top, right, bottom) share a point."""
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
@@ -318,17 +399,17 @@ def curve_figure(panels: Sequence[Panel]) -> Figure:
 
 
 def group_figure(panels: Sequence[Panel]) -> Figure:
-    """Figure as wide as a page: all shots in one panel, and their answers with the material; rings do not count."""
+    """Figure as wide as a page: the plane of G and mu, and all curves."""
     height = 62.0
     figure = style.new_figure(height / _MM_PER_INCH, _PAGE_MM / _MM_PER_INCH)
     bottom, tall = 3.9 * _EM, height - 7.4 * _EM  # two lines of the key above
     half = (_PAGE_MM - 12.0 * _EM) / 2.0
-    shots, answers, *_ = panels
-    left = _panel(figure, (4.6 * _EM, bottom, half, tall), shots)
-    style.write_text(left, 1.0, 1.03, shots.note, size=_SMALL_PT, ha="right")
-    right = _panel(figure, (_PAGE_MM - 0.7 * _EM - half, bottom, half, tall), answers)
-    if right.get_legend_handles_labels()[0]:
-        right.legend(**_LEGEND, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
+    plane, curves = panels
+    left = _panel(figure, (4.6 * _EM, bottom, half, tall), plane)
+    if left.get_legend_handles_labels()[0]:
+        left.legend(**_LEGEND, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
+    right = _panel(figure, (_PAGE_MM - 0.7 * _EM - half, bottom, half, tall), curves)
+    style.write_text(right, 1.0, 1.03, curves.note, size=_SMALL_PT, ha="right")
     for axes, letter in ((left, "a"), (right, "b")):
         axes.set_title(letter, loc="left", fontsize=_LARGE_PT, fontweight="bold")
     return figure
@@ -344,7 +425,10 @@ def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel,
     axes.set_xlabel(x.label if along else "", fontsize=_LARGE_PT, labelpad=2.0)
     axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE_PT)
     axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
-    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high), xticks=x.ticks(7), yticks=y.ticks(6 if box[3] > 20 else 3))
+    columns, rows = x.ticks(7), y.ticks(6 if box[3] > 20 else 3)
+    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high))
+    axes.set_xticks(columns, [x.written(place) for place in columns])
+    axes.set_yticks(rows, [y.written(place) for place in rows])
     for layer in panel.layers:
         if layer.look in _LOOKS:
             _draw(axes, layer, _LOOKS[layer.look])
@@ -357,12 +441,25 @@ def _draw(axes: Axes, layer: Layer, options: dict[str, Any]) -> None:
     if layer.shape == "band":
         axes.axhspan(*y, **options)
     elif layer.shape == "area":
-        axes.fill_between(x, *y.T, label=label, **options)
+        colour = {} if colours is None else {"color": colours[0]}
+        axes.fill_between(x, y[:, 0], y[:, 1], label=label, **options, **colour)
+    elif layer.shape == "region":
+        colour = {} if colours is None else {"color": colours[0]}
+        axes.fill(x, y, label=label, **colour | options)
+    elif layer.shape == "arrows":
+        colour = options["color"] if colours is None else colours[0]
+        for begin, end in zip(np.stack([x[:, 0], y[:, 0]], -1), np.stack([x[:, 1], y[:, 1]], -1), strict=True):
+            axes.annotate("", end, begin, arrowprops={"arrowstyle": "->", "color": colour, "lw": options["lw"]})
+    elif layer.shape == "labels":
+        for across, up, text in zip(x, y, layer.texts, strict=True):
+            axes.text(
+                across, up, printable(text), fontsize=_SMALL_PT, ha="center", va="center", parse_math=False, **options
+            )
     elif layer.shape == "bars":
         xerr, yerr = (np.abs(values[:, [0, 2]] - values[:, [1]]).T for values in (x, y))
         points: dict[str, Any] = {"ls": ""} if "marker" in options else {"fmt": "none", "ecolor": colours}
         axes.errorbar(x[:, 1], y[:, 1], yerr, xerr, label=label, **options | points)
-    elif layer.shape == "dots" and colours is not None:
+    elif layer.shape == "dots" and colours is not None and "s" in options:
         axes.scatter(x, y, c=colours, zorder=2, **options)
     else:
         colour = {} if colours is None else {"color": colours[0]}

@@ -3,15 +3,10 @@
 "use strict";
 (() => {
   const table = document.querySelector("table.curves"), body = table.tBodies[0];
-  const rows = []; // a curve each, with the doubt that stands below it
-  for (const row of [...body.rows]) {
-    if (row.classList.contains("doubt")) rows[rows.length - 1].below.push(row);
-    else {
-      const link = row.querySelector("a"), badge = row.querySelector(".badge");
-      const article = document.getElementById(link.hash.slice(1));
-      const details = article.closest("details");
-      rows.push({ row, article, details, below: [], verdict: badge.textContent.trim(), text: null });
-    }
+  const rows = []; // of each curve its row and its article
+  for (const row of body.rows) {
+    const article = document.getElementById(row.querySelector("a").hash.slice(1));
+    rows.push({ row, article, verdict: row.querySelector(".badge").textContent.trim(), text: null });
   }
   const articles = document.getElementById("articles");
   const make = (name, about = {}, ...inside) => {
@@ -30,7 +25,7 @@
   const shown = make("output", { id: "shown" });
   document.getElementById("finder").append(
     make("label", {}, "Find ", words), make("label", {}, "Verdict ", verdict), shown);
-  const textOf = (one) => one.text ??= [one.row, ...one.below, one.details]
+  const textOf = (one) => one.text ??= [one.row, one.article]
     .map((part) => part.textContent).join(" ").toLowerCase();
   const filter = () => {
     const asked = words.value.toLowerCase().split(/\s+/).filter(Boolean), wanted = verdict.value;
@@ -39,7 +34,7 @@
       const fits = (!wanted || (wanted === "!ok" ? one.verdict !== "ok" : one.verdict === wanted))
         && asked.every((word) => textOf(one).includes(word));
       count += fits;
-      for (const part of [one.row, ...one.below, one.details]) part.hidden = !fits;
+      for (const part of [one.row, one.article]) part.hidden = !fits;
     }
     shown.value = `${count} of ${rows.length} curves`;
   };
@@ -50,7 +45,7 @@
   // --- sort
   const heads = [...table.tHead.rows[0].cells];
   const valueOf = (cell) => {
-    const text = cell.textContent.trim().replace("−", "-"), number = parseFloat(text.replace(/^[<>≤≥~]\s*/, ""));
+    const text = cell.textContent.trim().replace("−", "-"), number = parseFloat(text.replace(/^(below|above) /, ""));
     return Number.isNaN(number) ? null : number;
   };
   const order = (column) => {
@@ -65,9 +60,9 @@
     const compare = new Intl.Collator("en", { numeric: true }).compare;
     keyed.sort(([a], [b]) => words ? way * compare(a, b) : (a === null) - (b === null) || way * (a - b));
     const all = document.createDocumentFragment();
-    for (const [, one] of keyed) all.append(one.row, ...one.below);
+    for (const [, one] of keyed) all.append(one.row);
     body.append(all);
-    articles.append(...keyed.map(([, one]) => one.details));
+    articles.append(...keyed.map(([, one]) => one.article));
   };
   heads.forEach((head, column) => {
     const button = make("button", { type: "button", title: "sort" });
@@ -76,13 +71,5 @@
     button.addEventListener("click", () => order(column));
   });
 
-  // --- a link opens its curve
-  const byId = new Map(rows.map((one) => [one.article.id, one]));
-  const open = () => {
-    const one = byId.get(location.hash.slice(1));
-    if (one) one.details.open = true;
-  };
-  addEventListener("hashchange", open);
   filter();
-  open();
 })();

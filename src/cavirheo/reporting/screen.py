@@ -24,9 +24,10 @@ MOST_ROWS = 12  # shots of a group that all have a row; of a larger one the exce
 MOST_EXCEPTIONS = 11  # rows of exceptions
 WIDTH = 80  # columns of a terminal that is not wider
 MOST_NOTES = 3  # notes on the run; the report has all
-_NAME, _SHORT_NAME = 28, 16  # most characters of the name of a shot, and in a table that is too wide
+_NAME = 28  # most characters of the name of a shot; in a table that is too wide SHORT_NAME
 _LABEL = 5  # columns before the text of a line below the shots
 _SWITCHES = {"liquid": "liquid", "stiffening": "stiffens", "field_bubble": "field's bubble"}
+_VALUES = {"shear_modulus": "G", "viscosity": "µ"}  # parameters of the answer and their labels
 _OTHERS = {"shear_modulus": "viscosity", "viscosity": "shear_modulus"}
 Row = tuple[list[str], str]  # cells, verdict
 
@@ -53,13 +54,7 @@ def print_result(
 
 
 def _print_group(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path, every_shot: bool) -> None:
-    sizes = [shot.max_radius_m for shot in shots if shot.max_radius_m]
-    ends = dict.fromkeys([digits.micrometres(min(sizes)), digits.micrometres(max(sizes))]) if sizes else {}
-    facts = [digits.counted(len(shots), "shot")]
-    facts += [f"{group.n_counted} of them count"] if group.n_counted < len(shots) else []
-    facts += [f"R_max {' to '.join(ends)} µm"] if ends else []
-    facts += _windows(shots)
-    _title(group.name, facts)
+    _title(group.name, group_facts(group, shots))
     _print_rows(result, shots, group, every_shot)
     _print_answer(result, group, shots, out)
 
@@ -93,12 +88,14 @@ def _title(name: str, facts: Sequence[str]) -> None:
     words = ", ".join(facts)
     console = terminal.console()
     room = max(console.width, WIDTH) - len(words) - 2
-    console.print(_text([(digits.elide(name, max(room, _SHORT_NAME)), "bold"), ("  " + words, "")]), soft_wrap=True)
+    console.print(
+        _text([(digits.elide(name, max(room, digits.SHORT_NAME)), "bold"), ("  " + words, "")]), soft_wrap=True
+    )
 
 
 def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord | None, every_shot: bool) -> None:
     """A row for each shot; of many, for the exceptions, and how many there are."""
-    names = dict(zip((shot.name for shot in shots), _distinct([shot.name for shot in shots]), strict=True))
+    names = dict(zip((shot.name for shot in shots), digits.distinct_names([shot.name for shot in shots]), strict=True))
     shown = list(shots)
     if len(shots) > MOST_ROWS and not every_shot:
         outliers = group.population.outliers if group and group.population else {}
@@ -114,17 +111,6 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord
         _say("", f"{digits.counted(hidden, 'more shot')}: {_verdicts([s for s in shots if s not in shown])} (--all)")
 
 
-def _distinct(names: Sequence[str]) -> list[str]:
-    """What distinguishes the names: of long ones without the words with which all of them begin."""
-    short = digits.shorten_names(names)
-    if len(short) < 2 or max(map(len, short)) <= _SHORT_NAME:
-        return short
-    least, largest = min(short), max(short)
-    alike = next((k for k, pair in enumerate(zip(least, largest, strict=False)) if pair[0] != pair[1]), len(least))
-    first = max(least[:alike].rfind(mark) for mark in "_- /.") + 1
-    return [name[first:] for name in short]
-
-
 def _verdicts(shots: Sequence[CurveRecord]) -> str:
     counts: dict[str, int] = {}
     for shot in shots:
@@ -138,15 +124,15 @@ def _cells(shot: CurveRecord, name: str, factor: float) -> list[str]:
     return [
         digits.elide(name, _NAME),
         digits.micrometres(shot.max_radius_m),
-        digits.number(stretch.median) if stretch.median is not None else " ".join(_parts(stretch, 1.0)).strip(),
-        *_parts(shot.shear_modulus_Pa, factor),
-        *_parts(shot.viscosity, 1.0),
+        digits.number(stretch.median) if stretch.median is not None else " ".join(value_parts(stretch, 1.0)).strip(),
+        *value_parts(shot.shear_modulus_Pa, factor),
+        *value_parts(shot.viscosity, 1.0),
         digits.percent(shot.rmse_over_rmax),
         mark,
     ]
 
 
-def _parts(value: Quantity, factor: float) -> tuple[str, str]:
+def value_parts(value: Quantity, factor: float) -> tuple[str, str]:
     """(value, interval) in words; a bound has no value."""
     if not value.known:
         return digits.MISSING, ""
@@ -164,7 +150,7 @@ def _print_table(head: list[str], rows: Sequence[Row]) -> None:
     width = max(console.width, WIDTH)
     table = [head, *(cells for cells, _ in rows)]
     if _width(table) > width:
-        table = [[digits.elide(cells[0], _SHORT_NAME), *cells[1:]] for cells in table]
+        table = [[digits.elide(cells[0], digits.SHORT_NAME), *cells[1:]] for cells in table]
     if _width(table) > width:
         table = [[*cells[:2], *cells[3:]] for cells in table]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
@@ -181,30 +167,54 @@ def _width(table: Sequence[Sequence[str]]) -> int:
 
 
 def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
-    """The answer of a group: G and mu, whether to use them, and what to do next."""
-    answer = group if group.has_answer else None
-    for name in ("shear_modulus", "viscosity"):
-        if answer and (line := _value_line(result, answer, name)):
-            _say(parameter_of(name).symbol, line, style="bold")
-    _say("use", _use(group, shots), style=digits.VERDICT_STYLES[group.verdict].terminal, most=2)
-    for line in _facts(group, shots):
-        _say("", line)
-    _say("next", _next_step(group, shots, out))
+    for label, parts in answer_lines(result, group, shots, out):
+        text = "   ".join(parts)
+        if label == "use":
+            _say(label, text, style=digits.VERDICT_STYLES[group.verdict].terminal, most=2)
+        else:
+            _say(label, text, style="bold" if label in _VALUES.values() else "")
 
 
-def _value_line(result: Result, group: GroupRecord, name: str) -> str:
+def answer_lines(
+    result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path = Path()
+) -> list[tuple[str, list[str]]]:
+    """(label, parts of a line) of the answer of a group: G and mu, whether to use them, facts on it, and what to do
+    next. A page has the same lines. out: folder of the documents."""
+    lines = list[tuple[str, list[str]]]()
+    for name, symbol in _VALUES.items():
+        if group.has_answer and (line := _value_line(result, group, name)):
+            lines.append((symbol, line))
+    lines.append(("use", [_use(group, shots)]))
+    lines += [("", [line]) for line in _facts(group, shots)]
+    lines.append(("next", [_next_step(group, shots, out)]))
+    return lines
+
+
+def group_facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
+    """How many shots there are and count, their sizes and collapses."""
+    sizes = [shot.max_radius_m for shot in shots if shot.max_radius_m]
+    ends = dict.fromkeys([digits.micrometres(min(sizes)), digits.micrometres(max(sizes))]) if sizes else {}
+    facts = [digits.counted(len(shots), "shot")]
+    facts += [f"{group.n_counted} of them count"] if group.n_counted < len(shots) else []
+    facts += [f"R_max {' to '.join(ends)} µm"] if ends else []
+    return facts + _windows(shots)
+
+
+def _value_line(result: Result, group: GroupRecord, name: str) -> list[str]:
     heaps = group.population.heaps.get(name) if group.population else None
     if heaps:
         words = heaps_in_words(name, [(heap.low, heap.high, heap.shots) for heap in heaps])
-        return f"shots disagree: {words.partition(' ')[2]}"
+        return [f"shots disagree: {words.partition(' ')[2]}"]
     value = group.viscosity if name == "viscosity" else group.value(name)
     if not value.known:
-        return ""
+        return []
     factor, unit = result.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
-    number, interval = _parts(value, factor)
-    line = f"{number} {unit}   {interval}" if number else f"{interval} {unit}"
+    number, interval = value_parts(value, factor)
+    line = [f"{number} {unit}", interval] if number else [f"{interval} {unit}"]
     alone = group.systematic.statistics.get(name) if group.systematic else None
-    return line + f"   (statistics alone {_parts(alone, factor)[1]})" if alone and value.median is not None else line
+    if alone and value.median is not None:
+        line.append(f"(statistics alone {value_parts(alone, factor)[1]})")
+    return line
 
 
 def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:

@@ -21,6 +21,7 @@ class VerdictStyle(NamedTuple):
     terminal: str
 
 
+SHORT_NAME = 16  # most characters of a name that is written in full everywhere
 VERDICT_STYLES = {
     "ok": VerdictStyle("ok", "#00694d", "green"),
     "bound": VerdictStyle("bound", "#1f5f8b", "cyan"),
@@ -187,6 +188,17 @@ def shorten_names(names: Sequence[str], width: int = 80) -> list[str]:
     file = files.pop() if len(files) == 1 < len(numbered) else ""
     short = [elide(name.removeprefix(file) if name.endswith("]") else name, width) for name in names]
     return short if len(set(short)) == len(set(names)) else list(names)
+
+
+def distinct_names(names: Sequence[str]) -> list[str]:
+    """What distinguishes the names: of long ones without the words with which all of them begin."""
+    short = shorten_names(names)
+    if len(short) < 2 or max(map(len, short)) <= SHORT_NAME:
+        return short
+    least, largest = min(short), max(short)
+    alike = next((k for k, pair in enumerate(zip(least, largest, strict=False)) if pair[0] != pair[1]), len(least))
+    first = max(least[:alike].rfind(mark) for mark in "_- /.") + 1
+    return [name[first:] for name in short]
 
 
 def printable(text: str) -> str:
