@@ -264,4 +264,4 @@ def facts(session: Session, name: str) -> str:
         times = (posterior.checks.compared_time for posterior in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
     key = parameter_key(record.other_parameters)
-    return render("facts", table, frames, failed, html.about(record, factor, unit), key)
+    return render("facts", table, frames, failed, record, html.about(record, factor, unit), key)

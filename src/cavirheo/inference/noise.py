@@ -32,7 +32,7 @@ GAMMA_A = 2.0  # A: the frame-to-frame noise is only a guess of the noise
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
 CLOCK_RATIOS = (0.0, 1.0, 4.0)  # s/r
 TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window
-SEEN_SHARE = 0.01  # a grid point with a smaller share of the density has no part in its slope
+SEEN_SHARE = 1e-5  # a grid point with a smaller share of the density has no part in its slope
 ABSENCE_PROBABILITY = 1.0 / 6.0  # prior probability that there is no discrepancy
 
 
