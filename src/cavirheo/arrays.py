@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+FEWEST = 10  # draws that tell a covariance
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -22,3 +23,11 @@ def log_sum(log_value: ArrayLike, axis: int | None = None) -> Floats:
     top = np.where(np.isfinite(top), top, 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(np.sum(np.exp(log_value - top), axis=axis)) + np.squeeze(top, axis))
+
+
+def weighted_covariance(first: Floats, second: Floats, log_weight: Floats) -> Floats | None:
+    """(2, 2) covariance of two columns of draws (k,), by those that are finite; None if they are fewer than FEWEST."""
+    good = np.isfinite(first) & np.isfinite(second) & np.isfinite(log_weight)
+    if np.count_nonzero(good) < FEWEST:
+        return None
+    return np.asarray(np.cov(first[good], second[good], aweights=relative_weights(log_weight[good])))

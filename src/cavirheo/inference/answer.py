@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.arrays import Floats, relative_weights
+from cavirheo.arrays import Floats, relative_weights, weighted_covariance
 from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import emulator, outside
@@ -32,7 +32,6 @@ PRIOR_END = 2.3  # a nuisance so far from the middle of its prior has 1 % of it 
 OPEN_ENDS: dict[str, Bound] = {"stretch": "lower", "accommodation": "upper", "confinement_damping": "lower"}
 """Ends of nuisances beyond which there is physics: a larger stretch, a smaller accommodation, a larger damping."""
 TRADED = 0.3  # correlation of a parameter with a nuisance at its end, above which it is only bounded
-FEWEST = 10  # draws that tell a correlation
 ENOUGH = EMULATED.effective  # draws without which there is no interval
 NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
@@ -55,9 +54,7 @@ class Target:
         if self.unknown:
             rough = partial(self.shot.difference, accuracy=BRISK)
             return np.array(run_jobs(rough, x, self.workers)).reshape(len(x), -1)
-        parts = np.array_split(x, max(1, len(x) // 1000))
-        frames = [self.shot.emulated(part, emulator()) for part in parts]
-        return self.measured - np.concatenate(frames)
+        return self.measured - self.shot.emulated(x, emulator())
 
     def simulated(self, x: Floats) -> Floats:
         """Residuals (k, n) by the default solver; NaN where it fails."""
@@ -235,10 +232,9 @@ def trades(prior: Prior, x: Floats, log_weight: Floats, law: Sequence[str]) -> d
             continue
         outwards = 1.0 if open_end == "lower" else -1.0
         for name in law:
-            good = np.isfinite(columns[name]) & np.isfinite(columns[other]) & np.isfinite(log_weight)
-            if np.count_nonzero(good) < FEWEST:
+            pair = weighted_covariance(columns[name], columns[other], log_weight)
+            if pair is None:
                 continue
-            pair = np.cov(columns[name][good], columns[other][good], aweights=relative_weights(log_weight[good]))
             correlation = pair[0, 1] / np.sqrt(pair[0, 0] * pair[1, 1] + 1e-300)
             if abs(correlation) > TRADED:
                 found[name] = other, "lower" if outwards * correlation > 0.0 else "upper"
@@ -299,11 +295,9 @@ def over_scale(shot: Experiment, weighed: Weighed, name: str) -> float | None:
     columns = dict(zip(shot.names, weighed.x.T, strict=True))
     if not {name, "radius_scale"} <= columns.keys():
         return None
-    value, scale = columns[name], columns["radius_scale"]
-    good = np.isfinite(value) & np.isfinite(weighed.log_weight)
-    if np.count_nonzero(good) < FEWEST:
+    pair = weighted_covariance(columns[name], columns["radius_scale"], weighed.log_weight)
+    if pair is None:
         return None
-    pair = np.cov(value[good], scale[good], aweights=relative_weights(weighed.log_weight[good]))
     _, half_width = shot.free["radius_scale"]
     return float(np.log(10.0) * pair[0, 1] / pair[1, 1] / half_width)
 

@@ -21,14 +21,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from cavirheo.arrays import Floats, relative_weights
+from cavirheo.arrays import Floats, weighted_covariance
 from cavirheo.errors import require
 from cavirheo.inference.sample import effective_size
 from cavirheo.parameters import natural_name
 from cavirheo.posterior import Posterior
 
 _LN10 = float(np.log(10.0))
-_FEWEST = 10  # draws that tell a slope
 _STREAM = 7  # of the random draws of the errors
 
 
@@ -74,11 +73,10 @@ def over_scale(answers: Sequence[Posterior], name: str) -> float | None:
             continue
         value, scale = (answer.theta[:, answer.names.index(column)] for column in (name, "radius_scale"))
         log_weight = np.zeros(len(value)) if answer.log_weight is None else answer.log_weight
-        good = np.isfinite(value) & np.isfinite(log_weight)
-        if np.count_nonzero(good) < _FEWEST:
+        pair = weighted_covariance(value, scale, log_weight)
+        if pair is None:
             continue
-        pair = np.cov(value[good], scale[good], aweights=relative_weights(log_weight[good]))
-        worth = effective_size(log_weight[good]) / pair[0, 0]
+        worth = effective_size(log_weight[np.isfinite(value)]) / pair[0, 0]
         products += worth * pair[0, 1]
         squares += worth * pair[1, 1]
     return _LN10 * products / squares if squares else None
