@@ -188,8 +188,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         wanted = int(np.clip(needed, CORRECTING, budget.effective / EXPECTED_YIELD))
         if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > budget.most:
             break
-        enough = max(budget.found, budget.sampled * share[worst])
-        found[worst] = _weighed(found[worst], wanted, budget.rounds, enough)
+        found[worst] = _weighed(found[worst], wanted, budget)
     return joined(found, sum(each.known.evaluations for each in started))
 
 
@@ -337,20 +336,20 @@ def _settled(found: Sampled, budget: Budget) -> Sampled:
     """With likely places by quick frames, and a few draws there. A poor emulator does not make the evidence too low."""
     corrected = partial(_corrected, found.known.quick, found.known.correction())
     mixture = ridges(corrected, found.model.noise, found.maxima, budget, found.rng, LOOKED_AT, REACH)
-    found = _weighed(replace(found, mixture=mixture), CORRECTING, budget.first, budget.found)
+    found = _weighed(replace(found, mixture=mixture), CORRECTING, budget)
     assert found.draws is not None
     return replace(found, log_evidence=max(found.log_evidence, found.draws.log_evidence))
 
 
-def _weighed(found: Sampled, wanted: int, rounds: Sequence[int], enough: float) -> Sampled:
+def _weighed(found: Sampled, wanted: int, budget: Budget) -> Sampled:
     """With so many more draws of the corrected quick frames that are simulated. Draws of which a good part was
-    effective are drawn from again; others are drawn anew, in such rounds until `enough` are effective."""
+    effective are drawn from again; others are drawn anew."""
     model, known, rng, draws, mixture = found.model, found.known, found.rng, found.draws, found.mixture
     assert mixture is not None
     correction = known.correction()
     if draws is None or found.yielded < GOOD or effective_size(draws.log_weight) < 2.0 * wanted:
         target = partial(_density, model, partial(_corrected, known.quick, correction))
-        draws, mixture = sample(target, mixture, rounds, rng, enough)
+        draws, mixture = sample(target, mixture, budget.rounds, rng, budget.sampled)
     picked, count = np.unique(pick(draws, wanted, rng), return_counts=True)
     order = rng.permutation(len(picked))
     at, log_quick, count = draws.u[picked[order]], draws.log_density[picked[order]], count[order]

@@ -36,8 +36,8 @@ class Accuracy:
         InputError: cells or relative_error is out of range.
     """
 
-    cells: int = 152
-    relative_error: float = field(default=1e-4, metadata=domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1))
+    cells: int = 128
+    relative_error: float = field(default=3e-4, metadata=domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1))
 
     def __post_init__(self) -> None:
         expect_whole(self.cells, "cells", 8, "physics.cells")
