@@ -22,9 +22,16 @@ from validation.claims import calibration
 from validation.numbers import Number, Run, share, statistic
 
 LONG = replace(
-    EMULATED, scanned=6000, climbed=60, kept=20, ridge=150, first=(2000, 3000), rounds=(4000,) * 7, effective=700.0,
-    most=5000,
-)  # fmt: skip
+    EMULATED,
+    scanned=6000,
+    climbed=60,
+    kept=20,
+    ridge=150,
+    rounds=(4000,) * 9,
+    sampled=8000.0,
+    effective=700.0,
+    most=7000,
+)
 PARTS = ("seeds",)
 SHOTS = 2, 8  # of each kind, in a quick and a full run
 SETS = (
