@@ -36,12 +36,10 @@ from cavirheo.inference.sample import (
 from cavirheo.prior import log_normal
 
 CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
-REACH = 15.0  # of log posterior by the emulator, below which a maximum or a model is not looked at
+REACH = 15.0  # of log posterior, or of the log of Laplace's integral, below which a maximum or a model is left out
 LOOKED_AT, REFINED = 4, 8  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
-REJECTED = 12.0  # log of Laplace's integral by which a model is too unlikely to be looked at,
-NEGLIGIBLE = 6.0  # and log evidence by which it is too unlikely to be drawn from
+NEGLIGIBLE = 6.0  # log evidence below which a model is not drawn from further
 TELLING = 8.0  # effective draws that tell the evidence of a model; fewer find it too low
-EXPECTED_YIELD = 0.85  # effective part that is expected of the first draws that are simulated
 GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that are drawn from again; and the least that is reckoned with
 SLOPE_RIDGE, ROUGHNESS = 3.0, 0.1  # of the correction: ridge of its slopes, variance that the process leaves
 FARTHEST = 2.5  # widths from the middle up to which the correction is linear
@@ -163,9 +161,7 @@ class Sampled:
 
     @property
     def yielded(self) -> float:
-        """Effective part of the last draws that were simulated, as far as it is known."""
-        if not self.parts:
-            return EXPECTED_YIELD
+        """Effective part of the last draws that were simulated."""
         return max(self.parts[-1].effective / len(self.parts[-1].x), LEAST_YIELD)
 
 
@@ -177,7 +173,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
     if not started:
         raise SolverError("no bubble of this law can be simulated at the times of the frames")
     looked = _looked_at(_likely(_crossed(started, budget), REACH), budget)
-    found = _likely([_settled(each, budget) for each in _likely(looked, REJECTED)], NEGLIGIBLE)
+    found = _likely([_settled(each, budget) for each in _likely(looked, REACH)], NEGLIGIBLE)
     while True:
         logs = np.array([each.log_evidence for each in found])
         share = np.exp(logs - log_sum(logs))
@@ -185,7 +181,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         lacking[[each.effective < TELLING for each in found]] += 1.0
         worst = int(np.argmax(lacking))
         needed = budget.effective * min(lacking[worst], share[worst]) / found[worst].yielded
-        wanted = int(np.clip(needed, CORRECTING, budget.effective / EXPECTED_YIELD))
+        wanted = int(np.clip(needed, CORRECTING, budget.effective))
         if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > budget.most:
             break
         found[worst] = _weighed(found[worst], wanted, budget)
