@@ -34,8 +34,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PARTS = {"calibration": calibration.SETTINGS, "challenge": challenge.PARTS, "references": references.PARTS,
          "times": times.PARTS}  # fmt: skip
 CLAIMS = (
-    "solver", "calibration", "video", "population", "design", "evidence", "challenge", "open_sets", "references",
-    "times",
+    "solver", "calibration", "video", "population", "groups", "design", "evidence", "challenge", "open_sets",
+    "references", "times",
 )  # fmt: skip
 
 
