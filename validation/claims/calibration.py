@@ -1,6 +1,6 @@
 """Do intervals hold the truth as often as they say, and switches as often as their probability? Simulated shots.
 
-    python -m validation.claims.calibration OUT [-n 20] [--kinds real,field,liquid,stiffening] [--ways infer,fit,nhkv]
+    python -m validation.claims.calibration OUT [-n 20] [--kinds real,field] [--ways infer,fit,nhkv]
 
 OUT/calibration.jsonl keeps a line per answer: the same call goes on where it stopped, and more shots are added to
 those. Printed is the table of all that is asked.
@@ -10,12 +10,12 @@ Truths: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 str
 the half of a normal, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the real bubble;
 "stiffening": Fung's spring that is 1.3 to 20 times as stiff at R_max, the real bubble. 100 frames over 4.07 t_c, each
 the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame, radii by a scale and R_max by a factor
-with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. Ways: "infer" (the default
-family), "nhkv" (`infer` by this law), "fit" (by this law; clock, scale and R_max free).
+with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. Kind "prior": law, bubble and
+stretch from the prior of the default family itself, whose probabilities of switches are compared with them. Ways:
+"infer" (the default family), "nhkv" (`infer` by this law), "fit" (by this law; clock, scale and R_max free).
 
-An interval counts as it is printed: low <= truth <= high. The truths are from narrower ranges than the priors. Switches
-are those of "infer"; each kind counts by its prior probability, so that a mean probability should be the share of shots
-of which it is true.
+An interval counts as it is printed: low <= truth <= high. The truths of all kinds but "prior" are from narrower ranges
+than the priors.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -33,11 +33,12 @@ from scipy.stats import truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, Posterior, RadiusCurve, fit, infer_many, simulate
 from cavirheo.errors import SolverError
-from cavirheo.inference.assumptions import LIQUID, PLAIN
-from cavirheo.inference.experiment import BOUND_SCALES, FIELD_PROBABILITY, ZETA
+from cavirheo.inference.answer import NEEDED
+from cavirheo.inference.assumptions import AUTO, Family, Options
+from cavirheo.inference.experiment import BOUND_SCALES, ZETA, Experiment
 from cavirheo.parallel import cores
 from cavirheo.physics.accuracy import PRECISE
-from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.laws import Fung
 from cavirheo.physics.materials import Material, Viscoelastic
 from cavirheo.physics.media import WATER
@@ -47,17 +48,11 @@ RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4
 ADDED = "confinement_damping"  # of the real bubble: half-normal
 LEVELS = (0.5, 0.9)
 FIRST = 2000  # seed of the first shot: on those before it settings were chosen
-GEL = (1.0 - LIQUID) * PLAIN
-KINDS = {  # of truths, with their prior probabilities, and the switches that are on
-    "real": (GEL * (1.0 - FIELD_PROBABILITY), ()),
-    "field": (GEL * FIELD_PROBABILITY, ("field_bubble",)),
-    "liquid": (LIQUID * (1.0 - FIELD_PROBABILITY), ("liquid",)),
-    "stiffening": ((1.0 - LIQUID - GEL) * (1.0 - FIELD_PROBABILITY), ("stiffening",)),
-}
+KINDS = ("real", "field", "liquid", "stiffening", "prior")  # of truths
 WAYS = ("infer", "nhkv", "fit")
 BINS = (0.0, 0.2, 0.5, 0.8, 1.0)  # of the probability that is said of a switch
 SWITCHES = ("liquid", "stiffening", "field_bubble")
-SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS}
+SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS if way == "infer" or kind != "prior"}
 SHOTS = 50, 300  # of a setting, in a quick and a full run
 SHOWN = {"G": "shear_modulus", "mu": "viscosity", "stretch": "stretch"}
 FRAMES, EXPOSURE, NOISE, BOUND = 100, 0.3, 0.01, 0.015
@@ -65,26 +60,57 @@ FRAMES, EXPOSURE, NOISE, BOUND = 100, 0.3, 0.01, 0.015
 
 def shot(seed: int, *, kind: str = "field", as_read: bool = False) -> tuple[dict[str, float], RadiusCurve]:
     """Truth by name, and the curve that the camera makes of it."""
-    rng = np.random.default_rng([seed, 5, list(KINDS).index(kind)])
+    rng = np.random.default_rng([seed, 5, KINDS.index(kind)])
     while True:
-        truth = {name: float(10 ** rng.uniform(*np.log10(pair))) for name, pair in RANGES.items()}
+        truth, law, bubble = of_the_prior(rng) if kind == "prior" else of_kind(kind, rng)
         top = float(rng.uniform(100e-6, 400e-6))  # R_max as measured
-        law: Material = NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"])
-        if kind == "liquid":
-            truth["shear_modulus"], law = 0.0, Newtonian(truth["viscosity"])
-        if kind == "stiffening":  # exp(stiffening x 2 stretch^2) at R_max
-            truth["stiffening"] = float(rng.uniform(np.log(1.3), np.log(20.0)) / (2.0 * truth["stretch"] ** 2))
-            law = Viscoelastic(Fung(truth["shear_modulus"], truth["stiffening"]), Newtonian(truth["viscosity"]))
-        bubble = FIELD
-        if kind != "field":
-            truth["accommodation"] = float(10 ** rng.uniform(-2.0, 0.0))
-            truth[ADDED] = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
-            bubble = Bubble("kinetic", truth["accommodation"], confinement_damping=truth[ADDED])
         try:
             camera, curve = film(law, top, truth["stretch"], NOISE, rng, f"shot {seed}", as_read=as_read, bubble=bubble)
         except SolverError:  # a gel so stiff cannot be so large
             continue
         return truth | camera, curve
+
+
+def of_kind(kind: str, rng: np.random.Generator) -> tuple[dict[str, float], Material, Bubble]:
+    """Truth by name, material and bubble."""
+    truth = {name: float(10 ** rng.uniform(*np.log10(pair))) for name, pair in RANGES.items()}
+    law: Material = NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"])
+    if kind == "liquid":
+        truth["shear_modulus"], law = 0.0, Newtonian(truth["viscosity"])
+    if kind == "stiffening":  # exp(stiffening x 2 stretch^2) at R_max
+        truth["stiffening"] = float(rng.uniform(np.log(1.3), np.log(20.0)) / (2.0 * truth["stretch"] ** 2))
+        law = Viscoelastic(Fung(truth["shear_modulus"], truth["stiffening"]), Newtonian(truth["viscosity"]))
+    if kind == "field":
+        return truth, law, FIELD
+    truth["accommodation"] = float(10 ** rng.uniform(-2.0, 0.0))
+    truth[ADDED] = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
+    return truth, law, Bubble("kinetic", truth["accommodation"], confinement_damping=truth[ADDED])
+
+
+@cache
+def default_shot() -> Experiment:
+    """A shot of the default family, which has its prior."""
+    return Experiment(shot(FIRST)[1], Family(AUTO), WATER, Options(bubble=REAL))
+
+
+def of_the_prior(rng: np.random.Generator) -> tuple[dict[str, float], Material, Bubble]:
+    """As `of_kind`, from the prior of the default family; the switches are 0 or 1."""
+    usual = default_shot()
+    states = usual.prior().states(NEEDED)
+    state = states[rng.choice(len(states), p=np.exp([each.log_probability for each in states]))]
+    x = state.to_x(rng.standard_normal((1, len(state.columns))))[0]
+    truth = usual.all_values(x)
+    bubble = usual.bubble_with(truth)
+    switches = {
+        "liquid": truth["shear_modulus"] == 0.0,
+        "stiffening": truth["shear_modulus"] > 0.0 and truth["stiffening"] > 0.0,
+        "field_bubble": bubble == FIELD,
+    }
+    return (
+        truth | {name: float(on) for name, on in switches.items()},
+        usual.family.material(x[: usual.law_size]),
+        bubble,
+    )
 
 
 def film(
@@ -131,35 +157,29 @@ def one(job: tuple[int, str, str]) -> dict[str, Any]:
     answer = answered(curve, way, seed)
     told = answer.log_weight is not None
     asked = [name for name in SHOWN.values() if told and name in answer.parameters]
-    if kind == "liquid" and way != "infer":  # a law without the switch has a modulus
+    if truth["shear_modulus"] == 0.0 and way != "infer":  # a law without the switch has a modulus
         asked = [name for name in asked if name != "shear_modulus"]
     return {
         "verdict": answer.checks.verdict, "seconds": time.process_time() - began,
         "switches": dict(answer.switches), "effective": answer.diagnostics.effective_sample_size,
         "simulations": answer.diagnostics.simulations, "truth": {name: truth[name] for name in asked},
+        "on": {name: truth[name] for name in SWITCHES if name in truth},
         "bounds": {name: answer.bound(name) for name in asked},
         "intervals": {name: [answer.interval(name, level) for level in LEVELS] for name in asked},
     }  # fmt: skip
 
 
-def of_switches(rows: dict[str, list[dict[str, Any]]]) -> Iterator[Number]:
-    """In bins of the probability that is said of a switch: its mean, and the share of shots of which it is true; kinds
-    count by their prior probabilities."""
-    told = {kind: [row["switches"] for row in found if row["switches"]] for kind, found in rows.items()}
-    weight = np.concatenate([np.full(len(part), KINDS[kind][0] / max(len(part), 1)) for kind, part in told.items()])
+def of_switches(rows: list[dict[str, Any]]) -> Iterator[Number]:
+    """In bins of the probability that is said of a switch: its mean, and the share of shots of which it is true."""
+    told = [row for row in rows if row["switches"]]
     for name in SWITCHES:
-        said = np.array([switches[name] for part in told.values() for switches in part])
-        true = np.array([float(name in KINDS[kind][1]) for kind, part in told.items() for _ in part])
+        said = np.array([row["switches"][name] for row in told])
+        true = np.array([row["on"][name] for row in told])
         for low, high in pairwise(BINS):
             inside = (said >= low) & ((said < high) | (high == BINS[-1]))
-            count, key = int(np.sum(inside)), f"switch.{name}.{low:g}"
-            if not count:
-                continue
-            share_of = weight[inside] / np.sum(weight[inside])
-            yield Number(f"{key}.said", float(share_of @ said[inside]), "1", count, 0.0, FIRST)
-            held = float(share_of @ true[inside])
-            error = float(np.sqrt(max(held * (1.0 - held), 0.25 / count) * np.sum(share_of**2)))
-            yield Number(f"{key}.true", held, "1", count, error, FIRST)
+            if np.any(inside):
+                yield statistic(f"switch.{name}.{low:g}.said", said[inside], "1", np.mean, FIRST)
+                yield share(f"switch.{name}.{low:g}.true", true[inside] > 0.5, FIRST)
 
 
 def of_setting(setting: str, rows: list[dict[str, Any]]) -> Iterator[Number]:
@@ -184,11 +204,12 @@ def measured(run: Run, count: int, kinds: list[str], ways: list[str]) -> Iterato
         rows = {
             kind: run.rows("calibration", one, [(seed, kind, way) for seed in range(FIRST, FIRST + count)])
             for kind in kinds
+            if f"{way}_{kind}" in SETTINGS
         }
         for kind, found in rows.items():
             yield from of_setting(f"{way}_{kind}", found)
-        if way == "infer":
-            yield from of_switches(rows)
+        if way == "infer" and "prior" in rows:
+            yield from of_switches(rows["prior"])
 
 
 def measure(run: Run) -> Iterator[Number]:

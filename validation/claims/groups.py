@@ -111,7 +111,9 @@ def one(job: tuple[str, int]) -> dict[str, Any]:
         if kind == "two materials":
             curves = curves[:3] + shots(6.0 * modulus, viscosity, 3, rng)
         curves = [KINDS[kind](curve, rng) for curve in curves]
-    curves = [replace(curve, meta={**curve.meta, "name": f"shot {i + 1}", "group": kind}) for i, curve in enumerate(curves)]
+    curves = [
+        replace(curve, meta={**curve.meta, "name": f"shot {i + 1}", "group": kind}) for i, curve in enumerate(curves)
+    ]
     verdict, ends = answered(curves, number)
     return {"verdict": verdict, "truth": {"shear_modulus": modulus, "viscosity": viscosity}, "ends": ends}
 
