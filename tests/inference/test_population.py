@@ -451,3 +451,10 @@ def test_limits_of_bounds_need_not_agree_in_a_heap():
     known = [seen([3.8, at], [0.05, 0.05], draws=500) for at in (-1.6, -1.5)]
     low, high = two_heaps([*bounded, *known], "abcde", "viscosity")
     assert (low.shots, low.low, high.shots) == (("a", "b", "c"), None, ("d", "e"))
+
+
+def test_a_bound_that_reaches_over_the_gap_does_not_hide_two_heaps():
+    low, high = ([seen([at, -1.0], [0.05, 0.05], draws=500) for at in places] for places in ((3.7, 3.75), (4.5, 4.55)))
+    soft = replace(seen([3.6, -1.0], [0.05, 0.05], draws=500), traded={"shear_modulus": "lower"})
+    first, second = two_heaps([soft, *low, *high], "abcde", "shear_modulus")
+    assert (first.shots, second.shots) == (("b", "c"), ("d", "e"))

@@ -35,32 +35,30 @@ def two_heaps(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> 
     """The two heaps into which the intervals of a parameter (natural name) fall, the lower one first; None if they do
     not: no interval of one reaches one of the other, and the heaps are clearly farther apart than they are wide.
 
-    A bound is taken at the limit of its heap that is nearest to the other heap; it has no deviation."""
+    A heap of bounds alone is taken at the limit that is nearest to the other heap. A bound that reaches over the gap,
+    so that its shot may belong to either heap, is in none."""
     known, ends = _intervals(answers, shots, name)
     fewest = max(FEWEST, int(np.ceil(LEAST_SHARE * len(known))))
-    if len(known) < 2 * fewest:
-        return None
-    order = np.argsort(_middles(ends), kind="stable")
-    ends = ends[order]
-    middles = _middles(ends)
     valued = np.all(np.isfinite(ends), axis=1)
     halves = 0.5 * np.diff(ends[valued], axis=1)
     own = float(np.median(halves)) / _GAUSSIAN_90 if len(halves) else 0.0
-    for first in range(fewest, len(order) - fewest + 1):
-        low, high = ends[:first], ends[first:]
-        if np.max(low[:, 1]) >= np.min(high[:, 0]):
+    best, most = None, 0
+    for gap in np.unique(ends[np.isfinite(ends[:, 1]), 1]):
+        low, high = ends[:, 1] <= gap, ends[:, 0] > gap
+        inside = int(np.count_nonzero(low | high))
+        if min(np.count_nonzero(low), np.count_nonzero(high)) < fewest or np.any(valued & ~low & ~high):
             continue
-        below = np.where(valued[:first], middles[:first], np.max(low[:, 1]))
-        above = np.where(valued[first:], middles[first:], np.min(high[:, 0]))
-        apart = float(np.mean(above) - np.mean(below))
-        parts = [part for part in (middles[:first][valued[:first]], middles[first:][valued[first:]]) if len(part)]
-        squares = sum(float(np.sum((part - np.mean(part)) ** 2)) for part in parts)
-        free = max(int(np.count_nonzero(valued)) - len(parts), 1)
+        below, above = ends[low & valued].mean(axis=1), ends[high & valued].mean(axis=1)
+        scatter = [part - np.mean(part) for part in (below, above) if len(part)]
+        squares = sum(float(np.sum(part**2)) for part in scatter)
+        free = max(sum(map(len, scatter)) - len(scatter), 1)
         width = float(np.hypot(np.sqrt(squares / free), own))
-        if apart > max(APART, CLEAR * width):
-            names = [[known[i] for i in sorted(part)] for part in (order[:first], order[first:])]
-            return _heap(names[0], low), _heap(names[1], high)
-    return None
+        bottom = np.mean(below) if len(below) else np.max(ends[low, 1])
+        top = np.mean(above) if len(above) else np.min(ends[high, 0])
+        if inside > most and top - bottom > max(APART, CLEAR * width):
+            first, second = ([known[i] for i in np.flatnonzero(heap)] for heap in (low, high))
+            best, most = (_heap(first, ends[low]), _heap(second, ends[high])), inside
+    return best
 
 
 def _intervals(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> tuple[list[str], Floats]:
@@ -76,12 +74,6 @@ def _intervals(answers: Sequence[Posterior], shots: Sequence[str], name: str) ->
         known.append(shot)
         ends.append((low, high))
     return known, np.array(ends, dtype=float).reshape(-1, 2)
-
-
-def _middles(ends: Floats) -> Floats:
-    """(n,) middle of each interval in log10, or its only end."""
-    filled = np.where(np.isfinite(ends), ends, ends[:, ::-1])
-    return np.asarray(np.mean(filled, axis=1))
 
 
 def _heap(shots: Sequence[str], ends: Floats) -> Heap:
