@@ -15,7 +15,7 @@ from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import emulator, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
+from cavirheo.inference.sample import EMULATED, SIMULATED, climb
 from cavirheo.inference.weigh import Model, Weighed, posterior
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
@@ -96,7 +96,7 @@ def sampled_answer(
     best = int(np.argmax(weighed.log_posterior))
     predictive, excess, at = judge(target, noise, weighed, best, seed)
     pulled = _pulled(shot, prior, at)
-    effective = effective_size(weighed.log_weight)
+    effective = weighed.effective
     verdict, messages = _bounds(found, shot.family)
     if target.unknown:
         messages.append(Message("sampled_by_solver", {"reason": target.unknown}))
@@ -128,7 +128,6 @@ def sampled_answer(
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
     provenance |= noise.describe(weighed.residuals[best])
-    provenance |= {"evaluations": weighed.evaluations, "share": all_draws.share}
     traded_bounds = {name: bound for name, (_, bound) in traded.items()}
     checks = shot.checks(weighed.x[best], verdict, messages)
     checks = replace(checks, predicted_over_rmax=predicted(shot, noise, weighed, best, checks, seed))

@@ -80,9 +80,17 @@ class Model:
         return self.noise.log_density(residuals) + log_normal(u) + self.log_prior
 
 
-class Part(NamedTuple):
-    """Some draws of a model: x (k, d), residuals (k, n), log posterior (k,), log weight (k,), the log evidence with its
-    standard error, and how many of the draws are effective."""
+class Weighed(NamedTuple):
+    """Draws that were simulated, of a model or of all of them.
+
+    Attributes:
+        x: (k, d) places.
+        residuals: (k, n) of the simulations there.
+        log_posterior: (k,) by these.
+        log_weight: (k,); of the whole their exponentials sum to 1.
+        log_evidence, error: log of the integral, and its standard error.
+        effective: number of draws that are effective.
+    """
 
     x: Floats
     residuals: Floats
@@ -92,41 +100,11 @@ class Part(NamedTuple):
     error: float
     effective: float
 
-
-@dataclass(frozen=True, eq=False)
-class Weighed:
-    """Draws that were simulated.
-
-    Attributes:
-        x: (k, d) places.
-        residuals: (k, n) of the simulations there.
-        log_posterior: (k,) by these.
-        log_weight: (k,) whose exponentials sum to 1.
-        log_evidence, error: of the whole, and its standard error.
-        emulator_error: RMS over R_max of the quick frames, before and after their correction.
-        evaluations: number of quick frames.
-    """
-
-    x: Floats
-    residuals: Floats
-    log_posterior: Floats
-    log_weight: Floats
-    log_evidence: float
-    error: float
-    emulator_error: tuple[float, float]
-    evaluations: int = 0
-
-    @property
-    def share(self) -> float:
-        """Effective part of the draws."""
-        return effective_size(self.log_weight) / len(self.x)
-
     @property
     def solved(self) -> Weighed:
         """Without the draws that could not be simulated."""
         good = np.isfinite(self.log_weight)
-        names = ("x", "residuals", "log_posterior", "log_weight")
-        return replace(self, **{name: getattr(self, name)[good] for name in names})
+        return Weighed(*(values[good] for values in self[:4]), *self[4:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +119,6 @@ class Sampled:
         draws: of the corrected quick frames.
         log_evidence: as far as it is known: Laplace's integral, then by the emulator, then by weighed draws.
         parts: weighed draws.
-        error: RMS over R_max of the quick frames, before and after their correction.
     """
 
     model: Model
@@ -151,8 +128,7 @@ class Sampled:
     mixture: Mixture | None = None
     draws: Draws | None = None
     log_evidence: float = -np.inf
-    parts: tuple[Part, ...] = ()
-    error: tuple[float, float] = (float("nan"), float("nan"))
+    parts: tuple[Weighed, ...] = ()
 
     @property
     def effective(self) -> float:
@@ -185,7 +161,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > budget.most:
             break
         found[worst] = _weighed(found[worst], wanted, budget)
-    return joined(found, sum(each.known.evaluations for each in started))
+    return joined(found)
 
 
 def _likely(found: Sequence[Sampled], reach: float) -> list[Sampled]:
@@ -355,41 +331,28 @@ def _weighed(found: Sampled, wanted: int, budget: Budget) -> Sampled:
     log_mean = float(log_sum(np.log(count) + gain) - np.log(np.sum(count)))
     scatter = float(np.std(np.exp(gain - log_mean)) / np.sqrt(len(at)))
     log_weight = np.log(count) + gain
-    part = Part(
+    part = Weighed(
         model.to_x(at), residuals, log_posterior, log_weight, draws.log_evidence + log_mean,
         float(np.hypot(draws.error, scatter)), min(effective_size(log_weight), effective_size(draws.log_weight)),
     )  # fmt: skip
     parts = (*found.parts, part)
-    error = known.rms(np.zeros(1)), known.rms(correction(at))
-    return replace(
-        found, mixture=mixture, draws=draws, parts=parts, log_evidence=together(parts).log_evidence, error=error
-    )
+    return replace(found, mixture=mixture, draws=draws, parts=parts, log_evidence=together(parts).log_evidence)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Known:
     """The frames of a model, and what simulations tell of the error of the quick ones.
 
     Attributes:
         model: the model.
         u, difference: places (k, d), and simulated minus quick residuals (k, n) there, of simulations that succeeded.
-        counts: numbers of simulations and of quick frames.
+        count: number of simulations.
     """
 
     model: Model
     u: list[Floats] = field(default_factory=list)
     difference: list[Floats] = field(default_factory=list)
-    counts: list[int] = field(default_factory=lambda: [0, 0])
-
-    @property
-    def count(self) -> int:
-        """Number of simulations."""
-        return self.counts[0]
-
-    @property
-    def evaluations(self) -> int:
-        """Number of quick frames."""
-        return self.counts[1]
+    count: int = 0
 
     def quick(self, u: Floats) -> Floats:
         """Quick residuals (k, n) at u (k, d)."""
@@ -398,8 +361,6 @@ class Known:
     @staticmethod
     def together(known: Sequence[Known], places: Sequence[Floats]) -> list[Floats]:
         """Quick residuals (k, n) of several models at u (k, d) of each, in one call."""
-        for each, u in zip(known, places, strict=True):
-            each.counts[1] += len(u)
         return _at(known, places, known[0].model.quick)
 
     def simulate(self, u: Floats) -> Floats:
@@ -414,7 +375,7 @@ class Known:
         found = _at(known, places, known[0].model.simulated)
         for each, u, residuals, quick in zip(known, places, found, Known.together(known, places), strict=True):
             good = np.isfinite(residuals).all(axis=1)
-            each.counts[0] += len(u)
+            each.count += len(u)
             each.u.append(u[good])
             each.difference.append((residuals - quick)[good])
         return found
@@ -422,12 +383,6 @@ class Known:
     def forget(self, place: Floats, residual: Floats) -> None:
         """Keep what is known of a place (d,) with this simulated residual (n,) alone."""
         self.u[:], self.difference[:] = [place[None]], [residual - self.quick(place[None])]
-
-    def rms(self, correction: Floats) -> float:
-        """RMS error that a correction (k, n) or (1,) leaves at the last simulations; NaN if one of them failed."""
-        last = self.difference[-1]
-        fits = correction.ndim == 1 or len(correction) == len(last)
-        return float(np.sqrt(np.mean((last - correction) ** 2))) if last.size and fits else float("nan")
 
     def correction(self) -> Correction:
         """The error as a function of u."""
@@ -486,7 +441,7 @@ def pick(draws: Draws, count: int, rng: np.random.Generator) -> NDArray[np.int64
     return rng.permutation(picked)[:count]
 
 
-def together(parts: Sequence[Part]) -> Part:
+def together(parts: Sequence[Weighed]) -> Weighed:
     """The draws of several parts of one model, each part with the share of its effective draws."""
     sizes = np.array([part.effective for part in parts])
     share = sizes / max(np.sum(sizes), 1e-300)
@@ -499,10 +454,10 @@ def together(parts: Sequence[Part]) -> Part:
     x, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
     log_evidence = float(top + np.log(np.sum(share * np.exp(evidences - top))))
     error = float(np.sqrt(np.sum((share * np.array([part.error for part in parts])) ** 2)))
-    return Part(x, residuals, log_posterior, np.concatenate(logs), log_evidence, error, float(np.sum(sizes)))
+    return Weighed(x, residuals, log_posterior, np.concatenate(logs), log_evidence, error, float(np.sum(sizes)))
 
 
-def joined(found: Sequence[Sampled], evaluations: int) -> Weighed:
+def joined(found: Sequence[Sampled]) -> Weighed:
     """The draws of all models, each with the share of its evidence."""
     parts = [together(each.parts) for each in found]
     evidences = np.array([part.log_evidence for part in parts])
@@ -511,5 +466,4 @@ def joined(found: Sequence[Sampled], evaluations: int) -> Weighed:
     x, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
     log_weight = np.concatenate([part.log_weight + log - whole for part, log in zip(parts, evidences, strict=True)])
     error = float(np.sqrt(np.sum((share * np.array([part.error for part in parts])) ** 2)))
-    errors = found[int(np.argmax(share))].error
-    return Weighed(x, residuals, log_posterior, log_weight, whole, error, errors, evaluations)
+    return Weighed(x, residuals, log_posterior, log_weight, whole, error, effective_size(log_weight))
