@@ -104,7 +104,8 @@ class Weighed(NamedTuple):
     def solved(self) -> Weighed:
         """Without the draws that could not be simulated."""
         good = np.isfinite(self.log_weight)
-        return Weighed(*(values[good] for values in self[:4]), *self[4:])
+        names = ("x", "residuals", "log_posterior", "log_weight")
+        return self._replace(**{name: getattr(self, name)[good] for name in names})
 
 
 @dataclass(frozen=True, eq=False)
