@@ -16,6 +16,7 @@ from cavirheo.writing import digits
 
 if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
+    from cavirheo.reporting.record import Result
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
@@ -28,19 +29,26 @@ _DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
     """Answer the curves of files by one analysis, and write a report."""
 
+    references: Annotated[list[Path] | None, option(options.REFERENCES, INPUT)] = None
+
     def __call__(self, run: Run) -> None:
+        from cavirheo.companions.published_values import TABLE, by_group_of_all, in_sets, read_sets, write_comparison
         from cavirheo.reporting import DOCUMENTS, outputs, write_report
-        from cavirheo.reporting.record import CurveAnswers
-        from cavirheo.reporting.screen import print_result
+        from cavirheo.reporting.record import CurveAnswers, group_names
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing.document import Outputs
 
         files, out, figures = run.files(self.files), self.out, self.figure_kinds
-        analysis = self.make_analysis(files)
-        Outputs(out, *DOCUMENTS, inputs=files)
-        with connected(self.scheduler, run.say) as executor:
+        analysis, references = self.make_analysis(files), self.references or []
+        sets, inputs = read_sets(references), [*files, *references]
+        Outputs(out, *DOCUMENTS, inputs=inputs)
+        if references:
+            Outputs(out, TABLE, inputs=inputs)
+        with connected(self.scheduler, self.slurm, run.say) as executor:
             curves, unfinished = self.read_curves(run, files), Unfinished(out, visible=not run.quiet, executor=executor)
+            curves = in_sets(curves, sets)
+            published = by_group_of_all(group_names(curves), sets)
             folder = outputs(out, curves, figures)
             analysis.check(curves)
             answers = unfinished.answers(curves, analysis)
@@ -55,15 +63,28 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             "draw": self.pictures,
             "complete": not note,
             "errors": self.errors,
+            "published": published,
+            "notes": [note, *run.notes] if note else run.notes,
         }
-        keywords["notes"] = [note, *run.notes] if note else run.notes
         with run.progress_bar("drawing", unit="figures", visible=bool(figures)) as advance:
             result = write_report(out, pairs, run.command, figures, advance=advance, **keywords)
         if note:
             run.end_interrupted(note, out / "result.json")
         unfinished.remove()
-        run.show(result, partial(print_result, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
+        if references:
+            write_comparison(out, result, inputs)
+        run.show(result, partial(_print_answers, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
         run.end(digits.counted(len(curves), "curve"), has_problems(result), f"; report: {out / 'report.html'}")
+
+
+def _print_answers(result: Result, **how: Any) -> None:
+    """Print the answers, and the values of other methods beside them, if there are any."""
+    from cavirheo.reporting.screen import print_result
+    from cavirheo.reporting.table import print_comparison
+
+    print_result(result, **how)
+    if any(group.published for group in result.groups):
+        print_comparison(result)
 
 
 @dataclass(kw_only=True)
@@ -119,7 +140,7 @@ class WhichLaw(options.MeasuredFiles):
         Options(window=self.window, stretch=self.stretch)
         outputs = document.Outputs(out, "laws.json", inputs=files)
         report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
-        with connected(self.scheduler, run.say) as executor:
+        with connected(self.scheduler, self.slurm, run.say) as executor:
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = self.read_curves(run, files)
             reporting.outputs(out, curves, figures)

@@ -123,9 +123,9 @@ ResumableOut = Annotated[Path, folder("folder, which may hold a part")]  # for w
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
+REFERENCES = "CSV of published values, or sweeps of a rheometer, beside the answers; may be repeated"
 _LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid"
 Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
-MaterialOfSets = Annotated[str | None, option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)]
 _FPS = "frames per second, of videos and of tables that number their frames"
 Fps = Annotated[Any, number(_FPS, thousands=".,")]
 UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels")]
@@ -139,8 +139,9 @@ _WINDOW = "number of collapses to compare  [default: 3, or all if there are fewe
 Window = Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)]
 ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower intervals)", INTERVAL, "--exact-law")]
 WantedPercent = Annotated[float, option("wanted half-width of the 90 % interval, % of the value", min=0.1, max=99.0)]
-_SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
+_SCHEDULER = "of a dask cluster: tcp://HOST:PORT  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
+Slurm = Annotated[int | None, option("ask SLURM for so many jobs, as dask-jobqueue is set", CLUSTER, min=1)]
 WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead of --confinement-inertia", BUBBLE)]
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
@@ -339,6 +340,7 @@ class MeasuredFiles(AnsweringVerb):
     exclude: Exclude = None
     figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=figure_names)] = None
     scheduler: Scheduler = None
+    slurm: Slurm = None
 
     @property
     def figure_kinds(self) -> tuple[str, ...]:

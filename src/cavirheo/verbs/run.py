@@ -35,6 +35,7 @@ _NEUTRAL_OPTIONS = (
     "pictures",
     "figures",
     "scheduler",
+    "slurm",
     "once",
     "patience",
     "every_shot",
