@@ -33,23 +33,21 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import TABLE, by_group_of_all, in_sets, read_sets, write_comparison
-        from cavirheo.reporting import DOCUMENTS, outputs, write_report
+        from cavirheo.reporting import DOCUMENTS, write_report
         from cavirheo.reporting.record import CurveAnswers, group_names
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing.document import Outputs
 
-        files, out, figures = run.files(self.files), self.out, self.figure_kinds
-        analysis, references = self.make_analysis(files), self.references or []
-        sets, inputs = read_sets(references), [*files, *references]
-        Outputs(out, *DOCUMENTS, inputs=inputs)
+        files, out, references = run.files(self.files), self.out, self.references or []
+        analysis, sets, inputs = self.make_analysis(files), read_sets(references), [*files, *references]
+        folder = Outputs(out, *DOCUMENTS, inputs=inputs)
         if references:
             Outputs(out, TABLE, inputs=inputs)
         with connected(self.scheduler, self.slurm, run.say) as executor:
             curves, unfinished = self.read_curves(run, files), Unfinished(out, visible=not run.quiet, executor=executor)
             curves = in_sets(curves, sets)
             published = by_group_of_all(group_names(curves), sets)
-            folder = outputs(out, curves, figures)
             analysis.check(curves)
             answers = unfinished.answers(curves, analysis)
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
@@ -66,8 +64,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             "published": published,
             "notes": [note, *run.notes] if note else run.notes,
         }
-        with run.progress_bar("drawing", unit="figures", visible=bool(figures)) as advance:
-            result = write_report(out, pairs, run.command, figures, advance=advance, **keywords)
+        result = write_report(out, pairs, run.command, **keywords)
         if note:
             run.end_interrupted(note, out / "result.json")
         unfinished.remove()
@@ -134,7 +131,7 @@ class WhichLaw(options.MeasuredFiles):
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing import document
 
-        files, out, figures = run.files(self.files), self.out, self.figure_kinds
+        files, out = run.files(self.files), self.out
         materials = [name.strip() for name in self.laws.split(",") if name.strip()]
         candidates = models(materials, self.bubbles or (REAL,))
         Options(window=self.window, stretch=self.stretch)
@@ -143,7 +140,7 @@ class WhichLaw(options.MeasuredFiles):
         with connected(self.scheduler, self.slurm, run.say) as executor:
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = self.read_curves(run, files)
-            reporting.outputs(out, curves, figures)
+            reporting.outputs(out, curves)
             keywords: dict[str, Any] = {
                 "medium": self.liquid,
                 "given": self.given,
@@ -169,8 +166,7 @@ class WhichLaw(options.MeasuredFiles):
         outputs.finish()
         pairs = list(zip(complete_curves, choose_answers(singles, groups), strict=True))
         keywords = {"date": run.date, "draw": self.pictures, "notes": [*preference_lines(laws), *laws.notes]}
-        with run.progress_bar("drawing", unit="figures", visible=bool(figures)) as advance:
-            reporting.write_report(out, pairs, run.command, figures, advance=advance, **keywords)
+        reporting.write_report(out, pairs, run.command, **keywords)
         unfinished.remove()
         run.show(laws)
         verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
@@ -186,13 +182,11 @@ class Watch(options.Inference, options.SharedErrors):
     folder: Annotated[Path, argument("FOLDER", "where the recordings arrive: R(t) files or videos", readable=False)]
     once: Annotated[bool, option("answer the files that exist, write the report, and stop", None, "--once")] = False
     patience: Annotated[float, option("how long to try a file again that cannot be read, s", INPUT, min=0.0)] = 10.0
-    wanted_percent: options.WantedPercent = 10.0
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
         from cavirheo.column import is_r_max, read_column
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.reporting import html, write_report
         from cavirheo.reporting.screen import print_result
         from cavirheo.reporting.table import print_line
 
@@ -204,26 +198,23 @@ class Watch(options.Inference, options.SharedErrors):
         settings = options.shared_values(self, options.FileSettings)
         read_settings = {name: value for name, value in settings.items() if name != "column"}
         keywords: dict[str, Any] = {"group": self.group, "column": self.column, "read_timeout": self.patience}
-        keywords |= {"command": run.command, "date": run.date, "half_width": 0.01 * self.wanted_percent}
+        keywords |= {"command": run.command, "date": run.date, "draw": self.pictures, "errors": self.errors}
         keywords |= {"notify": run.say} if run.quiet else {"notify": run.say, "show": print_line}
         watched = watch.Watch(
             folder, out, analysis, lambda path: self.read_recordings([path]), read_settings, **keywords
         )
         load_solver()
         result = watched.write()
-        page = f"{out / html.LIVE_FILE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
-        run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
+        end = "" if self.once else "; Ctrl-C ends"
+        run.say(f"watching {folder}: {len(result.curves)} answered before; {out / 'report.html'} has all{end}")
         try:
             while watched.answer_next() or watched.pause() or not self.once:
                 pass
             stopped = False
         except KeyboardInterrupt:  # the usual end
             stopped = True
-        pairs, notes = watched.pairs()
-        result = write_report(
-            out, pairs, run.command, date=run.date, notes=notes, draw=self.pictures, errors=self.errors
-        )
+        result = watched.write()
         run.show(result, partial(print_result, out=out, every_shot=self.every_shot))
         run.unreadable = 0 if stopped else watched.unreadable
         failed = not stopped and has_problems(result)
-        run.end(digits.counted(len(pairs), "curve"), failed, f"; report: {out / 'report.html'}")
+        run.end(digits.counted(len(result.curves), "curve"), failed, f"; report: {out / 'report.html'}")

@@ -105,7 +105,6 @@ def _fittable_laws() -> list[str]:
 
 bubble_names = _completer(lambda: ("real", "field"), ",")
 damage_names = _completer(lambda: ("none", "first-rebound", "strain"), ",")
-figure_names = _completer(lambda: ("png", "svg", "pdf"), ",")
 model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.npz")))
 medium_names = _completer(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
 any_law_names = _completer(lambda: resolve_name("cavirheo.physics.materials.LAWS"), "+")
@@ -156,7 +155,6 @@ _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 _PICTURES = "draw pictures; --no-pictures is faster"
 _INFER_STRETCH = "R_max/R_0; free: without the prior that a file states  [default: with it]"
-_FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
 
 
 def shared_values(options: object, kind: Any) -> dict[str, Any]:
@@ -334,25 +332,12 @@ class AnsweringVerb(PrintingVerb, Pictures, Liquid, FileSettings, BubbleOptions)
 
 @dataclass(kw_only=True)
 class MeasuredFiles(AnsweringVerb):
-    """Options of verbs that answer given files: files, excluded frames, figure files, and the scheduler."""
+    """Options of verbs that answer given files: files, excluded frames, and the scheduler."""
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
-    figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=figure_names)] = None
     scheduler: Scheduler = None
     slurm: Slurm = None
-
-    @property
-    def figure_kinds(self) -> tuple[str, ...]:
-        """The requested formats of figure files. Raises InputError: an unknown format, or no matplotlib."""
-        kinds = tuple(dict.fromkeys(word.strip() for word in (self.figures or "").split(",") if word.strip()))
-        if kinds:
-            from cavirheo.reporting.pictures import check_figures
-            from cavirheo.writing.style import available
-
-            check_figures(kinds)
-            require(available(), '--figures needs matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
-        return kinds
 
     def read_curves(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """Return all curves of the files, with their values of --column, and load the solver. Raises InputError: no

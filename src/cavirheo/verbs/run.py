@@ -33,7 +33,6 @@ _NEUTRAL_OPTIONS = (
     "json",
     "quiet",
     "pictures",
-    "figures",
     "scheduler",
     "slurm",
     "once",
