@@ -164,7 +164,7 @@ def test_h_is_help(lab, verb):
 
 
 def test_json_is_the_document_and_quiet_says_errors_alone(lab):
-    words, written = ("collapse-time", "times.csv", "--no-pictures"), Path("r", "collapse-time.json")
+    words, written = ("collapse-time", "times.csv"), Path("r", "collapse-time.json")
     called = lab(*words, "--json", "-o", "r")
     assert called == (0, written.read_text(encoding="utf-8"), "")
     refusal(lab(*words, "nowhere.csv", "--json", "-o", "s"), "error: nowhere.csv")

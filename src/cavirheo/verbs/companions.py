@@ -85,7 +85,7 @@ class Rheometer(options.PrintingVerb):
 
 
 @dataclass(kw_only=True)
-class CollapseTime(options.PrintingVerb, options.Pictures, options.Liquid):
+class CollapseTime(options.PrintingVerb, options.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
@@ -101,8 +101,6 @@ class CollapseTime(options.PrintingVerb, options.Pictures, options.Liquid):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import collapse_times
         from cavirheo.io.shots import shot_numbers
-        from cavirheo.reporting import file_names
-        from cavirheo.writing import style
         from cavirheo.writing.document import Outputs
 
         shot_numbers(self.shots)
@@ -119,12 +117,9 @@ class CollapseTime(options.PrintingVerb, options.Pictures, options.Liquid):
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
         for group in groups:
             group.answer(self.material, exact=self.exact, medium=liquid, **values)
-        answered_groups = [group for group in groups if group.estimate] if self.draws_pictures(run) else []
         head = {"material": self.material, "medium": asdict(liquid), **run.document_fields}
         document = collapse_times.CollapseTimes(groups=groups, **head)
         outputs.write("shots.csv", collapse_times.write_csv, document)
-        for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
-            document.notes += outputs.write_picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
         run.write_document(outputs, document)
         failed = any(group.incomplete or (self.exact and group.model != "exact") for group in groups)
         run.end(f"written to {self.out}", failed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,6 @@ from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
-    from cavirheo.inference.analysis import Analysis
     from cavirheo.reporting.record import Result
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
@@ -40,7 +38,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
         from cavirheo.writing.document import Outputs
 
         files, out, references = run.files(self.files), self.out, self.references or []
-        analysis, sets, inputs = self.make_analysis(files), read_sets(references), [*files, *references]
+        analysis, sets, inputs = self.make_analysis(), read_sets(references), [*files, *references]
         folder = Outputs(out, *DOCUMENTS, inputs=inputs)
         if references:
             Outputs(out, TABLE, inputs=inputs)
@@ -95,18 +93,18 @@ class Fit(_ReportVerb):
     """The field's conventional fit: simulated on measured radius histories under white noise, with intervals."""
 
     material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
-    stretch: options.Stretch = None
-    window: options.Window = None
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
     free: Annotated[str | None, option(_FREE, INTERVAL)] = None
     t0_us: Annotated[float | None, option("largest |t0|, us  [default: what the frames leave open]", INTERVAL)] = None
     scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
     out: options.Out = Path("cavirheo-fit")
 
-    def make_analysis(self, files: Iterable[Path], **settings: Any) -> Analysis:
+    @property
+    def settings(self) -> dict[str, Any]:
+        """As `AnsweringVerb.settings`."""
         t0_bound, end = (None if us is None else us * 1e-6 for us in (self.t0_us, self.window_us))
-        settings |= {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
-        return super().make_analysis(files, **settings)
+        own = {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
+        return super().settings | own
 
 
 @dataclass(kw_only=True)
@@ -114,8 +112,6 @@ class WhichLaw(options.MeasuredFiles):
     """Which of several laws explains the curves best? Evidence by sampling."""
 
     laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
-    stretch: options.Stretch = None
-    window: options.Window = None
     exact_law: options.ExactLaw = False
     bubble: Annotated[str, _BUBBLES] = "real"  # type: ignore[assignment]
     damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=options.damage_names)] = "none"  # type: ignore[assignment]
@@ -140,15 +136,8 @@ class WhichLaw(options.MeasuredFiles):
         with connected(self.scheduler, self.slurm, run.say) as executor:
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = self.read_curves(run, files)
-            reporting.outputs(out, curves)
-            keywords: dict[str, Any] = {
-                "medium": self.liquid,
-                "given": self.given,
-                "window": self.window,
-                "trust_input": self.trust_input,
-            }
-            keywords |= {"stretch": self.stretch, "seed": self.seed, "discrepancy": not self.exact_law}
-            analyses = plans(candidates, **keywords)
+            settings = {name: value for name, value in self.settings.items() if name != "bubble"}
+            analyses = plans(candidates, **settings, discrepancy=not self.exact_law)
             by_law = {law: dict(unfinished.answers(curves, plan).numbered()) for law, plan in analyses.items()}
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
         complete_curves, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
@@ -165,8 +154,8 @@ class WhichLaw(options.MeasuredFiles):
             run.end_interrupted(note, out / "laws.json" if complete_curves else None)
         outputs.finish()
         pairs = list(zip(complete_curves, choose_answers(singles, groups), strict=True))
-        keywords = {"date": run.date, "draw": self.pictures, "notes": [*preference_lines(laws), *laws.notes]}
-        reporting.write_report(out, pairs, run.command, **keywords)
+        notes = [*preference_lines(laws), *laws.notes]
+        reporting.write_report(out, pairs, run.command, date=run.date, draw=self.pictures, notes=notes)
         unfinished.remove()
         run.show(laws)
         verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
@@ -192,7 +181,7 @@ class Watch(options.Inference, options.SharedErrors):
 
         folder, out = self.folder, self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
-        analysis = self.make_analysis([folder])
+        analysis = self.make_analysis()
         if self.column is not None and not is_r_max(self.column):
             read_column(self.column)
         settings = options.shared_values(self, options.FileSettings)

@@ -154,7 +154,6 @@ _MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, wi
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 _PICTURES = "draw pictures; --no-pictures is faster"
-_INFER_STRETCH = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 
 
 def shared_values(options: object, kind: Any) -> dict[str, Any]:
@@ -289,27 +288,27 @@ class Pictures:
 
     pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
 
-    def draws_pictures(self, run: "Run") -> bool:
-        """Whether pictures are drawn; if they are requested without matplotlib, a note is added to the run."""
-        from cavirheo.writing import style
-
-        able = style.available()
-        run.notes += [style.NO_PICTURES] if self.pictures and not able else []
-        return self.pictures and able
-
 
 @dataclass(kw_only=True)
 class AnsweringVerb(PrintingVerb, Pictures, Liquid, FileSettings, BubbleOptions):
-    """Options of all verbs that answer measured curves."""
+    """Options of all verbs that answer measured curves; those with names of fields of Analysis are its settings."""
 
+    stretch: Stretch = None
+    window: Window = None
     seed: Seed = 0
 
-    def make_analysis(self, files: Iterable[Path], **settings: Any) -> "Analysis":
-        """Return the analysis of each curve, from the options with names of its fields and from `settings`. Raises
-        InputError: settings that are impossible, alone or together."""
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings of the analysis of each curve. Raises InputError: impossible constants."""
         from cavirheo.inference.analysis import Analysis
 
-        return Analysis(**shared_values(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid} | settings)
+        return shared_values(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid}
+
+    def make_analysis(self) -> "Analysis":
+        """Return the analysis of each curve. Raises InputError: settings that are impossible, alone or together."""
+        from cavirheo.inference.analysis import Analysis
+
+        return Analysis(**self.settings)
 
     def read_recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """Read the files by `read_shots` with these options. Raises InputError."""
@@ -362,11 +361,10 @@ class Inference(AnsweringVerb):
     """Options that `infer` and `watch` share."""
 
     material: Material = None
-    stretch: Annotated[Any, number(_INFER_STRETCH, None, "free")] = None
-    window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
     model: ModelName = "posterior"
     exact_law: ExactLaw = False
 
-    def make_analysis(self, files: Iterable[Path], **settings: Any) -> "Analysis":
-        """As `AnsweringVerb.make_analysis`."""
-        return super().make_analysis(files, discrepancy=not self.exact_law, **settings)
+    @property
+    def settings(self) -> dict[str, Any]:
+        """As `AnsweringVerb.settings`."""
+        return super().settings | {"discrepancy": not self.exact_law}
