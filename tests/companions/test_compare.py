@@ -105,6 +105,12 @@ def test_a_recording_belongs_to_one_set(run, folder, tmp_path):
     refusal(run(*INFER, "--references", both, "-o", "c"), "shot0.csv", "gel, soft")
 
 
+def test_a_name_that_no_file_has_is_that_of_a_set_alone(run, folder, tmp_path):
+    odd = sets(tmp_path, *(f"{name},,IMR,G_kPa,8,1" for name in ("..", "/", ".", "[", "bare.csv")))
+    done(run("infer", "data/bare.csv", "--no-pictures", "--quiet", "--references", odd, "-o", "c"))
+    assert [group.n for group in load(tmp_path / "c").groups] == [0, 0, 0, 0, 1]
+
+
 def test_the_answers_are_those_of_infer(run, tmp_path):
     write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
     values = sets(tmp_path, "gel,shot.csv,IMR,G_kPa,6.44,1.64")

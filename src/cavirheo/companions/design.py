@@ -344,8 +344,8 @@ def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float)
     """What ranges say. Raises InputError: no such parameter, or an impossible range."""
     names = (*family.parameters, "stretch")
     ends = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
-    for given, pair in ranges.items():
-        name = named(given, names, family.name, "design.range")
+    given = {named(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
+    for name, pair in given.items():
         low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
         message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"
         require(len(pair) == 2 and low < pair[0] < pair[1] < high, message, "design.range")
@@ -354,8 +354,7 @@ def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float)
     deviation, size = np.ptp(logs, axis=1) / np.sqrt(12.0), len(family.parameters)
     even = np.zeros(len(names), dtype=bool)
     covariance, scatter = np.diag(deviation[:-1] ** 2), spread**2 * np.eye(size)
-    stretch_given = not np.array_equal(ends["stretch"], np.log10(STRETCHES))
-    return _Prior(family, logs.mean(axis=1), deviation, even, covariance, scatter, stretch_given=stretch_given)
+    return _Prior(family, logs.mean(axis=1), deviation, even, covariance, scatter, stretch_given="stretch" in given)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Annotated, Any
@@ -79,7 +80,9 @@ class ReferenceSet:
     def holds(self, curve: RadiusCurve) -> bool:
         """Whether the file of the curve, or a folder that holds it, has the path that `files` describes."""
         path, pattern = PurePath(curve.source or ""), self.files or self.name
-        return any(place.name and place.match(pattern) for place in (path, *path.parents))
+        with suppress(ValueError):  # a name that no file has, such as "."
+            return any(place.name and place.match(pattern) for place in (path, *path.parents))
+        return False
 
 
 def read_references(path: str | Path) -> list[ReferenceSet]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, BadParameter, Option
 
 from cavirheo.errors import InputError, parse_number, require
+from cavirheo.writing.digits import elide
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -58,7 +59,7 @@ def number(
         except ValueError:  # of int
             pass
         expected = f"a number or {' or '.join(map(repr, words))}" if words else "a number above 0"
-        raise BadParameter(f"must be {expected}, got {text!r}")
+        raise BadParameter(f"must be {expected}, got {elide(repr(text), 60)}")
 
     return option(help, panel, parser=parse, metavar=f"<{'|'.join((kind.__name__, *words))}>")
 
