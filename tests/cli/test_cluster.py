@@ -138,9 +138,10 @@ def slurm(**settings: object) -> config.set:
     return config.set({f"jobqueue.slurm.{name}": value for name, value in (QUEUE | settings).items()})
 
 
-def test_a_job_is_what_the_settings_of_dask_jobqueue_say():
+def test_a_job_is_what_the_settings_of_dask_jobqueue_say(tmp_path):
     pytest.importorskip("dask_jobqueue")
     more = {"job-script-prologue": ["module load python"], "job-extra-directives": ["--constraint=icelake"]}
+    more["shared-temp-directory"] = str(tmp_path)
     with slurm(**more), slurm_cluster() as made:
         script = made.job_script()
     lines = "#SBATCH -p short\n#SBATCH -t 00:30:00\n#SBATCH --constraint=icelake\nmodule load python\n"

@@ -20,6 +20,7 @@ from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from shutil import which
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -230,6 +231,8 @@ def _client_of(scheduler: str) -> Client:
 def _client_of_jobs(count: int, notify: Callable[[str], None]) -> Iterator[Client]:
     from distributed import Client
 
+    here = "there is no command sbatch: give --slurm on a machine of the cluster, such as its login node"
+    require(which("sbatch") is not None, here, "cluster.slurm")
     with slurm_cluster() as cluster, Client(cluster) as client:
         cluster.scale(jobs=count)
         notify(f"{count} jobs asked of SLURM; the work begins when the first is there")
@@ -252,14 +255,17 @@ def slurm_cluster() -> SLURMCluster:
 
     dask.config.set({"distributed.scheduler.allowed-failures": 10})  # workers are also lost at a walltime
     settings = dask.config.get("jobqueue.slurm")
+    place = "under jobqueue: slurm: in ~/.config/dask/jobqueue.yaml"
+    missing = " and ".join(name for name in ("cores", "memory") if not settings[name])
+    require(not missing, f"--slurm needs {missing} of a job: state them {place}", "cluster.slurm")
     try:
         return SLURMCluster(
             processes=settings["processes"] or settings["cores"],
             job_script_prologue=[_NO_PROFILE, *settings["job-script-prologue"]],
+            shared_temp_directory=settings["shared-temp-directory"] or str(Path.home()),
             scheduler_options={"dashboard_address": "127.0.0.1:0"},
             security=Security.temporary(),
             protocol="tls://",
         )
     except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
-        hint = "state queue, cores, memory and walltime under jobqueue.slurm in ~/.config/dask/jobqueue.yaml"
-        raise InputError(f"no jobs of SLURM can be asked for ({error}): {hint}", "cluster.slurm") from None
+        raise InputError(f"no jobs of SLURM can be asked for ({error}): see {place}", "cluster.slurm") from None
