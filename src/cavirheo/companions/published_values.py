@@ -23,6 +23,7 @@ from typing import Annotated, Any
 import pydantic
 from pydantic import Field, TypeAdapter
 
+from cavirheo.column import listed
 from cavirheo.companions import rheometer
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
@@ -200,7 +201,7 @@ def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, P
     names = list(names)
     if not sets.keys().isdisjoint(names):
         return dict(sets)
-    message = f"no set has the name of a group (sets {', '.join(sets)}; groups {', '.join(names)}): give both the same"
+    message = f"no set has the name of a group (sets {listed(list(sets))}; groups {listed(names)}): give both the same"
     require(len(sets) < 2, f"{message} name, or write into the column files what is answered", "references.groups")
     return {group: values for values in sets.values() for group in names}
 

@@ -16,6 +16,7 @@ from cavirheo.writing import digits
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
 
+WIDE = 110  # columns of a terminal in which no cell of the comparison needs two lines
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
@@ -73,13 +74,15 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
 
 
 def _print_answers(result: Result, **how: Any) -> None:
-    """Print the answers, and the values of other methods beside them, if there are any."""
+    """Print the answers, then the values of other methods beside them, if there are any."""
     from cavirheo.reporting.screen import print_result
-    from cavirheo.reporting.table import print_comparison
+    from cavirheo.reporting.table import comparison_table
+    from cavirheo.writing import terminal
 
     print_result(result, **how)
     if any(group.published for group in result.groups):
-        print_comparison(result)
+        console = terminal.console()
+        console.print(comparison_table(result, wide=console.width > WIDE))
 
 
 @dataclass(kw_only=True)
