@@ -223,8 +223,9 @@ def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) 
 
 
 def joined(results: Sequence[Result], *, command: str, date: str, notes: Sequence[str]) -> Result:
-    """The answers of several results as one. Raises InputError: two of them have a group of the same name."""
-    groups = [group for result in results for group in result.groups]
+    """The answers of several results as one, without their sets that have no recording. Raises InputError: two of them
+    have a group of the same name."""
+    groups = [group for result in results for group in result.groups if group.n + group.n_failed or len(results) < 2]
     twice = next((name for name, count in Counter(group.name for group in groups).items() if count > 1), None)
     message = f"two results have a group {twice!r}: give one of them, or answer both materials by one command"
     require(twice is None or len(results) < 2, message, "references.twice")
