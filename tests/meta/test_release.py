@@ -58,7 +58,6 @@ COMPLETED = {
     "in": {"infer"},
     "infer --material n": {"neo-hookean", "newtonian", "nhkv"},
     "fit --material fung+ne": {"fung+neo-hookean", "fung+newtonian"},
-    "fit --material ogd": set(),  # cannot be fitted
     "which-law --laws nhkv,n": {"nhkv,neo-hookean", "nhkv,newtonian"},
     "which-law --bubble real,": {"real,field"},
     "infer --model ": {*shipped()},

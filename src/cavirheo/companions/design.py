@@ -344,8 +344,8 @@ def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float)
     """What ranges say. Raises InputError: no such parameter, or an impossible range."""
     names = (*family.parameters, "stretch")
     ends = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
-    given = {named(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
-    for name, pair in given.items():
+    ranges = {named(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
+    for name, pair in ranges.items():
         low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
         message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"
         require(len(pair) == 2 and low < pair[0] < pair[1] < high, message, "design.range")
@@ -354,7 +354,7 @@ def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float)
     deviation, size = np.ptp(logs, axis=1) / np.sqrt(12.0), len(family.parameters)
     even = np.zeros(len(names), dtype=bool)
     covariance, scatter = np.diag(deviation[:-1] ** 2), spread**2 * np.eye(size)
-    return _Prior(family, logs.mean(axis=1), deviation, even, covariance, scatter, stretch_given="stretch" in given)
+    return _Prior(family, logs.mean(axis=1), deviation, even, covariance, scatter, stretch_given="stretch" in ranges)
 
 
 @dataclass(frozen=True, eq=False)

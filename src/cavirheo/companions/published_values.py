@@ -208,11 +208,11 @@ def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, P
 
 def by_group_of_all(names: Iterable[str], sources: Iterable[Sequence[ReferenceSet]]) -> dict[str, Published]:
     """The values of `by_group` for all sources of `read_sets`. Raises InputError: as `by_group`."""
-    names, found = list(names), dict[str, Published]()
+    names, merged = list(names), dict[str, Published]()
     for sets in sources:
         for group, values in by_group(names, values_of(sets)).items():
-            found[group] = {**found.get(group, {}), **values}
-    return found
+            merged[group] = {**merged.get(group, {}), **values}
+    return merged
 
 
 def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:

@@ -316,8 +316,8 @@ def _sweep(table: Table, label: str) -> Sweep:
 def _settings(table: Table, label: str) -> tuple[Any, Column, Column | None]:
     """(kind of the sweep, column of what is swept, column of what is held). Raises InputError: nothing is swept."""
     terms = {"frequency": ("omega", "frequency"), "strain": ("strain", "shear strain")}
-    columns = {kind: [*table.all(names[0]), *table.all(names[1])][:1] for kind, names in terms.items()}
-    settings = {kind: column for kind, found in columns.items() for column in found}
+    columns = {kind: [*table.all(first), *table.all(second)] for kind, (first, second) in terms.items()}
+    settings = {kind: candidates[0] for kind, candidates in columns.items() if candidates}
     titles = ", ".join(map(repr, table.titles[:8]))
     message = f"no column for frequency or strain among {titles}; {VOCABULARY.expected}"
     require(bool(settings), message, _NO_SWEEP)

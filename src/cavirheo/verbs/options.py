@@ -4,7 +4,6 @@ The annotations are objects, not text (no `from __future__ import annotations`):
 verb. Options without a panel are on the first screen of `--help`.
 """
 
-import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -91,30 +90,20 @@ def _completer(words: Callable[[], Iterable[str]], separators: str = "") -> Call
     return complete
 
 
-def _fittable_laws() -> list[str]:
-    """Return the laws whose parameters have a range or a default: `FITTABLE` of inference/assumptions, slow to
-    import."""
-    from cavirheo.parameters import PARAMETERS, inferred_name
-    from cavirheo.physics.materials import LAWS
-
-    def has_range(name: str) -> bool:
-        parameters = inspect.signature(LAWS[name]).parameters.values()
-        return all(PARAMETERS[inferred_name(p.name)].search_range or p.default is not p.empty for p in parameters)
-
-    return [name for name in LAWS if has_range(name)]
+def _laws() -> Iterable[str]:
+    return resolve_name("cavirheo.physics.materials.LAWS")  # type: ignore[no-any-return]
 
 
 bubble_names = _completer(lambda: ("real", "field"), ",")
 damage_names = _completer(lambda: ("none", "first-rebound", "strain"), ",")
 model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.npz")))
 medium_names = _completer(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
-any_law_names = _completer(lambda: resolve_name("cavirheo.physics.materials.LAWS"), "+")
-sum_names = _completer(_fittable_laws, "+")
-many_law_names = _completer(_fittable_laws, "+,")
+sum_names = _completer(_laws, "+")
+many_law_names = _completer(_laws, "+,")
 
 
 def law_names(incomplete: str) -> list[str]:
-    """Complete the laws that can be fitted, also as the next part of a sum, and auto."""
+    """Complete the laws, also as the next part of a sum, and auto."""
     return [*sum_names(incomplete), *_completer(lambda: ["auto"])(incomplete)]
 
 

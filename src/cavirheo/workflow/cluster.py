@@ -231,8 +231,8 @@ def _client_of(scheduler: str) -> Client:
 def _client_of_jobs(count: int, notify: Callable[[str], None]) -> Iterator[Client]:
     from distributed import Client
 
-    here = "there is no command sbatch: give --slurm on a machine of the cluster, such as its login node"
-    require(which("sbatch") is not None, here, "cluster.slurm")
+    message = "there is no command sbatch: give --slurm on a machine of the cluster, such as its login node"
+    require(which("sbatch") is not None, message, "cluster.slurm")
     with slurm_cluster() as cluster, Client(cluster) as client:
         cluster.scale(jobs=count)
         notify(f"{count} jobs asked of SLURM; the work begins when the first is there")
