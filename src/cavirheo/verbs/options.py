@@ -91,7 +91,8 @@ def _completer(words: Callable[[], Iterable[str]], separators: str = "") -> Call
 
 
 def _laws() -> Iterable[str]:
-    return resolve_name("cavirheo.physics.materials.LAWS")  # type: ignore[no-any-return]
+    laws: Iterable[str] = resolve_name("cavirheo.physics.materials.LAWS")
+    return laws
 
 
 bubble_names = _completer(lambda: ("real", "field"), ",")
