@@ -25,7 +25,7 @@ from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
 from cavirheo.training.dataset import SHARD, Columns, fill_files, generate, layout_of
 from cavirheo.training.recipe import read_recipe
-from cavirheo.workflow.cluster import BATCHES_PER_THREAD, Workers, batch_duration, identity
+from cavirheo.workflow.cluster import BATCH_SECONDS, BATCHES_PER_THREAD, Workers, identity
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"
 
@@ -163,7 +163,7 @@ def main() -> None:
     print(f"driver: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3:.0f} MB at most")
     print("cores | batch s | cores at work | driver at work")
     for cores in (100, 250, 500, 1000, 10_000):
-        for seconds in (0.5, 2.0, 20.0, batch_duration(cores)):
+        for seconds in (0.5, 2.0, 20.0, BATCH_SECONDS):
             made = simulate(cores, seconds, cost + curve * per_hour / 3600 * seconds, 20 * cores)
             print(f"{cores} | {seconds:g} | {made.busy:.0%} | {made.driver:.0%}")
 

@@ -31,7 +31,7 @@ from numba import njit
 
 from cavirheo.physics.accuracy import DEFAULT, PRECISE, ROUGH, Accuracy
 from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.physics.laws import Viscosity, Yeoh
+from cavirheo.physics.laws import PowerLaw, Yeoh
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import dimensionless
@@ -50,9 +50,7 @@ SETTINGS = {
 }
 LAWS: dict[str, Callable[[float, float], Material]] = {
     "neo-Hookean and Newtonian, closed forms": NeoHookeanKelvinVoigt,
-    "the same, tabulated by quadrature": lambda G, mu: Viscoelastic(
-        Yeoh(G / 2), Viscosity(lambda s, mu=mu: mu + 0 * s)
-    ),
+    "the same, tabulated by quadrature": lambda G, mu: Viscoelastic(Yeoh(G / 2), PowerLaw(mu, 1.0)),
     "neo-Hookean spring and upper-convected arm (Zener, tau 0.1 us), relaxed start": lambda G, mu: Zener(G, mu, 1e-7),
 }
 FIRST_CALL = """

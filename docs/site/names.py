@@ -106,7 +106,7 @@ LAWS = Page(
         Group("Sums of laws", {"cavirheo.physics.materials": "Viscoelastic"}),
         Group(
             "Your own",
-            {"cavirheo.physics.laws": "StrainEnergy Viscosity Elastic Viscous Arm Material"},
+            {"cavirheo.physics.laws": "Elastic Viscous Arm Material"},
         ),
         Group("Media", {"cavirheo.physics.media": "medium MEDIA WATER BU2026 ESTRADA2018 ZHU2025 YANG2020"}),
         Group("Driving", {"cavirheo.physics.media": "Pulse Trace Driving"}),

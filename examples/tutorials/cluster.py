@@ -1,6 +1,6 @@
 # %% [markdown]
 # # The same work on a cluster
-# You will start a cluster of two workers on your own machine, check it, and let it answer a shot.
+# You will start a cluster of two workers on your own machine, and let it answer a shot.
 # The commands are the same for a thousand workers.
 #
 # ## Start it
@@ -36,16 +36,10 @@ silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 cluster = [subprocess.Popen(command, **silent) for command in commands]
 
 # %% [markdown]
-# ## Check it
-# Every worker must have the same cavirheo, and must give the same last bits of four simulations.
-# A worker that differs is refused by name.
-
-# %%
-run("cavirheo cluster check --scheduler $CLUSTER", shell=True, check=True)
-
-# %% [markdown]
 # ## Infer on the cluster
 # `--scheduler` is the only option that is new.
+# Every worker must have the same cavirheo, and must give the same last bits of four simulations.
+# A worker that differs is refused by name.
 
 # %%
 run("cavirheo infer soft_gel.csv --shots 1 --scheduler $CLUSTER -o by-cluster", shell=True, check=True)

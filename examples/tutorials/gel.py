@@ -54,7 +54,7 @@ run("cavirheo infer measured/measured.csv -o one-shot", shell=True, check=True)
 # `stiff_gel.mat` holds five shots of another gel, of 30 kPa and 0.08 Pa s.
 
 # %%
-run("cavirheo infer stiff_gel.mat --figures png,pdf -o gel", shell=True, check=True)
+run("cavirheo infer stiff_gel.mat -o gel", shell=True, check=True)
 
 # %% [markdown]
 # Below the shots stand G and µ of the material with 90 % intervals, whether to use them, and the next command.
@@ -77,15 +77,13 @@ for group in result.groups:
     print(f"material & & {cells} & {mu.median:.3f} [{mu.q05:.3f}, {mu.q95:.3f}]", r"\\")
 
 # %% [markdown]
-# ## The figures
-# `--figures png,pdf` made them, 84 mm wide for one column and 174 mm for two, as PDF and as PNG of 300 dots per inch.
+# ## A figure
+# `answer.plot()` is as wide as a column, 84 mm; `.savefig("shot.pdf")` keeps it.
+# The report has the picture of every shot, and of all shots together.
 
 # %%
-image = plt.imread("gel/group-stiff_gel.png")
-figure, axes = plt.subplots(figsize=(8, 8 * image.shape[0] / image.shape[1]), layout="constrained")
-axes.imshow(image)
-axes.axis("off")
-figure
+answer = cavirheo.infer(cavirheo.read_curves("stiff_gel.mat")[0])
+answer.plot()
 
 # %% [markdown]
 # ## The methods paragraph

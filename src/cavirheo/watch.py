@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,12 +24,15 @@ from cavirheo.io.files import file_label, header_of, measurement_files, pixels_o
 from cavirheo.io.shots import CurveSet, read_shots, sample_hash
 from cavirheo.parallel import Executor, cores
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import DOCUMENTS, html, result, table
+from cavirheo.reporting import DOCUMENTS, result, write_report
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result
 from cavirheo.workflow.store import Store, analyse, with_source_of
-from cavirheo.writing.document import Outputs, write_json, write_rows
+from cavirheo.writing.document import Outputs
 from cavirheo.writing.packing import content_hash
+
+if TYPE_CHECKING:
+    from cavirheo.inference.population import CommonErrors
 
 POLL_INTERVAL = 0.4  # s between two looks at the folder; a file that did not change in between may be complete
 READ_TIMEOUT = 10.0  # s for which an unreadable file counts as incomplete
@@ -56,7 +60,7 @@ class Watch:
 
     analysis: how curves are answered. read: returns the curves of one file. read_settings: all settings of `read`
     besides the medium. group: as in `read_shots`. column: a table as in `read_column`, which may grow while shots
-    arrive, or the word R_max. half_width: as in `html.live_page`. notify: called with a line on each problem. show:
+    arrive, or the word R_max. draw, errors: as in `write_report`. notify: called with a line on each problem. show:
     called with each new row. poll_interval, read_timeout: as POLL_INTERVAL and READ_TIMEOUT. executor: as in `analyse`.
     """
 
@@ -74,7 +78,8 @@ class Watch:
     show: Callable[[CurveRecord], None] = lambda _: None
     poll_interval: float = POLL_INTERVAL
     read_timeout: float = READ_TIMEOUT
-    half_width: float = html.HALF_WIDTH
+    draw: bool = True
+    errors: CommonErrors | None = None
     executor: Executor | None = None
 
     def __post_init__(self) -> None:
@@ -83,14 +88,13 @@ class Watch:
             self.column = None
         self._messages: set[str] = set()  # messages that were passed to `notify`
         self._column_state = self._state(self.column)
-        self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE_FILE)
+        self.outputs = Outputs(self.out, *DOCUMENTS)
         self.store = Store(self.out / "watched")
         # the curves of a file depend on these settings
         settings_key = content_hash([version("cavirheo"), self.read_settings, self.analysis.medium])[:16]
         self.records = Store(self.out / "watched" / settings_key, capacity=0)
         self.files: dict[str, WatchedFile] = {}
         self._states: dict[Path, tuple[State, float]] = {}  # state of each file, and time in s when it was first seen
-        self._latest = ""  # key of the last answer
         self._unwritten, self._due = False, 0.0  # whether the documents are out of date; earliest time to write
         for record in self.records.values(dict):
             self._add_file(WatchedFile(**record))
@@ -136,10 +140,10 @@ class Watch:
             if len(self._unanswered()) >= 2 * cores():
                 break
         unanswered = self._unanswered()
-        keys, curves = list(unanswered), list(unanswered.values())
+        curves = list(unanswered.values())
         self._unwritten |= new or self._state(self.column) != self._column_state
         for place, answer in analyse(curves, self.analysis, self.store, self.executor):
-            self._latest, self._unwritten = keys[place], True
+            self._unwritten = True
             self.show(curve_record(curves[place], answer))
             self._write_if_due()
         self._write_if_due()
@@ -154,19 +158,19 @@ class Watch:
             self.write()
 
     def write(self) -> Result:
-        """Write result.json, result.csv and the live page, with all answers; returns the result."""
-        started, self._column_state, self._unwritten = time.monotonic(), self._state(self.column), False
+        """Write result.json, result.csv and report.html with all answers; returns the result. Earlier documents stay
+        until there is an answer."""
+        started = time.monotonic()
+        self._column_state = self._state(self.column)
+        self._unwritten = False
         pairs, notes = self.pairs()
-        document = result(pairs, self.command, date=self.date, notes=notes)
-        if pairs or not self.outputs.listed_entry("result.json"):  # earlier answers stay until there are new ones
-            self.outputs.write("result.json", write_json, document)
-            self.outputs.write("result.csv", write_rows, *table.csv_rows(document))
-        keys = [key for key in self._recordings() if self.store.get(key)]
-        latest = keys.index(self._latest) if self._latest in keys else len(pairs) - 1
-        curve, answer = pairs[latest] if pairs else (None, None)
-        page = html.live_page(document, latest, curve, answer, self.half_width)
-        self.page.write(html.LIVE_FILE, Path.write_text, page, encoding="utf-8")
-        self._due = (now := time.monotonic()) + PAUSE_FACTOR * (now - started)
+        about: dict[str, Any] = {"date": self.date, "notes": notes, "errors": self.errors}
+        if pairs or not self.outputs.listed_entry("result.json"):
+            document = write_report(self.out, pairs, self.command, draw=self.draw, replace=True, **about)
+        else:
+            document = result(pairs, self.command, **about)
+        now = time.monotonic()
+        self._due = now + PAUSE_FACTOR * (now - started)
         return document
 
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:

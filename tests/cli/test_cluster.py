@@ -22,16 +22,7 @@ from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
 from cavirheo.training.dataset import generate
-from cavirheo.workflow.cluster import (
-    Identity,
-    Workers,
-    code_hash,
-    identity,
-    jobs_of,
-    read_settings,
-    required_identity,
-    self_description,
-)
+from cavirheo.workflow.cluster import Identity, Workers, code_hash, identity, required_identity, slurm_cluster
 from cavirheo.workflow.store import Unfinished
 
 
@@ -126,49 +117,44 @@ def test_another_version_and_a_worker_without_the_package_are_refused_by_name(ru
         client.wait_for_workers(2, timeout=60)
         names = list(client.nthreads())
         words = ("generate", ROOT / "recipes" / "laptop.toml", "-n", 4, "-o", "d", "--scheduler", address)
-        refusal(run(*words), *names)
-        checked, _, report = run("cluster", "check", "--scheduler", address)
-    assert checked == 1
-    assert [part for part in ("9.9", *(f"refused: {name}" for name in names)) if part not in report] == []
+        refusal(run(*words), "9.9", *names)
     assert not Path("d").exists()
 
 
 @pytest.mark.parametrize("part", ["bits", "code", "version"])
 def test_a_worker_that_would_answer_otherwise_is_refused(workers, monkeypatch, part):
-    mine = self_description()
-    wrong = iter([{}, {part: "0" * 64}])
-
-    def reported(function, on_error):
-        return {a: mine | {"identity": replace(mine["identity"], **next(wrong))} for a in workers.client.nthreads()}
-
-    monkeypatch.setattr(workers.client, "run", reported)
+    wrong = iter([identity(), identity()._replace(**{part: "0" * 64})])
+    monkeypatch.setattr(
+        workers.client, "run", lambda *_, **__: {a: tuple(next(wrong)) for a in workers.client.nthreads()}
+    )
     with refused("cluster.refused"):
         required_identity(workers.client, lambda _: None, 5.0)
 
 
-QUEUE = 'queue = "short"\ncores = 4\nmemory = "8 GB"\nwalltime = "00:30:00"\n'
+QUEUE = {"queue": "short", "cores": 4, "memory": "8 GB", "walltime": "00:30:00"}
 
 
-def test_the_job_of_a_file_is_what_it_says(tmp_path):
+def slurm(**settings: object) -> config.set:
+    return config.set({f"jobqueue.slurm.{name}": value for name, value in (QUEUE | settings).items()})
+
+
+def test_a_job_is_what_the_settings_of_dask_jobqueue_say(tmp_path):
     pytest.importorskip("dask_jobqueue")
-    path = tmp_path / "slurm.toml"
-    path.write_text(f'{QUEUE}environment = ["module load python"]\noptions = ["--constraint=icelake"]\ntls = false\n')
-    with jobs_of(read_settings(path)) as made:
+    more = {"job-script-prologue": ["module load python"], "job-extra-directives": ["--constraint=icelake"]}
+    more["shared-temp-directory"] = str(tmp_path)
+    with slurm(**more), slurm_cluster() as made:
         script = made.job_script()
-    asked = "#SBATCH -p short\n#SBATCH -t 00:30:00\n#SBATCH --constraint=icelake\nmodule load python\n"
+    lines = "#SBATCH -p short\n#SBATCH -t 00:30:00\n#SBATCH --constraint=icelake\nmodule load python\n"
     ours = "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False\n"
-    assert {*(asked + ours).splitlines()} <= {*script.splitlines()}
+    assert {*(lines + ours).splitlines()} <= {*script.splitlines()}
     assert [word for word in ("--nworkers 4", "--nthreads 1") if word not in script] == []
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "named"),
-    [("queue", "jbos = 2\nqueue", "jobs"), ("4", "0", "cores"), ("8 GB", "8", "memory"), ('"short"', "", "TOML")],
-)
-def test_a_mistake_in_the_file_is_named(tmp_path, old, new, named):
-    (tmp_path / "slurm.toml").write_text(QUEUE.replace(old, new))
-    with refused("cluster.settings", named):
-        read_settings(tmp_path / "slurm.toml")
+@pytest.mark.parametrize("missing", ["cores", "memory"])
+def test_what_the_settings_lack_is_named(missing):
+    pytest.importorskip("dask_jobqueue")
+    with slurm(**{missing: None}), refused("cluster.slurm", missing, "jobqueue.yaml"):
+        slurm_cluster()
 
 
 @pytest.mark.slow
@@ -177,15 +163,17 @@ def test_a_slurm_of_one_node_makes_the_same_data_set(tmp_path):
     if os.geteuid() or not all(map(shutil.which, ("munged", "slurmctld", "slurmd", "sbatch"))):
         pytest.skip("needs root and the Debian packages slurmctld, slurmd, slurm-client, munge")
     script, node = ROOT / "tests" / "slurm_node.sh", tmp_path / "node"
-    about = f'jobs = 2\nfolder = "{tmp_path}"\nenvironment = ["export PYTHONPATH={ROOT / "src"}"]\n'
-    (tmp_path / "slurm.toml").write_text(QUEUE.replace("4", "1") + about)
+    prologue = [f"export PYTHONPATH={ROOT / 'src'}"]
+    settings = QUEUE | {"cores": 1, "shared-temp-directory": str(tmp_path), "job-script-prologue": prologue}
+    (tmp_path / "jobqueue.yaml").write_text(json.dumps({"jobqueue": {"slurm": settings}}))  # JSON is YAML
     words = ("generate", ROOT / "recipes" / "laptop.toml", "-n", 2000, "--quiet", "-o")
     assert begin("cavirheo", *words, "here", cwd=tmp_path).wait() == 0
     subprocess.run([script, "start", node], check=True, timeout=60)
-    words += ("there", "--scheduler", "slurm:slurm.toml")
+    words += ("there", "--slurm", 2)
     try:
         for count in (1, 2, 3, None):
-            process = begin("cavirheo", *words, cwd=tmp_path, SLURM_CONF=str(node / "slurm.conf"))
+            places = {"SLURM_CONF": str(node / "slurm.conf"), "DASK_CONFIG": str(tmp_path)}
+            process = begin("cavirheo", *words, cwd=tmp_path, **places)
             if count:
                 until(lambda count=count: len(contents(tmp_path / "there")) >= count, 300.0)
                 process.kill()

@@ -22,11 +22,11 @@ from cavirheo.verbs import app
 COMMANDS = typer.main.get_command(app).commands
 GOOD = {  # a call that would compute, without the option that is tried
     "measure": "film.mraw",
-    "infer": "shot.csv", "fit": "shot.csv", "which-law": "shot.csv", "compare": ". --references refs.csv",
+    "infer": "shot.csv", "fit": "shot.csv", "which-law": "shot.csv", "compare": "result.json --references refs.csv",
     "collapse-time": "times.csv", "rheometer": "sweep.csv", "generate": "recipe.toml -o d",
     "simulate": "-o o --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1",
     "train": "recipe.toml d -o r", "app": "", "models": "", "laws": "", "show": "shot.csv",
-    "cluster": "check", "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
+    "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
 }  # fmt: skip
 FREE = {"--out", "--name", "--host", "--device", "--reference-method"}  # options that take any text
 NUMBERS = ["nan", "inf", "-1", "-inf", "1e400", "", "word", "\x1b[31mred", "ü 漢 \u202e", "a\0b", "9" * 5000]
@@ -58,8 +58,9 @@ which-law shot.csv --bubble auto,moon
 which-law shot.csv --laws ,
 fit shot.csv --scale-percent 200
 compare .
+compare . --references refs.csv
+infer shot.csv --references shot.csv
 rheometer sweep.csv --tolerance 60
-rheometer sweep.csv --beside shot.csv
 simulate -o o
 simulate -o o --rmax-um 1 --stretch 1 --pulse 1 2
 laws extra
@@ -68,7 +69,7 @@ show recipe.toml
 generate nowhere.toml -o d
 generate recipe.toml -n 2 -o d --scheduler http://a:1
 generate recipe.toml -n 2 -o d --scheduler tcp://a
-generate recipe.toml -n 2 -o d --scheduler slurm:
+generate recipe.toml -n 2 -o d --scheduler tcp://a:1 --slurm 2
 generate recipe.toml -o d -n 0
 infer shot.csv --model nobody.onnx
 app --port 70000
@@ -138,7 +139,7 @@ NEEDED = [
     ("cavirheo[app]", "gradio", "app --no-browser"),
     ("cavirheo[video]", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
     ("cavirheo[cluster]", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
-    ("cavirheo[cluster]", "dask_jobqueue", "generate recipe.toml -n 2 -o d --scheduler slurm:no.toml"),
+    ("cavirheo[cluster]", "dask_jobqueue", "generate recipe.toml -n 2 -o d --slurm 2"),
     ("cavirheo[train]", "torch", "train recipe.toml d -o r"),
 ]
 
@@ -163,7 +164,7 @@ def test_h_is_help(lab, verb):
 
 
 def test_json_is_the_document_and_quiet_says_errors_alone(lab):
-    words, written = ("collapse-time", "times.csv", "--no-pictures"), Path("r", "collapse-time.json")
+    words, written = ("collapse-time", "times.csv"), Path("r", "collapse-time.json")
     called = lab(*words, "--json", "-o", "r")
     assert called == (0, written.read_text(encoding="utf-8"), "")
     refusal(lab(*words, "nowhere.csv", "--json", "-o", "s"), "error: nowhere.csv")

@@ -5,12 +5,10 @@ import runpy
 
 import numpy as np
 import pytest
-from answers import answer, bubble
 from conftest import ROOT, done, refused, rows_of
 from files import lines, put, write_xlsx
 
 from cavirheo.companions.rheometer import Sweep, frequency_sweep, read_sweeps, strain_sweep
-from cavirheo.reporting import write_report
 
 EXAMPLES = ROOT / "examples"
 SWEEPS = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
@@ -38,19 +36,13 @@ def test_frequency_sweep_of_kelvin_voigt(noise):
     assert found.viscosity_Pa_s == pytest.approx(0.3, rel=3 * close)
     assert found.plateau_storage_Pa == pytest.approx(5e3, rel=close)
     assert found.plateau_to / found.plateau_from > 100
-    assert found.tan_delta == pytest.approx(0.3 / 5e3, rel=3 * close)
-    assert found.complex_viscosity_Pa_s == pytest.approx(np.hypot(5e3, 0.3), rel=3 * close)
-    assert (found.crossover, found.message) == (None, "")
+    assert found.message == ""
 
 
 def test_frequency_sweep_of_maxwell():
     omega = np.logspace(-1, 3, 41)
     found = frequency_sweep(sweep("frequency", omega, *maxwell(omega)), at=3.3)
-    storage, loss = maxwell(3.3)
-    assert found.crossover == pytest.approx(1.0, rel=1e-3)
-    assert found.crossover_modulus_Pa == pytest.approx(500, rel=1e-3)
-    assert found.viscosity_Pa_s == pytest.approx(loss / 3.3, rel=2e-4)
-    assert found.viscosity_Pa_s * 3.3 / found.tan_delta == pytest.approx(storage, rel=2e-4)
+    assert found.viscosity_Pa_s == pytest.approx(maxwell(3.3)[1] / 3.3, rel=2e-4)
     assert found.plateau_storage_Pa == pytest.approx(1e3, rel=1e-3)
     assert found.plateau_from == pytest.approx(np.sqrt(2 / 0.1 - 1), rel=0.15)  # slope 2/(1+(wt)2) = 0.1
     liquid = frequency_sweep(sweep("frequency", OMEGA, *maxwell(OMEGA, 1e4, 1e-3)))
@@ -93,7 +85,6 @@ def test_strain_sweeps(name):
     assert bool(found.message) == (end is None)
     if departs == "softens":
         assert found.plateau_storage_Pa == pytest.approx(2e3, rel=0.01)
-        assert found.crossover == pytest.approx(np.sqrt(39), rel=0.05)
         assert name != "scatter" or found.plateau_from == STRAIN[6]
 
 
@@ -197,7 +188,6 @@ def test_files_that_cannot_be_used(tmp_path, name):
         read_sweeps(path)
 
 
-@pytest.mark.needs("matplotlib")
 def test_examples_give_back_the_truth(run, tmp_path):
     made = runpy.run_path(str(EXAMPLES / "make_examples.py"))
     done(run("rheometer", *SWEEPS, "-o", "r"))
@@ -207,12 +197,10 @@ def test_examples_give_back_the_truth(run, tmp_path):
     assert found["shear_modulus_Pa"]["mean"] == pytest.approx(storage, rel=0.01)
     assert found["viscosity_Pa_s"]["mean"] == pytest.approx(loss, rel=0.01)
     strain, _ = found["sweeps"]
-    (storage, loss), half = made["moduli"](2 * np.pi), made["HALF_STRAIN"]
+    (storage, _), half = made["moduli"](2 * np.pi), made["HALF_STRAIN"]
     assert strain["plateau_storage_Pa"] == pytest.approx(storage, rel=0.01)
     assert strain["plateau_to"] == pytest.approx(half * np.sqrt(1 / 0.95 - 1), rel=0.1)
-    assert strain["crossover"] == pytest.approx(half * np.sqrt((storage / loss - 1) / 4), rel=0.02)
-    names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png", ".cavirheo"}
-    assert {path.name for path in (tmp_path / "r").iterdir()} == names
+    assert {path.name for path in (tmp_path / "r").iterdir()} == {"rheometer.json", "rheometer.csv", ".cavirheo"}
     assert [row["kind"] for row in rows_of("r/rheometer.csv")] == ["strain", "frequency"]
     made["write_sweeps"](tmp_path)  # the shipped sweeps are what this makes
     assert all((tmp_path / path.name).read_text() == path.read_text() for path in SWEEPS)
@@ -226,7 +214,7 @@ def test_repeats_give_mean_and_deviation_and_outside_is_status_1(run, tmp_path, 
         rows = [(w, factor * 1e3, factor * 5 * w) for w in OMEGA]
         put(tmp_path / f"gel_{k}.csv", table("omega,Gp,Gpp", rows=rows))
     put(tmp_path / "bad.csv", "")
-    found, out, _ = run("rheometer", "gel_1.csv", "gel_2.csv", "gel_3.csv", *words, "--json", "--no-pictures")
+    found, out, _ = run("rheometer", "gel_1.csv", "gel_2.csv", "gel_3.csv", *words, "--json")
     assert found == status
     document = json.loads(out)
     for name, mean in (("shear_modulus_Pa", 1e3), ("viscosity_Pa_s", viscosity)):
@@ -238,20 +226,5 @@ def test_repeats_give_mean_and_deviation_and_outside_is_status_1(run, tmp_path, 
 def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path, loss, modulus):
     rows = [(g, softening(g), loss, 10.0) for g in STRAIN]
     put(tmp_path / "gel.csv", table("strain [1],G',G'',omega", units=(1.0,) * 4, rows=rows))
-    document = json.loads(run("rheometer", "gel.csv", "--json", "--no-pictures")[1])
+    document = json.loads(run("rheometer", "gel.csv", "--json")[1])
     assert document["shear_modulus_Pa"]["mean"] == (modulus and pytest.approx(modulus, rel=0.01))
-
-
-def test_beside_bubbles(run, tmp_path):
-    curves = [bubble(f"shot[{k}]", "gel", "gel.mat") for k in (1, 2, 3)]
-    write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k, draws=200)) for k, one in enumerate(curves)], "x", ())
-    before = (tmp_path / "result.json").read_bytes()
-    done(run("rheometer", *SWEEPS, "--beside", "result.json", "-o", "r", "--name", "soft gel"))
-    assert (tmp_path / "result.json").read_bytes() == before
-    modulus, viscosity, *others = rows_of("r/table.csv")
-    assert [modulus["quantity"], viscosity["quantity"]] == ["shear_modulus_Pa", "viscosity_Pa_s"]
-    (method,) = (name for name in modulus if name.startswith("rheometer") and name.endswith("_mean"))
-    assert float(modulus[method]) == pytest.approx(1500, rel=0.01)
-    assert 6e3 < float(modulus["cavirheo"]) < 8e3
-    (other,) = (row for row in others if row["quantity"] == "viscosity_at_1_rad_per_s")  # another frequency is another
-    assert viscosity[method] == other["cavirheo"] == ""

@@ -17,7 +17,7 @@ from scipy.io import savemat
 from test_documentation import COMMAND, NUMBER, PAGES, ROOT, blocks, name
 
 import cavirheo
-from cavirheo.physics.media import MEDIA
+from cavirheo.physics.media import WATER
 from cavirheo.video.synthetic import Scene, render
 
 pytestmark = [
@@ -28,7 +28,7 @@ pytestmark = [
 NOT_RUN = {  # what a line begins with: why
     "make ": "sets up an environment, or runs these tests",
     "pip install ": "changes the environment that the tests run in; tests/wheel.py installs into an empty one",
-    "cavirheo infer SHOTS.mat -o result --scheduler slurm:": "needs a SLURM: tests/cli/test_cluster.py starts one",
+    "cavirheo infer SHOTS.mat -o result --slurm": "needs a SLURM: tests/cli/test_cluster.py starts one",
 }
 FIRST = re.compile(r"(cavirheo|make|pip|python3?|cd|dask|AT=\S+)\b")  # word of a block that is a script
 PLACES = re.compile(
@@ -127,9 +127,8 @@ def write_shots(folder: Path) -> None:
     video(folder / "VIDEOS/first.mp4", 500e3, 2.5)
     published = (row for row in (ROOT / "examples/published_values.csv").open(encoding="utf-8") if row[0] != "#")
     for row in [row for row in csv.DictReader(published) if row["files"] not in ("", "-")]:
-        medium = MEDIA[row["medium"]] if row["medium"] else cavirheo.Medium(density=float(row["density"]))
         for data in ("PATH/TO/DATA", "MEASUREMENTS"):
-            shot(folder / data / row["files"].replace("*", "first"), stiff, medium)
+            shot(folder / data / row["files"].replace("*", "first"), stiff, WATER)
 
 
 def write_tables(folder: Path) -> None:

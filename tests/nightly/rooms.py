@@ -84,9 +84,8 @@ BATCHES = {  # of as many files as there are, and a good one
 }
 ROOMS = BATCHES | {
     "simulate --driving": f"{_BUBBLE} --driving {{file}} -o {{out}}",
-    "compare --references": "compare {here} --references {file} -o {out}",
-    "compare FOLDER": "compare {file} --references {published} -o {out}",
-    "rheometer --beside": "rheometer {sweep} --beside {file} -o {out}",
+    "infer --references": "infer --model bdt-viscoelastic {curve} --references {file} -o {out}",
+    "compare RESULT": "compare {file} --references {published} -o {out}",
     "infer --model": "infer {curve} --model {file} -o {out}",
     "generate": "generate {file} -n 1 -o {out}",
     "train": "train {file} {data} -o {out}",

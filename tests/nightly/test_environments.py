@@ -18,7 +18,7 @@ COMMANDS = {
     "simulate": "simulate --rmax-um 250 --stretch 7 --material newtonian(0.05) --fields -o out",
     "rheometer": "rheometer frequency.csv -o out",
     "collapse-time": "collapse-time times.csv -o out",
-    "compare": "compare . --references sets.csv -o out",
+    "references": "infer curve.csv --references sets.csv -o out",
     "models": "models",
 }
 WELL = {  # where everything must work: what the shell does before

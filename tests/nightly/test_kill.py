@@ -21,7 +21,7 @@ COMMANDS = {  # shots, kills, words
     "infer": (50, 8, ["infer", "shots", "--verify", "none", "-o", "out"]),
     "fit": (12, 4, ["fit", "shots", "--window", "2", "-o", "out"]),
     "verify": (3, 5, ["infer", "shots", "--model", "bdt-viscoelastic", "--verify", "full", "-o", "out"]),
-    "compare": (12, 3, ["compare", ".", "--references", "references.csv", "-o", "out"]),
+    "references": (12, 3, ["infer", "shots", "--references", "references.csv", "-o", "out"]),
 }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,10 +24,6 @@ from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary, read_
 from cavirheo.physics.media import CONSTANTS, Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
-from cavirheo.writing.style import BLUE, VERMILLION, add_legend, new_panel
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 VARIABLE = "pIMR_array"
 VOCABULARY = Vocabulary(
@@ -289,26 +285,3 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
         yield group.name, note
     if origins := sorted({record.stretch_from for record in group.shots} - {"", "table"}):
         yield group.name, f"lambda: {', '.join(origins)}"
-
-
-def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
-    """Plot of t_1/t_RC of shots and model over R_max; of the equally good pairs if G and mu were not both found."""
-    (factor, name), best = document.modulus_unit, group.estimate
-    assert best is not None
-    G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s
-    if G.value is None or mu.value is None:
-        drawing, axes = new_panel(group.name, "G and µ: one relation, not both", "µ (Pa s)", f"G ({name})")
-        pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
-        axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
-        return drawing
-    answer = f"G = {_interval(G, factor)} {name}, µ = {_interval(mu)} Pa s"
-    drawing, axes = new_panel(group.name, answer, r"$R_\mathrm{max}$ (µm)", r"$t_1/t_\mathrm{RC}$")
-    shots = [(shot.max_radius_m, shot.measured, shot.model) for shot in group.usable]
-    radius, measured, model = np.array(shots, dtype=float).T * [[1e6], [1.0], [1.0]]
-    heavy = np.array(best.weight) >= 0.5
-    axes.plot(radius[heavy], measured[heavy], "o", ms=4.5, mew=0, color=BLUE, label="measured")
-    if not heavy.all():
-        axes.plot(radius[~heavy], measured[~heavy], "o", ms=4.5, mfc="none", mec=BLUE, label="weighted down")
-    axes.plot(radius, model, "s", ms=4.2, mfc="none", mec=VERMILLION, label=f"{group.model} model")
-    add_legend(axes)
-    return drawing

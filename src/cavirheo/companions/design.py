@@ -13,11 +13,11 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import gmean, sem
+from scipy.stats import gmean
 from scipy.stats.qmc import Halton
 
-from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.arrays import Bools, Floats
+from cavirheo.errors import expect_whole, require
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.design import Draws, Expectation, Setting, gain, material_information, shots_wanted, variance
 from cavirheo.parameters import STRETCH_RANGE, named
@@ -32,7 +32,6 @@ from cavirheo.writing.document import Document, Finite, Quantity, Record
 
 STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
 CHECK_SEED_OFFSET = 10_000  # added to the seed, so that checks have other recordings
-GAIN_STANDARD_ERRORS = 2.0  # a gain counts as larger than another if it exceeds it by so many standard errors
 LEAST_GAIN = 0.01  # nats; with less a shot tells nothing
 LEAST_STRETCH_STD = 0.01  # smallest standard deviation of the stretch from shot to shot, decades
 
@@ -43,6 +42,7 @@ class Rig:
 
     Attributes:
         max_radius: (low, high) of the bubbles that the laser makes, m.
+        sizes: number of R_max between both that are tried.
         frame_rate: all frame rates of the camera, 1/s.
         frames: number of frames that it records.
         noise: standard deviation of the radius of a frame, m; one number, or one for each frame rate.
@@ -65,6 +65,7 @@ class Rig:
     material: str = "nhkv"
     medium: Medium | str = WATER
     bubble: Requested = "real"
+    sizes: int = 5
 
     def __post_init__(self) -> None:
         Family(self.material)
@@ -79,6 +80,18 @@ class Rig:
         require(len(rates) > 0 and all(rate > 0 for rate in rates), message, "design.frame_rate")
         message = f"noise is one number, or one for each of the {len(rates)} frame rates; got {np.size(self.noise)}"
         require(np.size(self.noise) in (1, len(rates)), message, "design.noise")
+        expect_whole(self.sizes, "sizes", 1, "design.sizes")
+
+    def settings(self) -> list[Setting]:
+        """Each frame rate with each of the sizes. Raises InputError: a setting outside of what can be simulated."""
+        noises = np.broadcast_to(self.noise, len(self.frame_rate)).tolist()
+        smallest, largest = self.max_radius
+        radii = np.geomspace(smallest, largest, self.sizes if largest > smallest else 1).tolist()
+        return [
+            Setting(radius, float(rate), noise, self.relative_noise, self.frames, min(self.exposure, 1.0 / rate))
+            for rate, noise in zip(self.frame_rate, noises, strict=True)
+            for radius in radii
+        ]
 
 
 class DesignedSetting(Record):
@@ -93,7 +106,6 @@ class DesignedSetting(Record):
         half_width_percent: half of the 90 % interval of one shot, % of the value, by parameter; median over the draws.
         shots: number of shots that bring all parameters to the wanted interval; null: more than 10,000.
         gain_nats: expected information gain of one shot about the law's parameters, nats; mean over the draws.
-        gain_error_nats: standard error of gain_nats.
     """
 
     max_radius_m: float
@@ -104,24 +116,17 @@ class DesignedSetting(Record):
     half_width_percent: dict[str, Finite]
     shots: int | None
     gain_nats: float
-    gain_error_nats: float = 0.0
 
     @property
     def words(self) -> str:
         """'R_max 250 µm at 500,000 frames/s'."""
         return f"R_max {digits.micrometres(self.max_radius_m)} µm at {self.frame_rate_hz:,.0f} frames/s"
 
-    @property
-    def gain(self) -> str:
-        """'2.10 ± 0.05 nats'."""
-        return f"{self.gain_nats:.2f} ± {self.gain_error_nats:.2f} nats"
-
 
 class CheckedSetting(Record):
-    """The answers of `infer` for simulated recordings of a recommended setting.
+    """The answers of `infer` for simulated recordings of the setting to take next.
 
     Attributes:
-        setting: index of the setting in `settings`, from 0.
         recordings: number of simulated recordings.
         answers: number of recordings that were answered with an interval.
         told_percent: expected half of the 90 % interval, % of the value, by parameter; geometric mean over the answers.
@@ -130,7 +135,6 @@ class CheckedSetting(Record):
             or no answer.
     """
 
-    setting: int
     recordings: int
     answers: int
     told_percent: dict[str, Finite]
@@ -152,10 +156,9 @@ class Design(Document):
         known: quantiles of the parameters and the stretch before the next shot, SI.
         shots_before: number of answers of the result.json on which this is based.
         settings: expected result at each frame rate and R_max.
-        best: index, from 0, of the setting with the largest gain; that of `fewest` if its gain is not clearly smaller.
-        fewest: index, from 0, of the setting that reaches the wanted interval with the fewest shots, which is to be
-            taken next; null where no setting reaches it.
-        checked: checks of the recommended settings by simulated recordings, if they were requested.
+        next: index, from 0, of the setting to take next: it reaches the wanted interval with the fewest shots or, if
+            none reaches it, has the largest gain.
+        checked: check of this setting by simulated recordings; null if it was not requested.
     """
 
     kind: Literal["design"] = "design"
@@ -168,55 +171,48 @@ class Design(Document):
     known: dict[str, Quantity]
     shots_before: int = 0
     settings: list[DesignedSetting]
-    best: int
-    fewest: int | None
-    checked: list[CheckedSetting] = []
-
-    @property
-    def next(self) -> int:
-        """Index of the setting to take next: the one that reaches the wanted width with the fewest shots; if none
-        reaches it, the one with the largest gain."""
-        return self.best if self.fewest is None else self.fewest
+    next: int
+    checked: CheckedSetting | None = None
 
     @property
     def teaches_nothing(self) -> bool:
         """Whether the setting to take next has no gain, or none of its checked recordings has an interval."""
-        unanswered = any(not checked.answers for checked in self.checked if checked.setting == self.next)
+        unanswered = self.checked is not None and not self.checked.answers
         return unanswered or self.settings[self.next].gain_nats < LEAST_GAIN
 
     @property
     def sentences(self) -> list[str]:
         """Lines of text on the next setting, the number of shots, and the check with simulated recordings."""
-        setting, best = self.settings[self.next], self.settings[self.best]
-        goal = f"± {self.wanted_percent:g} % (90 %)"
-        law = " and ".join(digits.symbol_and_unit(name)[0] for name in best.half_width_percent)
+        setting, goal = self.settings[self.next], f"± {self.wanted_percent:g} % (90 %)"
+        law = " and ".join(digits.symbol_and_unit(name)[0] for name in setting.half_width_percent)
         if self.teaches_nothing:
-            lines = [f"next: nothing: this rig cannot tell {law}, not even at its best, {setting.words}"]
-            lines.append(f"one shot there tells {setting.gain}; {setting.readable:.0%} of its recordings can be read")
-        elif self.fewest is None:
-            lines = [f"next: {setting.words}, where one shot tells most about {law} ({setting.gain})"]
+            line = f"next: nothing: this rig cannot tell {law}, not even at its best, {setting.words}"
+            lines = [line, f"{setting.readable:.0%} of the recordings there can be read"]
+        elif setting.shots is None:
+            lines = [f"next: {setting.words}, where one shot tells most about {law} ({setting.gain_nats:.2f} nats)"]
             lines.append(f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots")
         elif setting.shots == 0:
             by = f" by {digits.counted(self.shots_before, 'shot')}" if self.shots_before else ""
-            lines = [f"next: nothing, {goal} is already reached{by}; one shot more tells most at {best.words}"]
+            lines = [f"next: nothing, {goal} is already reached{by}"]
         else:
             more = " more" if self.shots_before else ""
-            shots, series = digits.counted(setting.shots or 0, "shot"), best.shots or "more than 10,000"
-            single = f"if you take one shot only: {best.words}, where it tells most ({best.gain}; there {setting.gain})"
-            single += f"; {goal} of {law} would need {series} such shots"
-            single = f"one shot there tells most, too ({best.gain})" if best is setting else single
-            lines = [f"next: {shots}{more} at {setting.words}, for {goal} of {law}", single]
-        for checked in self.checked:
-            words = f"{self.settings[checked.setting].words}, {digits.counted(checked.recordings, 'recording')}"
-            some = f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
-            widths = ", ".join(
-                f"{digits.symbol_and_unit(name)[0]} ± {rounded(got)} % (expected {rounded(checked.told_percent[name])})"
-                for name, got in checked.reached_percent.items()
-            )
-            count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
-            so = f"; so {count} for ± {self.wanted_percent:g} %" * (checked.shots != 0)
-            lines.append(f"checked: {words}: {some + widths + so if checked.answers else 'none has an interval'}")
-        return lines
+            lines = [f"next: {digits.counted(setting.shots, 'shot')}{more} at {setting.words}, for {goal} of {law}"]
+        return [*lines, *([self._check_sentence(self.checked)] if self.checked else [])]
+
+    def _check_sentence(self, checked: CheckedSetting) -> str:
+        head = f"checked by {digits.counted(checked.recordings, 'recording')}: "
+        if not checked.answers:
+            return f"{head}none has an interval"
+        if checked.answers < checked.recordings:
+            head += f"{checked.answers} with an interval, "
+        widths = ", ".join(
+            f"{digits.symbol_and_unit(name)[0]} ± {rounded(width)} % (expected {rounded(checked.told_percent[name])})"
+            for name, width in checked.reached_percent.items()
+        )
+        if checked.shots == 0:
+            return head + widths
+        count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
+        return f"{head}{widths}; so {count} for ± {self.wanted_percent:g} %"
 
 
 def rounded(percent: float | None) -> str:
@@ -235,7 +231,7 @@ def print_table(document: Design) -> None:
         shots = digits.MISSING if setting.shots is None else str(setting.shots)
         row = [f"{setting.frame_rate_hz:,.0f}", *(rounded(setting.half_width_percent[name]) for name in names)]
         row += [f"{100 * setting.readable:.0f}", shots, f"{setting.gain_nats:.2f}"]
-        style = "bold" if k in (document.best, document.fewest) else ""
+        style = "bold" if k == document.next else ""
         table.add_row(digits.micrometres(setting.max_radius_m), *row, style=style)
     console.print(table)
     for line in document.sentences:
@@ -250,11 +246,9 @@ def design(
     ranges: Mapping[str, Sequence[float]] | None = None,
     wanted: float = 0.1,
     spread: float | None = None,
-    sizes: int = 5,
     draws: int = 12,
     check: int = 6,
     seed: int = 0,
-    workers: int | None = None,
     done: Callable[[], None] | None = None,
 ) -> Design:
     """Expected intervals of shots that a rig could take, the shots needed for a wanted interval, and the next setting.
@@ -268,10 +262,9 @@ def design(
             for the stretch. With `known` only the range of the stretch is used.
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
         spread: standard deviation of the shots of one material, decades; default: 0, or that of the answers of `known`.
-        sizes: number of values of R_max in the range of the rig.
         draws: number of draws from what is known, at each setting.
-        check: number of recordings of each recommended setting that `infer` answers; 0: no check.
-        seed: of the draws. workers: threads; default: all cores. done: called after each simulated shot.
+        check: number of recordings of the next setting that `infer` answers; 0: no check.
+        seed: of the draws. done: called after each simulated shot.
 
     Raises:
         InputError: no trusted answer of this law, or a number out of its domain.
@@ -284,83 +277,109 @@ def design(
     rig = rig or Rig()
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
-    require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
+    require(draws >= 2, f"two draws are the least, got {draws}", "design.draws")
     require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
-    family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
-    half_width = float(np.log10(1.0 + wanted))
-    goal, law, stretches = _goal(family, half_width, known, group, dict(ranges or {}), spread, draws, seed)
-    settings = _settings(rig, sizes)
-    material_draws = Draws(family, law, stretches, liquid, bubble, seed)
-    expected = material_draws.compute_expectations(settings, workers, done)
-    gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
-    rows = [goal.row(*columns) for columns in zip(settings, expected, gains, strict=True)]
+    family, half_width = Family(rig.material), float(np.log10(1.0 + wanted))
+    prior = _prior(family, ranges or {}, spread or 0.0)
+    if known is not None:
+        prior = _prior_of(known, group, family, prior, spread)
+    law, stretches = prior.draw(draws, seed)
+    goal, settings = _Goal(prior, half_width), rig.settings()
+    materials = Draws(family, law, stretches, medium(rig.medium), bubbles_of(rig.bubble)[0], seed)
+    expected = materials.compute_expectations(settings, None, done)
+    rows = [goal.row(*columns) for columns in zip(settings, expected, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
-    best, fewest = _best_and_fewest(rows, gains)
-    recorded = replace(material_draws, law=law[:check], stretch=stretches[:check], seed=seed + CHECK_SEED_OFFSET)
-    recommended = dict.fromkeys((best, best if fewest is None else fewest)) if check else ()
-    checked = [goal.compare(i, check, recorded.check_widths(settings[i], workers), expected[i]) for i in recommended]
-    scatter = np.sqrt(np.diag(goal.scatter))
-    samples = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
+    best = min(range(len(rows)), key=lambda i: (np.inf if rows[i].shots is None else rows[i].shots, -rows[i].gain_nats))
+    checked = None
+    if check:
+        recorded = replace(materials, law=law[:check], stretch=stretches[:check], seed=seed + CHECK_SEED_OFFSET)
+        checked = goal.compare(check, recorded.check_widths(settings[best]), expected[best])
+    fields: Any = {"wanted_percent": 100.0 * wanted, "settings": rows, "next": best, "checked": checked}
+    return _document(rig, prior, law, stretches, **fields)
+
+
+def _document(rig: Rig, prior: _Prior, law: Floats, stretches: Floats, **fields: Any) -> Design:
+    """The document of a design. law (draws, l), stretches (draws,): the draws of the prior. fields: of `Design`."""
+    scatter, names = np.sqrt(np.diag(prior.scatter)), prior.family.parameters
+    samples = {name: law[:, i] for i, name in enumerate(names)} | {"stretch": np.log10(stretches)}
     quantiles = {name: 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95)) for name, logs in samples.items()}
     return Design(
         command="cavirheo.design",
         material=rig.material,
-        bubble=bubble,
-        medium=liquid,
-        wanted_percent=100.0 * wanted,
+        bubble=bubbles_of(rig.bubble)[0],
+        medium=medium(rig.medium),
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
-        spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
+        spreads_decades=dict(zip(names, scatter.tolist(), strict=True)),
         known={name: Quantity.from_interval(*ends) for name, ends in quantiles.items()},
-        shots_before=goal.shots,
-        settings=rows,
-        best=best,
-        fewest=fewest,
-        checked=checked,
+        shots_before=prior.shots,
+        **fields,
     )
 
 
-def _settings(rig: Rig, sizes: int) -> list[Setting]:
-    """Settings: each frame rate with `sizes` values of R_max."""
-    rates, noises = rig.frame_rate, np.broadcast_to(rig.noise, len(rig.frame_rate)).tolist()
-    smallest, largest = rig.max_radius
-    radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
-    return [
-        Setting(radius, float(rate), noise, rig.relative_noise, rig.frames, min(rig.exposure, 1.0 / rate))
-        for rate, noise in zip(rates, noises, strict=True)
-        for radius in radii
-    ]
+@dataclass(frozen=True, eq=False)
+class _Prior:
+    """What is known before the next shot, in log10: `mean` (l + 1,) and `deviation` (l + 1,) of the parameters of a law
+    and of the stretch, `normal` (l + 1,) or even; `covariance` (l, l) of the material, and `scatter` (l, l), the
+    covariance of its shots about it. shots: number of shots behind both. stretch_given: by a range."""
+
+    family: Family
+    mean: Floats
+    deviation: Floats
+    normal: Bools
+    covariance: Floats
+    scatter: Floats
+    shots: int = 0
+    stretch_given: bool = False
+
+    def draw(self, count: int, seed: int) -> tuple[Floats, Floats]:
+        """log10 of the law's parameters (count, l), and stretches (count,): points of a Halton sequence, so that few of
+        them cover the distribution."""
+        cube = Halton(len(self.mean), seed=seed).random(count)
+        logs = self.mean + self.deviation * np.where(self.normal, ndtri(cube), np.sqrt(12.0) * (cube - 0.5))
+        stretches = np.clip(10.0 ** logs[:, -1], STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
+        return logs[:, :-1], stretches
+
+
+def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float) -> _Prior:
+    """What ranges say. Raises InputError: no such parameter, or an impossible range."""
+    names = (*family.parameters, "stretch")
+    ends = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
+    ranges = {named(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
+    for name, pair in ranges.items():
+        low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
+        message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"
+        require(len(pair) == 2 and low < pair[0] < pair[1] < high, message, "design.range")
+        ends[name] = np.log10(pair)
+    logs = np.array(list(ends.values()))
+    deviation, size = np.ptp(logs, axis=1) / np.sqrt(12.0), len(family.parameters)
+    even = np.zeros(len(names), dtype=bool)
+    covariance, scatter = np.diag(deviation[:-1] ** 2), spread**2 * np.eye(size)
+    return _Prior(family, logs.mean(axis=1), deviation, even, covariance, scatter, stretch_given="stretch" in ranges)
 
 
 @dataclass(frozen=True, eq=False)
 class _Goal:
-    """The goal: each parameter of a law within `half_width` decades. Known before, in log10: covariance (l, l) of the
-    material, and `scatter` (l, l), the covariance of its shots about it. shots: number of shots behind both."""
+    """The goal: each parameter of a law within `half_width` decades."""
 
-    family: Family
+    prior: _Prior
     half_width: float
-    covariance: Floats
-    scatter: Floats
-    shots: int
 
     def percent(self, decades: Floats) -> dict[str, Any]:
         """Half-widths (l,) in decades as percent of each parameter."""
-        return dict(zip(self.family.parameters, (100.0 * (10.0**decades - 1.0)).tolist(), strict=True))
-
-    def gain(self, shot: Expectation | None) -> float:
-        """Information gain of a shot, nats; 0 if its recording cannot be read."""
-        return 0.0 if shot is None else gain(material_information(shot.information, self.scatter), self.covariance)
+        return dict(zip(self.prior.family.parameters, (100.0 * (10.0**decades - 1.0)).tolist(), strict=True))
 
     def count(self, information: Sequence[Floats], share: float) -> int | None:
         """Shots that reach the goal, median over draws, if `share` of the recordings can be used; None: too many."""
-        each = (share * material_information(shot, self.scatter) for shot in information)
-        counts = [shots_wanted(shot, self.covariance, self.half_width) for shot in each]
+        each = (share * material_information(shot, self.prior.scatter) for shot in information)
+        counts = [shots_wanted(shot, self.prior.covariance, self.half_width) for shot in each]
         middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
         return int(middle) if np.isfinite(middle) else None
 
-    def row(self, setting: Setting, expected: Sequence[Expectation | None], gains: Floats) -> DesignedSetting:
-        """The row of a setting: what a shot at it would tell."""
+    def row(self, setting: Setting, expected: Sequence[Expectation | None]) -> DesignedSetting:
+        """The row of a setting: what a shot at it would tell; one that cannot be read tells nothing."""
         read = [shot for shot in expected if shot is not None]
-        widths = np.array([shot.half_width for shot in read] or [np.full(len(self.family.parameters), np.nan)])
+        widths = np.array([shot.half_width for shot in read] or [np.full(len(self.prior.covariance), np.nan)])
+        information = [material_information(shot.information, self.prior.scatter) for shot in read]
         share = len(read) / len(expected)
         return DesignedSetting(
             max_radius_m=setting.max_radius,
@@ -370,22 +389,20 @@ class _Goal:
             readable=share,
             half_width_percent=self.percent(np.median(widths, axis=0)),
             shots=self.count([shot.information for shot in read], share),
-            gain_nats=float(np.mean(gains)),
-            gain_error_nats=sem(gains),
+            gain_nats=sum(gain(each, self.prior.covariance) for each in information) / len(expected),
         )
 
     def compare(
-        self, setting: int, recordings: int, widths: tuple[Floats, Floats], expected: Sequence[Expectation | None]
+        self, recordings: int, widths: tuple[Floats, Floats], expected: Sequence[Expectation | None]
     ) -> CheckedSetting:
         """The check of a setting. widths: half-widths (answers, l) in decades, as expected and as answered; by their
         ratios the information of `expected` is scaled."""
         answers = len(widths[0])
-        none = np.full(len(self.family.parameters), np.nan)
+        none = np.full(len(self.prior.covariance), np.nan)
         expected_width, answered_width = (gmean(each) if answers else none for each in widths)
         narrower = expected_width / answered_width
         information = [shot.information * np.outer(narrower, narrower) for shot in expected if shot]
         return CheckedSetting(
-            setting=setting,
             recordings=recordings,
             answers=answers,
             told_percent=self.percent(expected_width),
@@ -394,53 +411,23 @@ class _Goal:
         )
 
 
-def _best_and_fewest(rows: Sequence[DesignedSetting], gains: Floats) -> tuple[int, int | None]:
-    """Indices of the settings with the largest gain and with the fewest shots; twice the latter if its gain is not
-    smaller by more than GAIN_STANDARD_ERRORS standard errors."""
-    best = max(range(len(rows)), key=lambda i: rows[i].gain_nats)
-    counted = {i: row.shots for i, row in enumerate(rows) if row.shots is not None}
-    fewest = min(counted, key=lambda i: (counted[i], -rows[i].gain_nats), default=None)
-    if fewest is None:
-        return best, None
-    less = gains[best] - gains[fewest]
-    return fewest if np.mean(less) <= GAIN_STANDARD_ERRORS * sem(less) else best, fewest
-
-
-def _goal(
-    family: Family,
-    half_width: float,
-    result: Result | str | Path | None,
-    group: str | None,
-    ranges: dict[str, Sequence[float]],
-    spread: float | None,
-    draws: int,
-    seed: int,
-) -> tuple[_Goal, Floats, Floats]:
-    """The goal, and draws from what is known: log10 of the law's parameters (draws, l), and stretches (draws,). The
-    draws are points of a Halton sequence, so that few of them cover the distribution."""
-    names = (*family.parameters, "stretch")
-    ranges = {named(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
-    for name, pair in ranges.items():
-        low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
-        message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"
-        require(len(pair) == 2 and low < pair[0] < pair[1] < high, message, "design.range")
-    searched = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
-    logs = np.array([np.log10(ranges[name]) if name in ranges else ends for name, ends in searched.items()])
-    mean, deviation, normal = logs.mean(axis=1), np.ptp(logs, axis=1) / np.sqrt(12.0), np.zeros(len(names), bool)
-    covariance, scatter, shots = np.diag(deviation[:-1] ** 2), (spread or 0.0) ** 2 * np.eye(len(names) - 1), 0
-    if result is not None:
-        if not isinstance(result, Result):
-            result = read_json(Path(result) / "result.json" if Path(result).is_dir() else result)
-        chosen, rows = _answers(result, group, family)
-        mean[:-1], covariance, scatter, shots = _material(chosen, rows, family, None if spread is None else scatter)
-        deviation[:-1], normal[:-1] = np.sqrt(np.diag(covariance)), True
-        measured = np.log10([row.stretch.median for row in rows if row.stretch.median])
-        if "stretch" not in ranges and len(measured):
-            mean[-1], deviation[-1], normal[-1] = np.mean(measured), max(np.std(measured), LEAST_STRETCH_STD), True
-    cube = Halton(len(names), seed=seed).random(draws)
-    logs = mean + deviation * np.where(normal, ndtri(cube), np.sqrt(12.0) * (cube - 0.5))
-    stretches = np.clip(10.0 ** logs[:, -1], STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
-    return _Goal(family, half_width, covariance, scatter, shots), logs[:, :-1], stretches
+def _prior_of(
+    known: Result | str | Path, group: str | None, family: Family, prior: _Prior, spread: float | None
+) -> _Prior:
+    """What a result says of the material, and of the stretch unless a range of it is given."""
+    if not isinstance(known, Result):
+        known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
+    chosen, rows = _answers(known, group, family)
+    material, covariance, scatter, shots = _material(chosen, rows, family, None if spread is None else prior.scatter)
+    mean = np.append(material, prior.mean[-1])
+    deviation = np.append(np.sqrt(np.diag(covariance)), prior.deviation[-1])
+    normal = np.append(np.ones(len(material), dtype=bool), False)
+    measured = np.log10([row.stretch.median for row in rows if row.stretch.median])
+    if not prior.stretch_given and len(measured):
+        mean[-1], deviation[-1], normal[-1] = np.mean(measured), max(np.std(measured), LEAST_STRETCH_STD), True
+    return replace(
+        prior, mean=mean, deviation=deviation, normal=normal, covariance=covariance, scatter=scatter, shots=shots
+    )
 
 
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:

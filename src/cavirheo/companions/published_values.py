@@ -1,36 +1,42 @@
-"""Values of materials by other methods: published values, and sweeps of a rheometer.
+"""Values of materials by other methods beside our answers: published values, and sweeps of a rheometer.
 
 Published values are a CSV file that is written by hand (docs/how-to/compare.md). One line per set, method and quantity,
 so that a method is added by adding lines:
 
-    set,files,density,method,quantity,mean,std,source
-    gel 1 %,gel_1/*.mat,1004,IMR,G_kPa,6.44,1.64,doi:...
-    gel 1 %,,,IMR,mu_Pa_s,0.020,0.009,
-    gel 1 %,,,rheometer,G_kPa,1.30,,
+    set,files,method,quantity,mean,std,source
+    gel 1 %,gel_1/*.mat,IMR,G_kPa,6.44,1.64,doi:...
+    gel 1 %,,IMR,mu_Pa_s,0.020,0.009,
+    gel 1 %,,rheometer,G_kPa,1.30,,
 
-A line without method, quantity, mean and std only names a set. `-` in the column files: the set has no recordings, only
-published values. Settings may stand on any lines of a set. Empty lines and lines that begin with # are left out.
+A line without method, quantity, mean and std only names a set. Empty lines and lines that begin with # are left out.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Annotated, Any
 
 import pydantic
-from pydantic import Field, NonNegativeFloat, PositiveFloat, TypeAdapter
+from pydantic import Field, TypeAdapter
 
+from cavirheo.column import listed
+from cavirheo.companions import rheometer
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Term, Vocabulary, read_columns
-from cavirheo.physics.media import CONSTANTS, Medium, medium
+from cavirheo.reporting import table
 from cavirheo.reporting.group import OUR_METHOD, GroupRecord, Published, PublishedValue
+from cavirheo.reporting.record import Result
+from cavirheo.writing.document import Outputs
 
+TABLE = "comparison.csv"
 NO_SETS = "references.no_set_column"  # error code for a table without sets, such as one of sweeps
 _MOST_SETS = 500  # largest number of sets in one file
-NO_FILES = "-"  # in the column files: a set with published values alone
 _UNITS = {
     **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), ("shear_modulus", 1.0)),
     **dict.fromkeys(("G_kPa", "shear_modulus_kPa"), ("shear_modulus", 1e3)),
@@ -40,7 +46,7 @@ _UNITS = {
 
 
 class _ReferenceLine(pydantic.BaseModel):
-    """One line of the file: its columns and their allowed values. Settings are as the options of `infer`, SI."""
+    """One line of the file: its columns and their allowed values."""
 
     model_config = pydantic.ConfigDict(allow_inf_nan=False)
 
@@ -49,26 +55,12 @@ class _ReferenceLine(pydantic.BaseModel):
     quantity: str | None = None
     mean: Annotated[float, Field(ge=1e-18, le=1e18)] | None = None  # beyond these limits ratios would overflow
     std: Annotated[float, Field(ge=0, le=1e18)] | None = None
-    files: str | None = None  # file, subfolder or glob in the folder, or NO_FILES; default: the name of the set
-    shots: str | None = None  # numbers of the shots to use of every file, "1,4-7"
-    model: str | None = None
-    material: str | None = None
-    medium: str | None = None
-    window: pydantic.PositiveInt | None = None
-    stretch: PositiveFloat | None = None
-    rmax_um: PositiveFloat | None = None
-    density: PositiveFloat | None = None
-    sound_speed: PositiveFloat | None = None
-    surface_tension: NonNegativeFloat | None = None
-    pressure: PositiveFloat | None = None
-    temperature: PositiveFloat | None = None
+    files: str | None = None  # file, folder or pattern; default: the name of the set
     source: str = ""
     note: str = ""
 
 
 _COLUMNS = tuple(_ReferenceLine.model_fields)
-_SETTINGS = _COLUMNS[_COLUMNS.index("files") : _COLUMNS.index("source")]
-_CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
 _VALUES_BY_SOURCE = TypeAdapter(list[dict[str, Published]])
 _VOCABULARY = Vocabulary(
     {name: Term(name) for name in _COLUMNS},
@@ -80,29 +72,18 @@ _VOCABULARY = Vocabulary(
 
 @dataclass
 class ReferenceSet:
-    """A set of the file. where: its first line. lines: the line of each setting. values: by method and parameter."""
+    """A set of recordings and its values by method and parameter. files: pattern of the paths of its recordings."""
 
     name: str
-    where: str
-    settings: dict[str, Any] = field(default_factory=dict)
-    lines: dict[str, str] = field(default_factory=dict)
-    values: dict[str, dict[str, PublishedValue]] = field(default_factory=dict)
-    medium: Medium = field(default_factory=Medium)
+    files: str = ""
+    values: dict[str, Mapping[str, PublishedValue]] = field(default_factory=dict)
 
-    @property
-    def given(self) -> list[str]:
-        """Names of the constants of the medium that the set gives; with a medium, of all."""
-        return [name for name in CONSTANTS if name in self.settings or "medium" in self.settings]
-
-    @property
-    def recorded(self) -> bool:
-        """Whether the set has recordings, which can be answered."""
-        return self.settings.get("files") != NO_FILES
-
-    @property
-    def solid(self) -> bool:
-        """Whether the material may have a modulus: one is published, or no value at all is."""
-        return not self.values or any("shear_modulus" in values for values in self.values.values())
+    def holds(self, curve: RadiusCurve) -> bool:
+        """Whether the file of the curve, or a folder that holds it, has the path that `files` describes."""
+        path, pattern = PurePath(curve.source or ""), self.files or self.name
+        with suppress(ValueError):  # a name that no file has, such as "."
+            return any(place.name and place.match(pattern) for place in (path, *path.parents))
+        return False
 
 
 def read_references(path: str | Path) -> list[ReferenceSet]:
@@ -124,12 +105,6 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
         _add_line(row, f"{path}, line {number}", sets, methods)
     message = f"{path}: {len(sets)} sets; more than {_MOST_SETS} are not compared at once; split the file"
     require(len(sets) <= _MOST_SETS, message, "references.sets")
-    for reference in sets.values():
-        constants = {name: reference.settings[name] for name in _CONSTANTS if name in reference.settings}
-        try:
-            reference.medium = medium(reference.settings.get("medium", "water"), **constants)
-        except InputError as error:
-            raise error.within(f"{reference.where}, set {reference.name!r}") from None
     return list(sets.values())
 
 
@@ -149,11 +124,10 @@ def _add_line(
         column = str(wrong["loc"][0])
         expect(False, column, "a name" if column == "set" else wrong["msg"].removeprefix("Input should be "))
         raise
-    reference = sets.setdefault(line.set, ReferenceSet(line.set, where))
-    for name, value in line.model_dump(include=set(_SETTINGS), exclude_none=True).items():
-        first = reference.lines.setdefault(name, where)
-        earlier = reference.settings.setdefault(name, value)
-        expect(earlier == value, name, f"{earlier} as in {first}, or an empty cell")
+    reference = sets.setdefault(line.set, ReferenceSet(line.set))
+    if line.files:
+        expect(reference.files in ("", line.files), "files", f"{reference.files} as above, or an empty cell")
+        reference.files = line.files
     if not any((line.method, line.quantity, line.mean, line.std is not None)):
         return
     method, (quantity, factor) = line.method or "", _UNITS.get(line.quantity or "", ("", 1.0))
@@ -162,34 +136,37 @@ def _add_line(
     expect(method.casefold() != OUR_METHOD, "method", "another name: this one is of our own answers")
     expect(quantity != "", "quantity", f"one of {', '.join(_UNITS)}")
     expect(line.mean is not None, "mean", f"a number above 0 ({line.quantity})")
-    values = reference.values.setdefault(method, {})
+    values = dict(reference.values.get(method, {}))
     expect(quantity not in values, "quantity", f"one {quantity} of {reference.name!r} by {method}")
     expect(method == spelled, "method", f"{spelled!r} as in {first}")
     mean, std = (None if value is None else float(f"{value * factor:.12g}") for value in (line.mean, line.std))
-    values[quantity] = PublishedValue(mean=mean, std=std, source=line.source)
+    reference.values[method] = values | {quantity: PublishedValue(mean=mean, std=std, source=line.source)}
 
 
-def read_values(_: object, *paths: str) -> list[dict[str, Any]]:
-    """Read values by set, method and parameter, in the form that `published` takes: those of the files with sets, and
-    those of the other files, which must hold sweeps of one material. A function for `Reader`.
+def read_sets(paths: Iterable[str | Path]) -> list[list[ReferenceSet]]:
+    """Read the sets of the tables; and those of all other files, which must hold sweeps of one material: a single set.
 
     Raises InputError: a file cannot be read, or holds neither sets nor sweeps.
     """
-    from cavirheo.companions import rheometer
-
-    values, sweep_values, files = dict[str, Published](), dict[str, Published](), list[Path]()
+    sets, files = list[ReferenceSet](), list[Path]()
     for path in map(Path, paths):
         try:
-            values |= {reference.name: reference.values for reference in read_references(path)}
+            sets += read_references(path)
         except InputError as error:
             if error.code != NO_SETS:
                 raise
             files.append(path)
+    sources = [sets] if sets else []
     if files:
         sweeps = [sweep for path in files for sweep in rheometer.read_sweeps(path)]
         rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
-        sweep_values = {rheometry.material: rheometry.published}
-    return _VALUES_BY_SOURCE.dump_python([each for each in (values, sweep_values) if each])
+        sources.append([ReferenceSet(rheometry.material, values=dict(rheometry.published))])
+    return sources
+
+
+def read_values(_: object, *paths: str) -> list[dict[str, Any]]:
+    """The values of `read_sets` by set, method and parameter, as `published` takes them. A function for `Reader`."""
+    return _VALUES_BY_SOURCE.dump_python([values_of(sets) for sets in read_sets(paths)])
 
 
 def published(values: list[dict[str, Any]]) -> list[dict[str, Published]]:
@@ -197,25 +174,45 @@ def published(values: list[dict[str, Any]]) -> list[dict[str, Published]]:
     return _VALUES_BY_SOURCE.validate_python(values)
 
 
-def by_group(names: Iterable[str], sets: Mapping[str, Published], pairs: Sequence[str] = ()) -> dict[str, Published]:
-    """The values of each set by the group of the same name; those of a single set without such a group, by all groups.
-    pairs: the groups of sets with other names, each as "GROUP=SET", or "SET" for a single group.
+def values_of(sets: Iterable[ReferenceSet]) -> dict[str, Published]:
+    """Values by set."""
+    return {reference.name: reference.values for reference in sets}
 
-    Raises InputError: several sets, and no group has the name of one; or no such group or set.
+
+def in_sets(curves: Iterable[RadiusCurve], sources: Sequence[Sequence[ReferenceSet]]) -> list[RadiusCurve]:
+    """The curves, each in the group of its set if `files` of a set, or the name of the set, is its path.
+
+    Raises InputError: two sets have the same recording.
     """
-    names, groups_of = list(names), dict[str, list[str]]()
-    known = f"sets {', '.join(sets)}; groups {', '.join(names)}"
-    for pair in pairs:
-        chosen = [(group, name) for group in names for name in sets if pair == f"{group}={name}"]
-        chosen = chosen or [(group, pair) for group in names if pair in sets and len(names) == 1]
-        require(bool(chosen), f"{pair!r} is no group with its set, GROUP=SET: {known}", "references.pair")
-        ((group, name),) = chosen
-        groups_of.setdefault(name, []).append(group)
-    if not groups_of and sets.keys().isdisjoint(names):
-        message = f"no set has the name of a group ({known}): give both the same name, or pair them by --set GROUP=SET"
-        require(len(sets) < 2, message, "references.groups")
-        groups_of = {name: names for name in sets}
-    return {group: values for name, values in sets.items() for group in groups_of.get(name, [name])}
+    grouped = []
+    for curve in curves:
+        names = [reference.name for sets in sources for reference in sets if reference.holds(curve)]
+        message = f"{curve.source} is a recording of several sets ({', '.join(names)}): mend the column files"
+        require(len(names) < 2, message, "references.several")
+        grouped.append(curve.with_group(names[0], "") if names else curve)
+    return grouped
+
+
+def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, Published]:
+    """The values of each set by the group of the same name; those of a single set without such a group, by all groups.
+
+    Raises InputError: several sets, and no group has the name of one.
+    """
+    names = list(names)
+    if not sets.keys().isdisjoint(names):
+        return dict(sets)
+    message = f"no set has the name of a group (sets {listed(list(sets))}; groups {listed(names)}): give both the same"
+    require(len(sets) < 2, f"{message} name, or write into the column files what is answered", "references.groups")
+    return {group: values for values in sets.values() for group in names}
+
+
+def by_group_of_all(names: Iterable[str], sources: Iterable[Sequence[ReferenceSet]]) -> dict[str, Published]:
+    """The values of `by_group` for all sources of `read_sets`. Raises InputError: as `by_group`."""
+    names, merged = list(names), dict[str, Published]()
+    for sets in sources:
+        for group, values in by_group(names, values_of(sets)).items():
+            merged[group] = {**merged.get(group, {}), **values}
+    return merged
 
 
 def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
@@ -223,3 +220,22 @@ def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) 
     values = by_group((group.name for group in groups), sets)
     for group in groups:
         group.add_published(values.get(group.name, {}))
+
+
+def joined(results: Sequence[Result], *, command: str, date: str, notes: Sequence[str]) -> Result:
+    """The answers of several results as one, without their sets that have no recording. Raises InputError: two of them
+    have a group of the same name."""
+    groups = [group for result in results for group in result.groups if group.n + group.n_failed or len(results) < 2]
+    twice = next((name for name, count in Counter(group.name for group in groups).items() if count > 1), None)
+    message = f"two results have a group {twice!r}: give one of them, or answer both materials by one command"
+    require(twice is None or len(results) < 2, message, "references.twice")
+    curves = [curve for result in results for curve in result.curves]
+    notes = [*notes, *(note for result in results for note in result.notes)]
+    return Result(command=command, date=date, notes=notes, curves=curves, groups=groups)
+
+
+def write_comparison(folder: Path, document: Result, inputs: Iterable[str | Path]) -> None:
+    """Write the table of the comparison beside result.json. Raises InputError: as `Outputs`."""
+    outputs = Outputs(folder, TABLE, inputs=inputs)
+    outputs.write(TABLE, table.write_comparison, document)
+    outputs.finish()

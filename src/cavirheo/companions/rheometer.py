@@ -16,7 +16,7 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,16 +25,11 @@ from scipy.interpolate import PchipInterpolator
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable, require
 from cavirheo.io.files import file_label, guarded
-from cavirheo.io.tables import Row, Table, Term, Vocabulary, read_columns
+from cavirheo.io.tables import Column, Row, Table, Term, Vocabulary, read_columns
 from cavirheo.reporting.group import Published, PublishedValue
-from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
 from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of, write_rows
-from cavirheo.writing.style import BLUE, VERMILLION, add_legend, new_panel, set_plain_ticks
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _LEAST_RANGE = 3.0  # smallest ratio of the ends of a linear range
 _OUTLIER_SHARE = 0.2  # largest share of outliers among the points of a linear range
@@ -120,12 +115,7 @@ class Sweep(Record):
         plateau_from: first x of the plateau.
         plateau_to: last x of the plateau; in a strain sweep the x at which G' leaves its band, if it does.
         departs: "softens" or "stiffens": change of G' beyond the linear range; null where G' stays in the band.
-        crossover: x at which G' = G''; null where there is none.
-        crossover_modulus_Pa: G' at the crossover, Pa.
-        at_rad_per_s: angular frequency of the three following values, rad/s; null in a strain sweep.
-        viscosity_Pa_s: G''/omega at this frequency, Pa s.
-        tan_delta: loss factor G''/G' at this frequency.
-        complex_viscosity_Pa_s: |G*|/omega at this frequency, Pa s.
+        viscosity_Pa_s: G''/omega at the angular frequency of the document, Pa s; null in a strain sweep.
         notes: what was recognised, converted or left out.
         message: reason why a value is missing; else empty.
     """
@@ -146,12 +136,7 @@ class Sweep(Record):
     plateau_from: Finite = None
     plateau_to: Finite = None
     departs: str | None = None
-    crossover: Finite = None
-    crossover_modulus_Pa: Finite = None
-    at_rad_per_s: Finite = None
     viscosity_Pa_s: Finite = None
-    tan_delta: Finite = None
-    complex_viscosity_Pa_s: Finite = None
     notes: list[str] = []
     message: str = ""
 
@@ -161,14 +146,14 @@ class Sweep(Record):
 
 
 def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
-    """The same sweep with its linear range, plateau and crossover.
+    """The same sweep with its linear range and plateau.
 
     The linear range is the longest one (at least a factor of 3 in strain) in which G' stays within `tolerance` of its
     median and has no trend: the median slope of all pairs of points, |d ln G'/d ln strain|, is at most `tolerance`.
     One outlier does not end it, two neighbours on the same side do. It may begin above the smallest strain, where
     the torque is low. It ends where G', interpolated between two points, leaves the band, if it does.
     """
-    gamma, storage, first = sweep.x, sweep.storage, 0
+    gamma, storage = sweep.x, sweep.storage
     if linear := _linear_range(gamma, storage, tolerance):
         first, last, level = linear
         sweep.plateau_from, sweep.plateau_storage_Pa = gamma[first], level
@@ -187,7 +172,7 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
     else:
         band = f"within {100 * tolerance:g} % over a factor of {_LEAST_RANGE:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
-    return _with_crossover(sweep, above=gamma[first])
+    return sweep
 
 
 def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int, int, float] | None:
@@ -211,14 +196,13 @@ def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int
 
 
 def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
-    """The same sweep with its plateau, its viscosity at the angular frequency `at` (rad/s) and its crossover.
+    """The same sweep with its plateau, and its viscosity at the angular frequency `at` (rad/s).
 
     The plateau is the longest range of at least a decade in which |d ln G'/d ln omega|, fitted over half a decade round
-    each point, is at most 0.1. The viscosity is G''/omega; G'' and G' are interpolated by monotone cubics (PCHIP)
-    through their logarithms, never extrapolated.
+    each point, is at most 0.1. The viscosity is G''/omega; G'' is interpolated by monotone cubics (PCHIP) through its
+    logarithms, never extrapolated.
     """
     omega = sweep.x
-    sweep.at_rad_per_s = at
     if flat := _plateau(omega, sweep.storage):
         first, last = flat
         sweep.plateau_from, sweep.plateau_to = omega[first], omega[last]
@@ -233,11 +217,9 @@ def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
         gap = f"the data nearest to {at:g} rad/s are more than a decade apart"
         sweep.message = f"{gap}: µ is not interpolated over such a gap"
     else:
-        moduli = PchipInterpolator(np.log(omega), np.log([sweep.storage, sweep.loss]), axis=1)
-        storage, loss = np.exp(moduli(math.log(np.clip(at, omega[0], omega[-1])))).tolist()
-        sweep.viscosity_Pa_s, sweep.tan_delta = loss / at, loss / storage
-        sweep.complex_viscosity_Pa_s = math.hypot(storage, loss) / at
-    return _with_crossover(sweep)
+        loss = PchipInterpolator(np.log(omega), np.log(sweep.loss))
+        sweep.viscosity_Pa_s = math.exp(loss(math.log(np.clip(at, omega[0], omega[-1])))) / at
+    return sweep
 
 
 def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
@@ -252,18 +234,6 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
     runs = zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
     first, last = max(runs, key=lambda run: x[run[1]] - x[run[0]], default=(0, 0))
     return (first, last) if x[last] - x[first] >= _DECADE else None
-
-
-def _with_crossover(sweep: Sweep, above: float = 0.0) -> Sweep:
-    """The sweep with its first G' = G'' above an x, in logarithms; in a strain sweep G'' must exceed G' after it."""
-    gap = np.log(sweep.storage / sweep.loss)
-    for k in np.flatnonzero((gap[1:] > 0) != (gap[:-1] > 0)):
-        part = gap[k] / (gap[k] - gap[k + 1])
-        x, modulus = (values[k] * (values[k + 1] / values[k]) ** part for values in (sweep.x, sweep.storage))
-        if x > above and (gap[k] > 0 or sweep.kind == "frequency"):
-            sweep.crossover, sweep.crossover_modulus_Pa = x, modulus
-            break
-    return sweep
 
 
 def read_sweeps(path: str | Path) -> list[Sweep]:
@@ -308,18 +278,8 @@ def _sweep(table: Table, label: str) -> Sweep:
     """The sweep that a table holds. Raises InputError: it holds none, or two."""
     rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
     invalid, table = len(table.rows) - len(rows), table.with_rows(rows)
-    moduli = [table.column("storage"), table.column("loss")]
-    settings = {"frequency": ("omega", "frequency"), "strain": ("strain", "shear strain")}
-    candidates = {name: [*table.all(kinds[0]), *table.all(kinds[1])] for name, kinds in settings.items()}
-    first = {name: columns[0] for name, columns in candidates.items() if columns}
-    titles = ", ".join(map(repr, table.titles[:8]))
-    require(bool(first), f"no column for frequency or strain among {titles}; {VOCABULARY.expected}", _NO_SWEEP)
-    positive = moduli[0].numbers > 0
-    swept = [name for name, column in first.items() if _ratio(column.numbers[positive]) >= _SWEPT_RATIO]
-    where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
-    require(bool(swept), f"no sweep of {' and '.join(first)} in the {where}", _NO_SWEEP)
-    kind: Any = swept[0]  # frequency before strain, which varies with it at a constant stress
-    columns = [first.pop(kind), *moduli]
+    kind, swept, second = _settings(table, label)
+    columns = [swept, table.column("storage"), table.column("loss")]
     numbers = np.stack([column.numbers for column in columns])  # in units of the file
     finite = np.isfinite(numbers).all(axis=0)
     usable = np.asarray(finite & (numbers > 0).all(axis=0))
@@ -332,18 +292,14 @@ def _sweep(table: Table, label: str) -> Sweep:
     few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
     require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
     notes += [note for column in columns for note in column.assumed_unit_notes]
-    if columns[0].unit in _HERTZ:
-        notes.append(f"{columns[0].title!r} is in {columns[0].unit}: converted to rad/s by 2 pi")
+    if swept.unit in _HERTZ:
+        notes.append(f"{swept.title!r} is in {swept.unit}: converted to rad/s by 2 pi")
     data = np.stack([column.factor * column.numbers[usable] for column in columns])
     held = None
-    for second in first.values():
+    if second:
         values = second.numbers[usable]
-        for omega in np.unique(data[0]) if kind == "frequency" else ():
-            strains = values[np.abs(data[0] / omega - 1) < _RESOLUTION]
-            trouble = f"{len(strains)} rows at {omega:.4g} rad/s with strains that differ by more than a factor of"
-            remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
-            fine = len(strains) < 3 or _ratio(strains) <= _SWEPT_RATIO
-            require(fine, f"{trouble} {_SWEPT_RATIO:g}: {remedy}", "rheometer.two_sweeps")
+        if kind == "frequency":
+            _check_one_sweep(data[0], values)
         try:
             held = float(np.nanmedian(values) * second.factor) if np.isfinite(values).any() else None
         except InputError:
@@ -355,6 +311,32 @@ def _sweep(table: Table, label: str) -> Sweep:
     if repeated := data.shape[1] - len(count):
         notes.append(f"{counted(repeated, 'row')} at the {kind} of another averaged with it")
     return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=label, held=held, notes=notes)
+
+
+def _settings(table: Table, label: str) -> tuple[Any, Column, Column | None]:
+    """(kind of the sweep, column of what is swept, column of what is held). Raises InputError: nothing is swept."""
+    terms = {"frequency": ("omega", "frequency"), "strain": ("strain", "shear strain")}
+    columns = {kind: [*table.all(first), *table.all(second)] for kind, (first, second) in terms.items()}
+    settings = {kind: candidates[0] for kind, candidates in columns.items() if candidates}
+    titles = ", ".join(map(repr, table.titles[:8]))
+    message = f"no column for frequency or strain among {titles}; {VOCABULARY.expected}"
+    require(bool(settings), message, _NO_SWEEP)
+    positive = table.column("storage").numbers > 0
+    swept = [kind for kind, column in settings.items() if _ratio(column.numbers[positive]) >= _SWEPT_RATIO]
+    where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
+    require(bool(swept), f"no sweep of {' and '.join(settings)} in the {where}", _NO_SWEEP)
+    kind = swept[0]  # frequency before strain, which varies with it at a constant stress
+    return kind, settings.pop(kind), next(iter(settings.values()), None)
+
+
+def _check_one_sweep(omega: Floats, strain: Floats) -> None:
+    """Raises InputError: the rows of one frequency are a sweep of the strain."""
+    for each in np.unique(omega):
+        strains = strain[np.abs(omega / each - 1) < _RESOLUTION]
+        trouble = f"{len(strains)} rows at {each:.4g} rad/s with strains that differ by more than a factor of"
+        remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
+        fine = len(strains) < 3 or _ratio(strains) <= _SWEPT_RATIO
+        require(fine, f"{trouble} {_SWEPT_RATIO:g}: {remedy}", "rheometer.two_sweeps")
 
 
 def _ratio(values: Floats) -> float:
@@ -452,18 +434,6 @@ def shared_name(files: Sequence[Path]) -> str:
     return ("_".join(column[0] for column in shared) if len(files) > 1 else "") or files[0].stem
 
 
-def regimes(document: Rheometry, result: Result) -> str:
-    """Text that rheometer and bubbles measure in different regimes, with the numbers of both."""
-    (method,) = document.published
-    counted = [curve for curve in result.curves if curve.trusted]
-    rates = _span((curve.strain_rate_per_s for curve in counted), 2)
-    stretches = _span((curve.stretch.median for curve in counted), 2)
-    return (
-        f"The regimes differ: the rheometer measures at {method.removeprefix('rheometer, ')}, the bubble at {rates} "
-        f"1/s and λ = {stretches}. G and µ depend on both: unequal values are not a contradiction."
-    )
-
-
 def print_rheometry(document: Rheometry) -> None:
     """Print the sweeps, the values of the material, and the remarks."""
     from rich.text import Text
@@ -471,15 +441,8 @@ def print_rheometry(document: Rheometry) -> None:
     console, (factor, unit) = terminal.console(), document.unit
     plateau = {f"plateau G'\n{unit}": ("plateau_storage_Pa", factor)}
     linear = {f"linear, ±{100 * document.tolerance:g} %\n%": ("plateau_to", 100.0)}
-    strain = linear | plateau | {"G' = G''\nat %": ("crossover", 100.0)}  # field and factor from SI by title
-    frequency = plateau | {
-        "over\nrad/s": ("plateau_to", 1.0),
-        "µ = G''/ω\nPa s": ("viscosity_Pa_s", 1.0),
-        "tan δ\n": ("tan_delta", 1.0),
-        "|η*|\nPa s": ("complex_viscosity_Pa_s", 1.0),
-        "G' = G''\nat rad/s": ("crossover", 1.0),
-    }
-    for kind, columns in (("strain", strain), ("frequency", frequency)):
+    frequency = plateau | {"over\nrad/s": ("plateau_to", 1.0), "µ = G''/ω\nPa s": ("viscosity_Pa_s", 1.0)}
+    for kind, columns in (("strain", linear | plateau), ("frequency", frequency)):  # field and factor from SI by title
         if not (sweeps := document.sweeps_over(kind)):
             continue
         table = terminal.table(f"{kind} sweep", list(columns))
@@ -522,26 +485,3 @@ def _span(values: Iterable[float | None], count: int = 3, to: str = " to ") -> s
 
 def _with_unit(value: Spread, factor: float, unit: str) -> str:
     return digits.spread(value, factor) + ("" if value.mean is None else f" {unit}")
-
-
-def figure(document: Rheometry, kind: str) -> Figure:
-    """Plot of the moduli, with the part of the plateau that all sweeps share; without it if there is none."""
-    sweeps, scale = document.sweeps_over(kind), 100.0 if kind == "strain" else 1.0
-    x_label = "strain (%)" if kind == "strain" else "angular frequency ω (rad/s)"
-    factor, unit = document.unit
-    sweep_count = digits.counted(len(sweeps), f"{kind} sweep")
-    drawing, axes = new_panel(document.material, sweep_count, x_label, f"G′, G″ ({unit})")
-    for k, sweep in enumerate(sweeps):
-        moduli = (("G′", sweep.storage, BLUE, BLUE), ("G″", sweep.loss, VERMILLION, "white"))
-        for label, values, color, inside in moduli:
-            look: Any = {"color": color, "mfc": inside, "ms": 3.5, "lw": 0.7, "label": "" if k else label}
-            axes.loglog(scale * sweep.x, factor * values, "o-", **look)
-    ends = [(sweep.plateau_from, sweep.plateau_to) for sweep in sweeps if sweep.plateau_from and sweep.plateau_to]
-    if ends and (first := max(low for low, _ in ends)) < (last := min(high for _, high in ends)):
-        title = "linear range" if kind == "strain" else "plateau"
-        axes.axvspan(scale * first, scale * last, color="#00694d", alpha=0.09, lw=0, zorder=0, label=title)
-    add_legend(axes)
-    for axis in (axes.xaxis, axes.yaxis):
-        low, high = axis.get_view_interval()
-        set_plain_ticks(axis, (1, 2, 5) if 0 < high < 100 * low else (1,))
-    return drawing

@@ -43,7 +43,6 @@ _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is
     "comparison.csv": "result.json",
     "shots.csv": "collapse-time.json",
     "rheometer.csv": "rheometer.json",
-    "table.csv": "rheometer.json",
     "overlay.mp4": "measure.json",
     "fields.h5": "simulation.csv",
 }

@@ -18,7 +18,6 @@ elastic solid, or a fluid.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from inspect import cleandoc, get_annotations
@@ -29,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import require
 from cavirheo.parameters import FINITE, NOT_NEGATIVE, PARAMETERS, POSITIVE, POSITIVE_OR_INFINITE, check, check_domain
 from cavirheo.physics.table import extend_table, hermite, look_up, scale_table, tabulate
 
@@ -359,50 +358,6 @@ class Ogden(Elastic):
 
 
 @dataclass(frozen=True)
-class StrainEnergy(Elastic):
-    """Any isotropic incompressible solid: energy(l1, l2, l3) in Pa of the principal stretches, a Python function.
-
-    The function gets complex arrays, because its derivative is taken by a complex step (exact to round-off): write it
-    with arithmetic and numpy functions, without abs, max, or conditions.
-
-    Raises:
-        InputError: at its first use, if the function cannot be differentiated in this way.
-    """
-
-    energy: Callable[[Any, Any, Any], Any]
-
-    def __repr__(self) -> str:
-        return f"StrainEnergy({getattr(self.energy, '__name__', self.energy)})"
-
-    def _derivative(self, b: Floats) -> Floats:
-        """dWhat/db."""
-        c = b + 1e-30j
-        try:
-            return np.broadcast_to(np.imag(self.energy(c**-2, c, c)) / 1e-30, b.shape)
-        except TypeError as error:
-            why = f"a strain energy must accept complex arrays (use numpy functions); got: {error}"
-            raise InputError(why, "physics.not_analytic") from None
-
-    def slope(self, ratio: Floats) -> Floats:
-        close = np.abs(ratio - 1) < 2e-3  # 0/0 at 1: use a polynomial through six points near it
-        apart = np.where(close, 2.0, ratio)
-        x = np.array([-3, -2, -1, 1, 2, 3])
-        b = 1 + 2e-3 * x
-        polynomial = np.polynomial.Polynomial.fit(x, -self._derivative(b) / (b**3 - 1), 5)
-        slope = np.where(close, polynomial((ratio - 1) / 2e-3), -self._derivative(apart) / (apart**3 - 1))
-        return np.asarray(slope, float)
-
-    def table(self) -> Floats:
-        b, h = np.array([0.6, 0.9, 1.2, 1.7]), 1e-5
-        by_step = self._derivative(b)
-        above, below = (np.array([self.energy(c**-2, c, c) for c in ends]) for ends in (b + h, b - h))
-        alike = np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max())
-        why = "the strain energy is not analytic in the stretches: use no abs, max, real or conditions"
-        require(alike, why, "physics.not_analytic")
-        return super().table()
-
-
-@dataclass(frozen=True)
 class Newtonian(Viscous):
     """A fluid of constant viscosity in Pa s; S_v = -4 mu g, exactly."""
 
@@ -499,16 +454,3 @@ class PowellEyring(_Thinning):
         x = self.time * shear_rate
         small = x < 1e-8
         return self.plateau_mixture(np.where(small, 1.0, np.arcsinh(x) / np.where(small, 1.0, x)))
-
-
-@dataclass(frozen=True)
-class Viscosity(Viscous):
-    """Any generalised Newtonian fluid: function(shear_rate) gives Pa s for an array of 1/s; a Python function."""
-
-    function: Callable[[Any], Any]
-
-    def __repr__(self) -> str:
-        return f"Viscosity({getattr(self.function, '__name__', self.function)})"
-
-    def apparent(self, shear_rate: Floats) -> Floats:
-        return np.broadcast_to(np.asarray(self.function(shear_rate), float), np.shape(shear_rate))

@@ -1,8 +1,8 @@
-"""Reports of posteriors: a terminal table, result.json, result.csv, report.html, and figure files on request."""
+"""Reports of posteriors: a terminal table, result.json, result.csv and report.html."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
@@ -16,7 +16,7 @@ from cavirheo.reporting.group import REFERENCE_METHODS, GroupRecord, Published
 from cavirheo.reporting.group_panels import group_panels
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.pictures import file_names
-from cavirheo.reporting.record import CurveAnswers, Pairs, Result, group_names, read_json, result
+from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
 
 if TYPE_CHECKING:
@@ -29,25 +29,20 @@ MAX_PAGE_POINTS = 240_000  # most points in the pictures of all curves of a repo
 DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 
-def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
+def outputs(directory: str | Path, curves: Sequence[RadiusCurve]) -> Outputs:
     """The files that `write_report` writes, after a test of their folder. Raises InputError: as `write_report`."""
-    pictures.check_figures(figures)
-    stems = pictures.figure_stems([curve.name for curve in curves], group_names(curves))
-    drawings = [f"{stem}.{kind}" for kind in figures for stem in stems]
-    return Outputs(directory, *DOCUMENTS, *drawings, inputs=[curve.source for curve in curves if curve.source])
+    return Outputs(directory, *DOCUMENTS, inputs=[curve.source for curve in curves if curve.source])
 
 
 def write_report(
     directory: str | Path,
     pairs: Pairs,
     command: str,
-    figures: Sequence[str] = (),
     *,
     date: str | None = None,
     notes: Sequence[str] = (),
     complete: bool = True,
     draw: bool = True,
-    advance: Callable[[], None] | None = None,
     published: Mapping[str, Published] | None = None,
     references: Sequence[str] = REFERENCE_METHODS,
     errors: CommonErrors | None = None,
@@ -56,18 +51,15 @@ def write_report(
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
 
     Each file gets its name only when it is complete. Files that an earlier call with the same command and curves wrote
-    are replaced or removed. If a picture or figure cannot be drawn, all else is written; report and notes say why.
+    are replaced. If a picture cannot be drawn, all else is written; report and notes say why.
 
     Args:
         pairs: (curve, answer), in the order of the rows. A `CurveAnswers` can read each answer when it is needed.
         command: the command that was run, as text for the documents.
-        figures: kinds of figure files, of "png", "svg" and "pdf", for each answered curve and each group of several
-            shots, in the size of a two-column paper. They need matplotlib; without it the notes say so.
         date: date in the documents; default: the present time.
         notes: notes on the run as a whole (files that could not be read, ...).
-        complete: False for a run that was stopped before all curves were answered: no report and no figures.
-        draw: whether the report has pictures, which need no matplotlib.
-        advance: called after each figure.
+        complete: False for a run that was stopped before all curves were answered: no report.
+        draw: whether the report has pictures.
         published: values of other methods by group, method and parameter, shown beside the groups.
         references: published methods relative to which errors are given.
         errors: relative standard deviations of the errors that all shots of a group share; default: those of
@@ -75,24 +67,21 @@ def write_report(
         replace: whether answers of another call or command line may be replaced.
 
     Raises:
-        InputError: an unknown kind of figure, a directory that cannot be written, a file in it that cavirheo did not
-            write, or answers of another call in it.
+        InputError: a directory that cannot be written, a file in it that cavirheo did not write, or answers of another
+            call in it.
     """
     pairs, date = CurveAnswers.from_pairs(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    figures, draw = figures if complete else (), draw and complete
+    draw = draw and complete
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
     claim = Claim(command, {"command": command, "curves": sources}, replace)
     with nullcontext() if CLAIM.get() else claim.running():  # a verb of the command line has set its claim already
-        folder = outputs(directory, pairs.curves, figures)
+        folder = outputs(directory, pairs.curves)
         document = result(pairs, command, date=date, notes=notes, errors=errors)
         document.add_published(published or {}, references)
         of_curves = _curve_pictures(pairs, document) if draw else []
         of_groups = group_pictures(pairs, document, document.notes) if draw else []
         folder.write("result.json", write_json, document)
         folder.write("result.csv", write_rows, *table.csv_rows(document))
-        if figures and (failed := pictures.write_figures(folder, pairs, document, figures, advance)):
-            document.notes += failed
-            folder.write("result.json", write_json, document)
         if complete:
             sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
             folder.write("report.html", html.write, document, of_curves, of_groups, sheets)

@@ -1,7 +1,6 @@
-"""report.html, a single file with everything in it, to send, store or print; and live.html, the page for a screen in
-the laboratory.
+"""report.html, a single file with everything in it, to send, store or print.
 
-The pages load no other file: style and pictures (SVG) are part of them. The text of the report is in the templates
+The page loads no other file: style and pictures (SVG) are part of it. The text of the report is in the templates
 report.html and parts.html beside this module (jinja2), which escape all text from files and command lines. The script
 (report.js) of a page of many curves only sorts and filters them; without it all content is still there.
 """
@@ -10,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from functools import cache
 from html import escape
 from pathlib import Path
@@ -18,13 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
-from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, display_unit, meaning_of, parameter_key
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.panels import answer_panels
-from cavirheo.reporting.pictures import curve_svg
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.screen import answer_lines, group_facts, value_parts
 from cavirheo.reporting.table import model_rows
@@ -35,9 +28,6 @@ MIN_SORTED = 7  # curves, from which on the table can be sorted and filtered
 MANY = 60  # curves; if there are more, those out of sight are not laid out
 MAX_ANSWERS = 200  # most groups whose answer has a section of its own; the table has all shots
 MAX_DETAILED_CURVES = 500  # curves; if there are more, each has only its row, message and picture
-LIVE_FILE = "live.html"
-HALF_WIDTH = 0.1  # half width of the 90 % interval of the material that is wanted, over the value
-_LIVE_SIZE = (335.0, 178.0)  # px, width and height of the picture; a small one is enlarged, so its type is large
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -127,28 +117,6 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
 def render_macro(name: str, *values: Any, **more: Any) -> str:
     """HTML of a macro of parts.html with these arguments, marked as safe for templates."""
     return getattr(template("parts.html").module, name)(*values, **more)
-
-
-def live_page(
-    result: Result | None = None,
-    latest: int = -1,
-    curve: RadiusCurve | None = None,
-    answer: Posterior | None = None,
-    half_width: float = HALF_WIDTH,
-) -> str:
-    """HTML of the page for a screen in the laboratory: the latest shot (its index, curve and answer), the material so
-    far, and how many more shots are needed until the 90 % interval is +- `half_width` of the value. The page reloads
-    itself every two seconds, without a script. Without a result it says that it waits for the first one."""
-    result = result or Result(command="", curves=[], groups=[])
-    group, members = next((row for row in result.indices_by_group() if latest in row[1]), (None, []))
-    record, picture = result.curves[latest] if group else None, ""
-    if curve and answer and record:
-        with suppress(InputError):
-            picture = curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
-    material = group.material if group else None
-    needed = material.shots_still_needed([result.curves[i] for i in members], half_width) if material else None
-    content = {"record": record, "group": group, "material": material, "more": needed, "percent": 100.0 * half_width}
-    return template(LIVE_FILE).render(**content, result=result, picture=picture)
 
 
 def _printable(value: Any) -> Any:

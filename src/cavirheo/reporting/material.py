@@ -20,7 +20,6 @@ from cavirheo.writing.document import Finite, Quantity, Record
 
 if TYPE_CHECKING:
     from cavirheo.inference.population import CommonErrors, Population
-    from cavirheo.reporting.answer import CurveRecord
 
 KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
 _MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
@@ -170,22 +169,6 @@ class PopulationRecord(Record, ParameterValues):
         both = {frozenset(pair.split(", ")): value.median or 0.0 for pair, value in self.correlation.items()}
         rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
         return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
-
-    def shots_still_needed(self, shots: Sequence[CurveRecord], half_width: float) -> int | None:
-        """How many more shots like these bring the 90 % intervals of those of G and mu that are determined to
-        +- `half_width` of the value, if the same share of them counts; None: more than 10,000, or neither is."""
-        from cavirheo.inference.design import material_information, shots_wanted, variance
-
-        names = [name for name in KEYS if self.value(name).median is not None]
-        logs = [log_ends(map(row.value, names)) for row in shots if row.trusted]
-        if not (names and (logs := [intervals for intervals in logs if np.all(np.isfinite(intervals))])):
-            return None
-        _, covariance, scatter = self.log_moments(names)
-        information = np.sum(
-            [material_information(np.diag(1.0 / variance(intervals)), scatter) for intervals in logs], axis=0
-        )
-        inliers = 1.0 - len(self.outliers) / self.n
-        return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
 
 
 class MaterialRatio(Record):

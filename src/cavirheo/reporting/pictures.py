@@ -1,36 +1,22 @@
-"""Drawing of panels: as SVG text within a page, by one template (picture.svg) for all sizes; and as figure files on
-request, by matplotlib.
-
-SVG coordinates are whole numbers, PX to a pixel, and the colours are those of picture.css, which each page has once.
-Figure files are for a two-column paper: 84 or 174 mm wide, with type of 7 and 8 pt, and readable in grey. Name, verdict
-and answer belong in the caption.
+"""Drawing of panels as SVG text within a page, by one template (picture.svg) for all sizes. Coordinates are whole
+numbers, PX to a pixel, and the colours are those of picture.css, which each page has once.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, printable, require
-from cavirheo.posterior import Posterior
-from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.group_panels import group_panels
-from cavirheo.reporting.panels import Axis, Layer, Panel, answer_panels
-from cavirheo.reporting.record import Pairs, Result
+from cavirheo.reporting.panels import Axis, Panel
 from cavirheo.writing import digits, style
-from cavirheo.writing.document import Outputs, short_name, try_to_draw
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from cavirheo.writing.document import short_name
 
 PX = 4  # SVG units per pixel
 WIDTH, HEIGHT = 480, 300  # px of a picture as the report shows it
@@ -59,44 +45,6 @@ _AROUND = (
     (1.0, 1.0),
     (-1.0, 1.0),
 )
-FIGURE_KINDS = ("png", "svg", "pdf")  # of figure files
-_MM_PER_INCH = 25.4
-_COLUMN_MM, _PAGE_MM = 84.0, 174.0  # mm, width of a column and of a page
-_SMALL_PT, _LARGE_PT = 7.0, 8.0  # pt, type of numbers and keys, and of the names of axes
-_EM = _LARGE_PT * _MM_PER_INCH / 72.0  # mm, size of the large type
-_LINE_PT = 1.0  # pt, width of a line
-_DPI = 300  # resolution of a PNG
-_SCREEN_DPI = 200  # of a figure in a notebook
-_GREY = "#a0a0a0"
-_LIGHTEST = 0.85  # tone of the lightest shot, from 0 (dark) to 1
-_LEGEND: dict[str, Any] = {"frameon": False, "fontsize": _SMALL_PT, "handlelength": 1.4, "borderpad": 0.0}
-_DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
-_MARK = {"ms": 4.0, "lw": 1.0, "capsize": 2.0, "zorder": 3}
-_LOOKS: dict[str, dict[str, Any]] = {  # styles of matplotlib by look; a layer of another look is left out
-    "measured": _DOT | {"mec": "black"},
-    "outside": _DOT | {"mec": _GREY},
-    "draws": {"color": style.VERMILLION, "alpha": 0.25, "lw": 0},
-    "simulated": {"color": style.VERMILLION, "lw": _LINE_PT},
-    "residual": _DOT | {"mec": "black"},
-    "zero": {"color": "black", "lw": 0.5},
-    "shot": {"lw": 0.8 * _LINE_PT},
-    "measured-shot": {"marker": "o", "ls": "", "ms": 1.6, "mew": 0.0},
-    "draws-shot": {"alpha": 0.25, "lw": 0},
-    "region": {"alpha": 0.3, "lw": 0.8},
-    "region-out": {"color": _GREY, "fill": False, "ls": "--", "lw": 0.8},
-    "interval": {"lw": 0.8},
-    "estimate": {"s": 14.0},
-    "material": {"color": "black", "fill": False, "lw": 1.4 * _LINE_PT, "zorder": 4},
-    "published": {"color": style.VERMILLION, "fill": False, "lw": 1.2 * _LINE_PT, "zorder": 4},
-    "shot-name": {"color": style.INK},
-    "shot-name outside": {"color": _GREY},
-}
-_LOOKS |= {f"shot-name beside{rest}": {"color": style.INK} for rest in ("", " outside")}
-_LOOKS |= {
-    f"{kind} {look}": {"color": _LOOKS[look].get("color", style.INK), "lw": 1.0}
-    for kind in ("arrow", "limit")
-    for look in ("region", "region-out", "material", "published")
-}
 
 
 @dataclass(frozen=True)
@@ -320,17 +268,6 @@ def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
     return [f"{a}{b}" if b < 0 else f"{a} {b}" for a, b in zip(x, y, strict=True)]
 
 
-def check_figures(figures: Sequence[str]) -> None:
-    """Check the kinds of figure files. Raises InputError: an unknown kind."""
-    unknown = ", ".join(repr(kind) for kind in figures if kind not in FIGURE_KINDS)
-    require(not unknown, f"figures can be {', '.join(FIGURE_KINDS)}, got {unknown}", "reporting.figures")
-
-
-def figure_stems(curves: Iterable[str], groups: Iterable[str]) -> list[str]:
-    """Names, without an ending, of the figure files of curves and groups."""
-    return file_names([*curves, *(f"group-{name}" for name in groups)])
-
-
 def file_names(names: Sequence[str]) -> list[str]:
     """A safe, short file name without an ending for each name; no two are equal, also if letter case is ignored."""
     taken = dict.fromkeys(("result", "report"), "")
@@ -339,129 +276,3 @@ def file_names(names: Sequence[str]) -> list[str]:
         unique = next(n for n in chain([stem], (f"{stem}-{k}" for k in count(2))) if n.lower() not in taken)
         taken[unique.lower()] = unique
     return list(taken.values())[2:]
-
-
-def write_figures(
-    folder: Outputs, pairs: Pairs, document: Result, figures: Sequence[str], advance: Callable[[], None] | None = None
-) -> list[str]:
-    """Write figures of all answered curves and of groups of several shots; return the reasons of those that failed.
-    advance: called after each curve and group."""
-    if not style.available():
-        return [style.NO_PICTURES]
-    rows, failed = document.curves, list[str]()
-
-    def save(stem: str, indices: Sequence[int], group: GroupRecord | None = None) -> None:
-        figure = None
-        if group and group.n > 1:
-            figure = group_figure(group_panels(pairs, document, group, indices))
-        elif not group and rows[indices[0]].has_answer:
-            curve, answer = pairs[indices[0]]
-            figure = curve_figure(answer_panels(curve, answer.checks, rows[indices[0]]))
-        for kind in figures if figure else ():
-            folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
-
-    pictures: list[tuple[Any, ...]] = [(row.name, [index]) for index, row in enumerate(rows)]
-    pictures += [(group.name, indices, group) for group, indices in document.indices_by_group()]
-    stems = figure_stems((row.name for row in rows), (group.name for group in document.groups))
-    for stem, (name, *content) in zip(stems, pictures, strict=True):
-        try_to_draw(f"figure of {name}", failed, save, stem, *content)
-        if advance:
-            advance()
-    return failed
-
-
-def answer_figure(answer: Posterior) -> Figure:
-    """Figure of an answer and its curve. Raises InputError: it has no curve, or matplotlib is missing."""
-    if answer.curve is None:
-        message = "the answer has no curve to draw: set one, dataclasses.replace(answer, curve=curve)"
-        raise InputError(message, "posterior.no_curve")
-    figure = curve_figure(answer_panels(answer.curve, answer.checks, curve_record(answer.curve, answer)))
-    if legend := figure.axes[0].get_legend():
-        legend.set_title(digits.elide(answer.name, 30))
-        legend.get_title().set(fontsize=_SMALL_PT, fontweight="bold", parse_math=False)
-    figure.set_dpi(_SCREEN_DPI)
-    return figure
-
-
-def curve_figure(panels: Sequence[Panel]) -> Figure:
-    """Figure of one column: measured points with the simulation over them, and below the residual."""
-    height = 68.0
-    figure = style.new_figure(height / _MM_PER_INCH, _COLUMN_MM / _MM_PER_INCH)
-    left, bottom, across = 6.4 * _EM, 3.6 * _EM, _COLUMN_MM - 7.1 * _EM
-    radius, *residual = panels
-    lower = 0.18 * height * len(residual)
-    begin = bottom + lower + 1.1 * _EM * len(residual)
-    upper = _panel(figure, (left, begin, across, height - 0.7 * _EM - begin), radius, along=not residual)
-    upper.legend(**_LEGEND, loc="upper right")
-    for panel in residual:
-        _panel(figure, (left, bottom, across, lower), panel)
-    return figure
-
-
-def group_figure(panels: Sequence[Panel]) -> Figure:
-    """Figure as wide as a page: the plane of G and mu, and all curves."""
-    height = 62.0
-    figure = style.new_figure(height / _MM_PER_INCH, _PAGE_MM / _MM_PER_INCH)
-    bottom, tall = 3.9 * _EM, height - 7.4 * _EM  # two lines of the key above
-    half = (_PAGE_MM - 12.0 * _EM) / 2.0
-    plane, curves = panels
-    left = _panel(figure, (4.6 * _EM, bottom, half, tall), plane)
-    if left.get_legend_handles_labels()[0]:
-        left.legend(**_LEGEND, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
-    right = _panel(figure, (_PAGE_MM - 0.7 * _EM - half, bottom, half, tall), curves)
-    style.write_text(right, 1.0, 1.03, curves.note, size=_SMALL_PT, ha="right")
-    for axes, letter in ((left, "a"), (right, "b")):
-        axes.set_title(letter, loc="left", fontsize=_LARGE_PT, fontweight="bold")
-    return figure
-
-
-def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel, *, along: bool = True) -> Axes:
-    """Axes with the layers of a panel. box: left, bottom, width and height, mm. along: with numbers and name below."""
-    (width, height), x, y = (_MM_PER_INCH * figure.get_size_inches()), panel.x, panel.y
-    axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_linewidth(0.6)
-    axes.tick_params(labelsize=_SMALL_PT, width=0.6, length=2.0, pad=2.0, labelbottom=along)
-    axes.set_xlabel(x.label if along else "", fontsize=_LARGE_PT, labelpad=2.0)
-    axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE_PT)
-    axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
-    columns, rows = x.ticks(7), y.ticks(6 if box[3] > 20 else 3)
-    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high))
-    axes.set_xticks(columns, [x.written(place) for place in columns])
-    axes.set_yticks(rows, [y.written(place) for place in rows])
-    for layer in panel.layers:
-        if layer.look in _LOOKS:
-            _draw(axes, layer, _LOOKS[layer.look])
-    return axes
-
-
-def _draw(axes: Axes, layer: Layer, options: dict[str, Any]) -> None:
-    x, y, label = layer.x, layer.y, layer.name or "_"
-    colours = None if layer.tones is None else style.tone_colours(_LIGHTEST * layer.tones)
-    if layer.shape == "band":
-        axes.axhspan(*y, **options)
-    elif layer.shape == "area":
-        colour = {} if colours is None else {"color": colours[0]}
-        axes.fill_between(x, y[:, 0], y[:, 1], label=label, **options, **colour)
-    elif layer.shape == "region":
-        colour = {} if colours is None else {"color": colours[0]}
-        axes.fill(x, y, label=label, **colour | options)
-    elif layer.shape == "arrows":
-        colour = options["color"] if colours is None else colours[0]
-        for begin, end in zip(np.stack([x[:, 0], y[:, 0]], -1), np.stack([x[:, 1], y[:, 1]], -1), strict=True):
-            axes.annotate("", end, begin, arrowprops={"arrowstyle": "->", "color": colour, "lw": options["lw"]})
-    elif layer.shape == "labels":
-        for across, up, text in zip(x, y, layer.texts, strict=True):
-            axes.text(
-                across, up, printable(text), fontsize=_SMALL_PT, ha="center", va="center", parse_math=False, **options
-            )
-    elif layer.shape == "bars":
-        xerr, yerr = (np.abs(values[:, [0, 2]] - values[:, [1]]).T for values in (x, y))
-        points: dict[str, Any] = {"ls": ""} if "marker" in options else {"fmt": "none", "ecolor": colours}
-        axes.errorbar(x[:, 1], y[:, 1], yerr, xerr, label=label, **options | points)
-    elif layer.shape == "dots" and colours is not None and "s" in options:
-        axes.scatter(x, y, c=colours, zorder=2, **options)
-    else:
-        colour = {} if colours is None else {"color": colours[0]}
-        flat = {"marker": ""} if layer.shape == "line" else {}
-        axes.plot(x, y, label=label, **options | colour | flat)

@@ -286,14 +286,6 @@ def print_comparison(result: Result) -> None:
     terminal.print_remarks(console, {}, result.notes)
 
 
-def print_comparison_with_warning(result: Result, warning: str) -> None:
-    """Print the comparison and a warning below the output of another method."""
-    console = terminal.console()
-    console.print()
-    console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
-    console.print(warning, style="yellow")
-
-
 def comparison_table(result: Result, *, wide: bool) -> Table:
     """The comparison with published values as a table for the terminal. wide: no cell needs two lines."""
     rows, references = compared_parameters(result), _references(result)

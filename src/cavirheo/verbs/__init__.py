@@ -24,7 +24,7 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
     (machine, "app"),
     (histories, "Simulate laws"),
     (documents, "models"),
-    (machine, "generate train cluster"),
+    (machine, "generate train"),
 )
 _UsageError: Any = typer.BadParameter.__base__  # an error in the call; typer has no public name for it
 app = typer.Typer(

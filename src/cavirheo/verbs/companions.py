@@ -16,74 +16,60 @@ CAMERA, SEARCH = "Camera", "Search"
 _Range = tuple[float, float]
 _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
-_SOURCE = "holds the measurements, a file, subfolder or glob per set; or a result.json"
-_REFERENCE = "errors are relative to it; may be repeated  [default: IMR, rheometer]"
-_PAIRS = "a group of the result.json and its set, where their names differ; may be repeated"
+_RESULT = "result.json, or the folder that holds one; of several all groups are compared"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
 _TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin"
 _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
 
 
 @dataclass(kw_only=True)
-class Compare(options.PrintingVerb, options.Pictures, options.BubbleOptions):
-    """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
+class Compare(options.PrintingVerb):
+    """Answers that exist beside published values, with relative errors; `infer --references` answers and compares."""
 
-    source: Annotated[Path, argument("FOLDER", _SOURCE)]
-    references: Annotated[Path, option("CSV of sets and published values, see docs/how-to/compare.md")]
-    pairs: Annotated[list[str] | None, option(_PAIRS, None, "--set", metavar="GROUP=SET")] = None
-    reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
-    model: options.ModelName = "posterior"
-    material: options.MaterialOfSets = None
-    trust_input: options.TrustInput = False
+    results: Annotated[list[Path], argument("RESULT...", _RESULT, readable=False)]
+    references: Annotated[list[Path], option(options.REFERENCES)]
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.comparison import AnswerSettings, compare
-        from cavirheo.reporting.table import print_comparison
+        from cavirheo.companions.published_values import TABLE, by_group_of_all, joined, read_sets, write_comparison
+        from cavirheo.loading import load
+        from cavirheo.reporting import DOCUMENTS, html, table
+        from cavirheo.reporting.record import Result
+        from cavirheo.writing.document import Outputs, write_json, write_rows
 
-        result, run.unreadable, interrupted = compare(
-            self.source,
-            self.references,
-            self.out,
-            settings=AnswerSettings(self.model, self.material, self.bubbles or "field", self.trust_input),
-            pairing=self.pairs or [],
-            reference_methods=self.reference_method or [],
-            pictures=self.pictures,
-            command=run.command,
-            progress=not run.quiet,
-        )
-        table = self.out / "comparison.csv"
-        if interrupted:
-            run.end_interrupted(result.notes[0], table)
-        run.show(result, print_comparison)
-        counts = f"{digits.counted(len(result.groups), 'set')}, {digits.counted(len(result.curves), 'shot')}"
-        run.end(counts, has_problems(result), f"; table: {table}")
+        sets, answers = read_sets(self.references), [load(path, Result) for path in self.results]
+        inputs = [path / "result.json" if path.is_dir() else path for path in self.results] + self.references
+        report = Outputs(self.out, *DOCUMENTS, inputs=inputs)
+        document = joined(answers, **run.document_fields)
+        document.add_published(by_group_of_all([group.name for group in document.groups], sets))
+        report.write("result.json", write_json, document)
+        report.write("result.csv", write_rows, *table.csv_rows(document))
+        report.write("report.html", html.write, document)
+        report.finish()
+        write_comparison(self.out, document, inputs)
+        run.show(document, table.print_comparison)
+        counts = f"{digits.counted(len(document.groups), 'set')}, {digits.counted(len(document.curves), 'shot')}"
+        run.end(counts, has_problems(document), f"; table: {self.out / TABLE}")
 
 
 @dataclass(kw_only=True)
-class Rheometer(options.PrintingVerb, options.Pictures):
-    """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
+class Rheometer(options.PrintingVerb):
+    """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
     at: Annotated[float, option("angular frequency of the viscosity G''/omega, rad/s")] = 1.0
     tolerance: Annotated[float, option("allowed change of G' within the linear range, %")] = 5.0
-    beside: Annotated[Path | None, option("result.json of `cavirheo infer`: one table with its bubbles")] = None
     name: Annotated[str | None, option("of the material  [default: from the file names]")] = None
     out: options.Out = Path("cavirheo-rheometer")
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import rheometer
-        from cavirheo.companions.published_values import add_to_groups
-        from cavirheo.reporting import read_json, table
-        from cavirheo.writing import style
         from cavirheo.writing.document import Outputs
 
         require(self.at > 0, f"--at must be an angular frequency in rad/s, got {self.at!r}")
         require(0 < self.tolerance < 50, f"--tolerance must be between 0 and 50 %, got {self.tolerance!r}")
-        files, drawing = run.files(self.files), self.draws_pictures(run)
-        names = ("rheometer.json", "rheometer.csv", "table.csv", "strain-sweep.png", "frequency-sweep.png")
-        outputs = Outputs(self.out, *names, inputs=[*files, *([self.beside] if self.beside else [])])
-        result = read_json(self.beside) if self.beside else None
+        files = run.files(self.files)
+        outputs = Outputs(self.out, "rheometer.json", "rheometer.csv", inputs=files)
         sweeps = []
         for path in files:
             try:
@@ -94,22 +80,12 @@ class Rheometer(options.PrintingVerb, options.Pictures):
         material = self.name or rheometer.shared_name(files)
         rheometry = rheometer.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.document_fields)
         outputs.write("rheometer.csv", rheometer.write_csv, rheometry)
-        if result:
-            add_to_groups(result.groups, {material: rheometry.published})
-            outputs.write("table.csv", table.write_comparison, result)
-        for kind in ("strain", "frequency") if drawing else ():
-            if rheometry.sweeps_over(kind):
-                rheometry.notes += outputs.write_picture(
-                    f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind
-                )
         run.write_document(outputs, rheometry)
-        if result and not run.quiet:
-            table.print_comparison_with_warning(result, rheometer.regimes(rheometry, result))
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
 @dataclass(kw_only=True)
-class CollapseTime(options.PrintingVerb, options.Pictures, options.Liquid):
+class CollapseTime(options.PrintingVerb, options.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
@@ -125,8 +101,6 @@ class CollapseTime(options.PrintingVerb, options.Pictures, options.Liquid):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import collapse_times
         from cavirheo.io.shots import shot_numbers
-        from cavirheo.reporting import file_names
-        from cavirheo.writing import style
         from cavirheo.writing.document import Outputs
 
         shot_numbers(self.shots)
@@ -143,12 +117,9 @@ class CollapseTime(options.PrintingVerb, options.Pictures, options.Liquid):
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
         for group in groups:
             group.answer(self.material, exact=self.exact, medium=liquid, **values)
-        answered_groups = [group for group in groups if group.estimate] if self.draws_pictures(run) else []
         head = {"material": self.material, "medium": asdict(liquid), **run.document_fields}
         document = collapse_times.CollapseTimes(groups=groups, **head)
         outputs.write("shots.csv", collapse_times.write_csv, document)
-        for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
-            document.notes += outputs.write_picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
         run.write_document(outputs, document)
         failed = any(group.incomplete or (self.exact and group.model != "exact") for group in groups)
         run.end(f"written to {self.out}", failed)
@@ -174,7 +145,7 @@ class Design(options.PrintingVerb, options.Liquid, options.BubbleOptions):
     spread: Annotated[float | None, option("scatter of shots, decades  [default: of the result.json]", SEARCH)] = None
     sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
     draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
-    check: Annotated[int, option("how many of the draws of a recommended setting `infer` answers", SEARCH, min=0)] = 6
+    check: Annotated[int, option("how many recordings of the next setting `infer` answers", SEARCH, min=0)] = 6
     seed: options.Seed = 0
     out: options.Out = Path("cavirheo-design")
 
@@ -195,13 +166,14 @@ class Design(options.PrintingVerb, options.Liquid, options.BubbleOptions):
             material=self.material,
             medium=self.liquid,
             bubble=self.bubbles or "real",
+            sizes=self.sizes,
         )
         ranges = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
         keywords: dict[str, Any] = {"ranges": {name: ends for name, ends in ranges.items() if ends}}
-        keywords |= {name: getattr(self, name) for name in ("group", "spread", "sizes", "draws", "check", "seed")}
+        keywords |= {name: getattr(self, name) for name in ("group", "spread", "draws", "check", "seed")}
         outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
         load_solver()
-        with run.progress_bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
+        with run.progress_bar("simulating", len(rig.settings()) * self.draws) as advance:
             document = design(self.result, rig, wanted=0.01 * self.wanted_percent, done=advance, **keywords)
         run.write_document(outputs, document.model_copy(update=run.document_fields))
         run.end(f"written to {self.out}")

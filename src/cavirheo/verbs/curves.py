@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,8 +14,9 @@ from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
-    from cavirheo.inference.analysis import Analysis
+    from cavirheo.reporting.record import Result
 
+WIDE = 110  # columns of a terminal in which no cell of the comparison needs two lines
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
@@ -28,20 +28,25 @@ _DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
     """Answer the curves of files by one analysis, and write a report."""
 
+    references: Annotated[list[Path] | None, option(options.REFERENCES, INPUT)] = None
+
     def __call__(self, run: Run) -> None:
-        from cavirheo.reporting import DOCUMENTS, outputs, write_report
-        from cavirheo.reporting.record import CurveAnswers
-        from cavirheo.reporting.screen import print_result
+        from cavirheo.companions.published_values import TABLE, by_group_of_all, in_sets, read_sets, write_comparison
+        from cavirheo.reporting import DOCUMENTS, write_report
+        from cavirheo.reporting.record import CurveAnswers, group_names
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing.document import Outputs
 
-        files, out, figures = run.files(self.files), self.out, self.figure_kinds
-        analysis = self.make_analysis(files)
-        Outputs(out, *DOCUMENTS, inputs=files)
-        with connected(self.scheduler, run.say) as executor:
+        files, out, references = run.files(self.files), self.out, self.references or []
+        analysis, sets, inputs = self.make_analysis(), read_sets(references), [*files, *references]
+        folder = Outputs(out, *DOCUMENTS, inputs=inputs)
+        if references:
+            Outputs(out, TABLE, inputs=inputs)
+        with connected(self.scheduler, self.slurm, run.say) as executor:
             curves, unfinished = self.read_curves(run, files), Unfinished(out, visible=not run.quiet, executor=executor)
-            folder = outputs(out, curves, figures)
+            curves = in_sets(curves, sets)
+            published = by_group_of_all(group_names(curves), sets)
             analysis.check(curves)
             answers = unfinished.answers(curves, analysis)
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
@@ -55,15 +60,29 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             "draw": self.pictures,
             "complete": not note,
             "errors": self.errors,
+            "published": published,
+            "notes": [note, *run.notes] if note else run.notes,
         }
-        keywords["notes"] = [note, *run.notes] if note else run.notes
-        with run.progress_bar("drawing", unit="figures", visible=bool(figures)) as advance:
-            result = write_report(out, pairs, run.command, figures, advance=advance, **keywords)
+        result = write_report(out, pairs, run.command, **keywords)
         if note:
             run.end_interrupted(note, out / "result.json")
         unfinished.remove()
-        run.show(result, partial(print_result, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
+        if references:
+            write_comparison(out, result, inputs)
+        run.show(result, partial(_print_answers, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
         run.end(digits.counted(len(curves), "curve"), has_problems(result), f"; report: {out / 'report.html'}")
+
+
+def _print_answers(result: Result, **how: Any) -> None:
+    """Print the answers, then the values of other methods beside them, if there are any."""
+    from cavirheo.reporting.screen import print_result
+    from cavirheo.reporting.table import comparison_table
+    from cavirheo.writing import terminal
+
+    print_result(result, **how)
+    if any(group.published for group in result.groups):
+        console = terminal.console()
+        console.print(comparison_table(result, wide=console.width > WIDE))
 
 
 @dataclass(kw_only=True)
@@ -77,18 +96,18 @@ class Fit(_ReportVerb):
     """The field's conventional fit: simulated on measured radius histories under white noise, with intervals."""
 
     material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
-    stretch: options.Stretch = None
-    window: options.Window = None
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
     free: Annotated[str | None, option(_FREE, INTERVAL)] = None
     t0_us: Annotated[float | None, option("largest |t0|, us  [default: what the frames leave open]", INTERVAL)] = None
     scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
     out: options.Out = Path("cavirheo-fit")
 
-    def make_analysis(self, files: Iterable[Path], **settings: Any) -> Analysis:
+    @property
+    def settings(self) -> dict[str, Any]:
+        """As `AnsweringVerb.settings`."""
         t0_bound, end = (None if us is None else us * 1e-6 for us in (self.t0_us, self.window_us))
-        settings |= {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
-        return super().make_analysis(files, **settings)
+        own = {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
+        return super().settings | own
 
 
 @dataclass(kw_only=True)
@@ -96,8 +115,6 @@ class WhichLaw(options.MeasuredFiles):
     """Which of several laws explains the curves best? Evidence by sampling."""
 
     laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
-    stretch: options.Stretch = None
-    window: options.Window = None
     exact_law: options.ExactLaw = False
     bubble: Annotated[str, _BUBBLES] = "real"  # type: ignore[assignment]
     damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=options.damage_names)] = "none"  # type: ignore[assignment]
@@ -113,24 +130,17 @@ class WhichLaw(options.MeasuredFiles):
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing import document
 
-        files, out, figures = run.files(self.files), self.out, self.figure_kinds
+        files, out = run.files(self.files), self.out
         materials = [name.strip() for name in self.laws.split(",") if name.strip()]
         candidates = models(materials, self.bubbles or (REAL,))
         Options(window=self.window, stretch=self.stretch)
         outputs = document.Outputs(out, "laws.json", inputs=files)
         report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
-        with connected(self.scheduler, run.say) as executor:
+        with connected(self.scheduler, self.slurm, run.say) as executor:
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = self.read_curves(run, files)
-            reporting.outputs(out, curves, figures)
-            keywords: dict[str, Any] = {
-                "medium": self.liquid,
-                "given": self.given,
-                "window": self.window,
-                "trust_input": self.trust_input,
-            }
-            keywords |= {"stretch": self.stretch, "seed": self.seed, "discrepancy": not self.exact_law}
-            analyses = plans(candidates, **keywords)
+            settings = {name: value for name, value in self.settings.items() if name != "bubble"}
+            analyses = plans(candidates, **settings, discrepancy=not self.exact_law)
             by_law = {law: dict(unfinished.answers(curves, plan).numbered()) for law, plan in analyses.items()}
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
         complete_curves, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
@@ -147,9 +157,8 @@ class WhichLaw(options.MeasuredFiles):
             run.end_interrupted(note, out / "laws.json" if complete_curves else None)
         outputs.finish()
         pairs = list(zip(complete_curves, choose_answers(singles, groups), strict=True))
-        keywords = {"date": run.date, "draw": self.pictures, "notes": [*preference_lines(laws), *laws.notes]}
-        with run.progress_bar("drawing", unit="figures", visible=bool(figures)) as advance:
-            reporting.write_report(out, pairs, run.command, figures, advance=advance, **keywords)
+        notes = [*preference_lines(laws), *laws.notes]
+        reporting.write_report(out, pairs, run.command, date=run.date, draw=self.pictures, notes=notes)
         unfinished.remove()
         run.show(laws)
         verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
@@ -165,44 +174,39 @@ class Watch(options.Inference, options.SharedErrors):
     folder: Annotated[Path, argument("FOLDER", "where the recordings arrive: R(t) files or videos", readable=False)]
     once: Annotated[bool, option("answer the files that exist, write the report, and stop", None, "--once")] = False
     patience: Annotated[float, option("how long to try a file again that cannot be read, s", INPUT, min=0.0)] = 10.0
-    wanted_percent: options.WantedPercent = 10.0
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
         from cavirheo.column import is_r_max, read_column
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.reporting import html, write_report
         from cavirheo.reporting.screen import print_result
         from cavirheo.reporting.table import print_line
 
         folder, out = self.folder, self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
-        analysis = self.make_analysis([folder])
+        analysis = self.make_analysis()
         if self.column is not None and not is_r_max(self.column):
             read_column(self.column)
         settings = options.shared_values(self, options.FileSettings)
         read_settings = {name: value for name, value in settings.items() if name != "column"}
         keywords: dict[str, Any] = {"group": self.group, "column": self.column, "read_timeout": self.patience}
-        keywords |= {"command": run.command, "date": run.date, "half_width": 0.01 * self.wanted_percent}
+        keywords |= {"command": run.command, "date": run.date, "draw": self.pictures, "errors": self.errors}
         keywords |= {"notify": run.say} if run.quiet else {"notify": run.say, "show": print_line}
         watched = watch.Watch(
             folder, out, analysis, lambda path: self.read_recordings([path]), read_settings, **keywords
         )
         load_solver()
         result = watched.write()
-        page = f"{out / html.LIVE_FILE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
-        run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
+        end = "" if self.once else "; Ctrl-C ends"
+        run.say(f"watching {folder}: {len(result.curves)} answered before; {out / 'report.html'} has all{end}")
         try:
             while watched.answer_next() or watched.pause() or not self.once:
                 pass
             stopped = False
         except KeyboardInterrupt:  # the usual end
             stopped = True
-        pairs, notes = watched.pairs()
-        result = write_report(
-            out, pairs, run.command, date=run.date, notes=notes, draw=self.pictures, errors=self.errors
-        )
+        result = watched.write()
         run.show(result, partial(print_result, out=out, every_shot=self.every_shot))
         run.unreadable = 0 if stopped else watched.unreadable
         failed = not stopped and has_problems(result)
-        run.end(digits.counted(len(pairs), "curve"), failed, f"; report: {out / 'report.html'}")
+        run.end(digits.counted(len(result.curves), "curve"), failed, f"; report: {out / 'report.html'}")

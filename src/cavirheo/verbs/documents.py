@@ -203,12 +203,14 @@ def installation_report() -> str:
 
     folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # does not compile it
     compiled = f"compiled, kept in {', '.join(sorted(folders))}"
+    versions = {name: next((each.version for each in distributions(name=name)), "") for name in required_libraries()}
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
     lines = [
         ("cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"),
         ("python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"),
         ("machine", f"{platform.platform()}, {cores()} cores"),
-        *((f"[{extra}]" if extra else "needs", _installed(names)) for extra, names in required_libraries().items()),
+        ("libraries", ", ".join(f"{name} {version}" for name, version in versions.items() if version)),
+        ("absent", ", ".join(name for name, version in versions.items() if not version) or "none"),
         ("solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"),
         *(("model", f"{name}, sha256 {_checksum(path)}") for name, path in shipped().items()),
         ("variables", ", ".join(variables) or "none that matter"),
@@ -216,18 +218,7 @@ def installation_report() -> str:
     return "\n".join(f"{name:<10}{text}" for name, text in lines)
 
 
-def required_libraries() -> dict[str, list[str]]:
-    """Return names of the libraries that the package needs (key "") and that each extra adds, except dev and docs."""
-    names: dict[str, list[str]] = {"": []}
-    for line in requires("cavirheo") or ():
-        extra = re.search(r"""extra == ["'](\w+)["']""", line)
-        name = re.match(r"[\w.-]+", line)
-        if name and not (extra and extra[1] in ("dev", "docs")):
-            names.setdefault(extra[1] if extra else "", []).append(name[0])
-    return names
-
-
-def _installed(names: list[str]) -> str:
-    """Return the installed versions as text: 'numpy 2.1, no dask'."""
-    versions = {name: next((library.version for library in distributions(name=name)), "") for name in names}
-    return ", ".join(f"{name} {number}" if number else f"no {name}" for name, number in versions.items())
+def required_libraries() -> list[str]:
+    """Return names of the libraries that the package and its extras need, without those of developers."""
+    lines = [line for line in requires("cavirheo") or () if not re.search(r"extra == .(dev|docs)\b", line)]
+    return list(dict.fromkeys(re.split(r"[^\w.-]", line)[0] for line in lines))

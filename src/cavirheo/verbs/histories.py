@@ -99,7 +99,7 @@ class Simulate(options.Verb, options.Liquid):
 
     rmax_um: Annotated[float, option("largest radius, um")]
     stretch: Annotated[float, option("R_max/R_0")]
-    material: Annotated[str, option(_MATERIAL, autocompletion=options.any_law_names)] = "nhkv"
+    material: Annotated[str, option(_MATERIAL, autocompletion=options.sum_names)] = "nhkv"
     shear_modulus: Annotated[float | None, option("Pa")] = None
     viscosity: Annotated[float | None, option("Pa s")] = None
     stiffening: Annotated[float | None, option("alpha of qkv")] = None

@@ -1,34 +1,27 @@
-"""`cavirheo app`, `generate`, `train` and `cluster`: long work, on this machine or on others."""
+"""`cavirheo app`, `generate` and `train`: long work, on this machine or on others."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-from typer import Exit
+from typing import Annotated, Any
 
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
 from cavirheo.writing import terminal
-from cavirheo.writing.digits import MISSING
 
 _HOST = "address to listen on; 0.0.0.0 is open to the network, without a password"
-_LIVE = "folder of results of `cavirheo watch`, whose page is served at /live"
 
 
 def app(
     host: Annotated[str, option(_HOST)] = "127.0.0.1",
     port: Annotated[int, option("port; 0: any free one", min=0, max=65535)] = 7860,
-    live: Annotated[Path | None, option(_LIVE, readable=False)] = None,
     browser: Annotated[bool, option("open the page in the browser", None, "--browser/--no-browser")] = True,
     max_file_mb: Annotated[float, option("largest file that may be uploaded, MB", min=0.001)] = 50.0,
     max_files: Annotated[int, option("largest number of files of one visitor", min=1)] = 50,
 ) -> None:
     """The same in the browser: upload files, look, infer, compare with the simulation, download everything as a zip."""
-    message = f"--live must be the folder into which `cavirheo watch` writes (its -o), got {live}: start `watch` first"
-    require(live is None or live.is_dir(), message, "option.live")
     try:
         from cavirheo.app.server import serve
     except ModuleNotFoundError as error:
@@ -37,37 +30,7 @@ def app(
         raise InputError(f'the browser app needs {error.name}: pip install "cavirheo[app]"') from None
     from cavirheo.app.session import VisitorLimits
 
-    serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files), folder=live)
-
-
-def cluster(
-    action: Annotated[Literal["check"], argument("check", "whether its workers answer as this machine does")],
-    scheduler: Annotated[str, option("dask: tcp://HOST:PORT, or slurm:FILE.toml")],
-    quiet: options.Quiet = False,
-) -> None:
-    """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
-    from cavirheo.workflow.cluster import client_of, identity, reports
-
-    run = Run(quiet=quiet)
-    with client_of(scheduler, run.say) as (client, wait):
-        workers = reports(client, wait)
-    table = terminal.table("worker", ["on", "threads", "code", "bits"], left=["on"])
-    for worker in workers:
-        sums = [worker.identity.code[:8], worker.identity.bits[:8]] if worker.identity else [MISSING] * 2
-        table.add_row(worker.address, worker.host, str(worker.threads), *sums)
-    if not run.quiet:
-        terminal.console().print(table)
-    for versions in sorted({worker.versions for worker in workers if worker.versions}):
-        run.say(f"{sum(worker.versions == versions for worker in workers)} workers with {versions}")
-    for worker in workers:
-        if worker.refusal:
-            terminal.say(f"refused: {worker.address} on {worker.host}: {worker.refusal}")
-    usable, mine = [worker for worker in workers if not worker.refusal], identity()
-    bits = {worker.identity.bits for worker in usable if worker.identity}
-    same = "the bits of this machine" if bits == {mine.bits} else "other last bits than this machine"
-    run.say(f"{len(usable)} of {len(workers)} workers can be used, with {same} ({mine.bits[:8]})")
-    if len(usable) < len(workers):
-        raise Exit(1)
+    serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files))
 
 
 def generate(
@@ -78,6 +41,7 @@ def generate(
     workers: Annotated[int | None, option("threads; default: all cores", min=1)] = None,
     shard: Annotated[str, option("i/N: make the i-th of N parts only")] = "1/1",
     scheduler: options.Scheduler = None,
+    slurm: options.Slurm = None,
     quiet: options.Quiet = False,
 ) -> None:
     """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
@@ -91,12 +55,12 @@ def generate(
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
         raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}", "option.shard") from None
-    message = "--workers are threads of this machine, and --scheduler has its own: leave out one of them"
-    require(workers is None or scheduler is None, message, "option.workers")
+    message = "--workers are threads of this machine, and a cluster has its own: leave out one of them"
+    require(workers is None or (scheduler is None and slurm is None), message, "option.workers")
     load_solver()
     run, seed = Run(quiet=quiet), content.data.seed if seed is None else seed
     keywords: dict[str, Any] = {"seed": seed, "workers": workers, "shard": (part, parts), "progress": not quiet}
-    with connected(scheduler, run.say) as executor:
+    with connected(scheduler, slurm, run.say) as executor:
         written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **keywords)
     run.say(f"{written.curves} curves in {out}: {written.written} files written, {written.skipped} already there")
     if written.simulated:

@@ -4,7 +4,6 @@ The annotations are objects, not text (no `from __future__ import annotations`):
 verb. Options without a panel are on the first screen of `--help`.
 """
 
-import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, BadParameter, Option
 
 from cavirheo.errors import InputError, parse_number, require
+from cavirheo.writing.digits import elide
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -58,7 +58,7 @@ def number(
         except ValueError:  # of int
             pass
         expected = f"a number or {' or '.join(map(repr, words))}" if words else "a number above 0"
-        raise BadParameter(f"must be {expected}, got {text!r}")
+        raise BadParameter(f"must be {expected}, got {elide(repr(text), 60)}")
 
     return option(help, panel, parser=parse, metavar=f"<{'|'.join((kind.__name__, *words))}>")
 
@@ -90,31 +90,21 @@ def _completer(words: Callable[[], Iterable[str]], separators: str = "") -> Call
     return complete
 
 
-def _fittable_laws() -> list[str]:
-    """Return the laws whose parameters have a range or a default: `FITTABLE` of inference/assumptions, slow to
-    import."""
-    from cavirheo.parameters import PARAMETERS, inferred_name
-    from cavirheo.physics.materials import LAWS
-
-    def has_range(name: str) -> bool:
-        parameters = inspect.signature(LAWS[name]).parameters.values()
-        return all(PARAMETERS[inferred_name(p.name)].search_range or p.default is not p.empty for p in parameters)
-
-    return [name for name in LAWS if has_range(name)]
+def _laws() -> Iterable[str]:
+    laws: Iterable[str] = resolve_name("cavirheo.physics.materials.LAWS")
+    return laws
 
 
 bubble_names = _completer(lambda: ("real", "field"), ",")
 damage_names = _completer(lambda: ("none", "first-rebound", "strain"), ",")
-figure_names = _completer(lambda: ("png", "svg", "pdf"), ",")
 model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.npz")))
 medium_names = _completer(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
-any_law_names = _completer(lambda: resolve_name("cavirheo.physics.materials.LAWS"), "+")
-sum_names = _completer(_fittable_laws, "+")
-many_law_names = _completer(_fittable_laws, "+,")
+sum_names = _completer(_laws, "+")
+many_law_names = _completer(_laws, "+,")
 
 
 def law_names(incomplete: str) -> list[str]:
-    """Complete the laws that can be fitted, also as the next part of a sum, and auto."""
+    """Complete the laws, also as the next part of a sum, and auto."""
     return [*sum_names(incomplete), *_completer(lambda: ["auto"])(incomplete)]
 
 
@@ -123,9 +113,9 @@ ResumableOut = Annotated[Path, folder("folder, which may hold a part")]  # for w
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
+REFERENCES = "CSV of published values, or sweeps of a rheometer, beside the answers; may be repeated"
 _LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid"
 Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
-MaterialOfSets = Annotated[str | None, option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)]
 _FPS = "frames per second, of videos and of tables that number their frames"
 Fps = Annotated[Any, number(_FPS, thousands=".,")]
 UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels")]
@@ -139,8 +129,9 @@ _WINDOW = "number of collapses to compare  [default: 3, or all if there are fewe
 Window = Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)]
 ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower intervals)", INTERVAL, "--exact-law")]
 WantedPercent = Annotated[float, option("wanted half-width of the 90 % interval, % of the value", min=0.1, max=99.0)]
-_SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
+_SCHEDULER = "of a dask cluster: tcp://HOST:PORT  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
+Slurm = Annotated[int | None, option("ask SLURM for so many jobs, as dask-jobqueue is set", CLUSTER, min=1)]
 WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead of --confinement-inertia", BUBBLE)]
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
@@ -154,8 +145,6 @@ _MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, wi
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 _PICTURES = "draw pictures; --no-pictures is faster"
-_INFER_STRETCH = "R_max/R_0; free: without the prior that a file states  [default: with it]"
-_FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
 
 
 def shared_values(options: object, kind: Any) -> dict[str, Any]:
@@ -290,27 +279,27 @@ class Pictures:
 
     pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
 
-    def draws_pictures(self, run: "Run") -> bool:
-        """Whether pictures are drawn; if they are requested without matplotlib, a note is added to the run."""
-        from cavirheo.writing import style
-
-        able = style.available()
-        run.notes += [style.NO_PICTURES] if self.pictures and not able else []
-        return self.pictures and able
-
 
 @dataclass(kw_only=True)
 class AnsweringVerb(PrintingVerb, Pictures, Liquid, FileSettings, BubbleOptions):
-    """Options of all verbs that answer measured curves."""
+    """Options of all verbs that answer measured curves; those with names of fields of Analysis are its settings."""
 
+    stretch: Stretch = None
+    window: Window = None
     seed: Seed = 0
 
-    def make_analysis(self, files: Iterable[Path], **settings: Any) -> "Analysis":
-        """Return the analysis of each curve, from the options with names of its fields and from `settings`. Raises
-        InputError: settings that are impossible, alone or together."""
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The settings of the analysis of each curve. Raises InputError: impossible constants."""
         from cavirheo.inference.analysis import Analysis
 
-        return Analysis(**shared_values(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid} | settings)
+        return shared_values(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid}
+
+    def make_analysis(self) -> "Analysis":
+        """Return the analysis of each curve. Raises InputError: settings that are impossible, alone or together."""
+        from cavirheo.inference.analysis import Analysis
+
+        return Analysis(**self.settings)
 
     def read_recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """Read the files by `read_shots` with these options. Raises InputError."""
@@ -333,24 +322,12 @@ class AnsweringVerb(PrintingVerb, Pictures, Liquid, FileSettings, BubbleOptions)
 
 @dataclass(kw_only=True)
 class MeasuredFiles(AnsweringVerb):
-    """Options of verbs that answer given files: files, excluded frames, figure files, and the scheduler."""
+    """Options of verbs that answer given files: files, excluded frames, and the scheduler."""
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
-    figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=figure_names)] = None
     scheduler: Scheduler = None
-
-    @property
-    def figure_kinds(self) -> tuple[str, ...]:
-        """The requested formats of figure files. Raises InputError: an unknown format, or no matplotlib."""
-        kinds = tuple(dict.fromkeys(word.strip() for word in (self.figures or "").split(",") if word.strip()))
-        if kinds:
-            from cavirheo.reporting.pictures import check_figures
-            from cavirheo.writing.style import available
-
-            check_figures(kinds)
-            require(available(), '--figures needs matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
-        return kinds
+    slurm: Slurm = None
 
     def read_curves(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """Return all curves of the files, with their values of --column, and load the solver. Raises InputError: no
@@ -375,11 +352,10 @@ class Inference(AnsweringVerb):
     """Options that `infer` and `watch` share."""
 
     material: Material = None
-    stretch: Annotated[Any, number(_INFER_STRETCH, None, "free")] = None
-    window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
     model: ModelName = "posterior"
     exact_law: ExactLaw = False
 
-    def make_analysis(self, files: Iterable[Path], **settings: Any) -> "Analysis":
-        """As `AnsweringVerb.make_analysis`."""
-        return super().make_analysis(files, discrepancy=not self.exact_law, **settings)
+    @property
+    def settings(self) -> dict[str, Any]:
+        """As `AnsweringVerb.settings`."""
+        return super().settings | {"discrepancy": not self.exact_law}

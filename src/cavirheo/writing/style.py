@@ -17,14 +17,12 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.writing.digits import elide, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222", "#888888"
-NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
 # If matplotlib cannot write its folder, it takes a temporary one; its log messages on this are not shown.
@@ -58,34 +56,6 @@ def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: 
     for axis, most in ((axes.xaxis, 8 if place[2] > 0.5 else 5), (axes.yaxis, 6 if place[3] > 0.3 else 4)):
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
     return axes
-
-
-def write_text(on: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **options: Any) -> Any:
-    """Write text at (x, y) in fractions of a figure or of axes. It is never read as mathematics."""
-    place = {"transform": on.transAxes} if hasattr(on, "transAxes") else {}
-    return on.text(x, y, printable(text), fontsize=size, color=color, parse_math=False, **place, **options)
-
-
-def new_panel(name: str, right: str, x_label: str, y_label: str) -> tuple[Figure, Axes]:
-    """A figure of one panel, below the texts `name` (left) and `right`. Raises InputError without matplotlib."""
-    figure = new_figure(3.8)
-    write_text(figure, 0.1, 0.93, elide(name, 50), size=11, weight="bold")
-    write_text(figure, 0.975, 0.93, right, size=10, ha="right", color=INK)
-    return figure, new_axes(figure, (0.1, 0.13, 0.875, 0.72), x_label, y_label)
-
-
-def add_legend(axes: Axes) -> None:
-    """Add the names of the curves, three in a line, above the upper right of a panel."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
-
-
-def set_plain_ticks(axis: Any, steps: tuple[int, ...]) -> None:
-    """Label an axis with 0.01, 1, 100 instead of powers of ten, times each of `steps`; about nine labels at most."""
-    from matplotlib.ticker import LogLocator
-
-    axis.set_major_locator(LogLocator(subs=steps, numticks=9))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter("")
 
 
 def save(path: str | Path, figure: Figure, kind: str = "png", dpi: int = DPI) -> None:
