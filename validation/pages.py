@@ -175,7 +175,7 @@ def read_results() -> dict[str, dict]:
 
 
 def marked_pages() -> list[Path]:
-    patterns = ("*.md", "docs/**/*.md", "benchmarks/*.md", "validation/**/*.md", "paper/*.md")
+    patterns = ("*.md", "docs/**/*.md", "validation/**/*.md", "paper/*.md")
     return sorted(path for pattern in patterns for path in ROOT.glob(pattern) if MARKED.search(path.read_text("utf-8")))
 
 

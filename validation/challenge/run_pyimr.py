@@ -5,10 +5,14 @@
 Needs Python 3.12 and `pip install pyimr scipy` (0.1.1 was used), and nothing of cavirheo. PyIMR solves and
 differentiates; scipy's least squares goes from the best of three stretches over the first three and a half t_c, with
 the textbook's covariance. Most of the time is compilation, which each new number of frames needs.
+
+PyIMR's model is ours (docs/method/physics.md 3.1) once its constants are these: one conductivity for both gases (its
+default has two), gas constants from molar masses, the wall at the temperature of the liquid (`medtherm=0`).
 """
 
 from __future__ import annotations
 
+import time
 from functools import lru_cache
 
 import numpy as np
@@ -40,32 +44,51 @@ CONSTANTS = {  # those of the page README.md
 }
 
 
-def prepared(recording: Recording) -> inference.PreparedInference:
-    time, radius = recording.from_maximum()
-    seen = time < END * recording.max_radius * np.sqrt(recording.density / PRESSURE)
-    R_max = recording.max_radius
-    config = pyimr.SimulationConfig(
+def configuration(
+    G: float, mu: float, stretch: float, R_max: float, density: float, nodes: int
+) -> pyimr.SimulationConfig:
+    """Keller-Miksis in pressure, with heat and vapour, from R_max at rest; SI."""
+    return pyimr.SimulationConfig(
         R0=R_max,
-        Req=R_max / 7.0,
-        material=pyimr.NeoHookeanKelvinVoigt(5e3, 0.05),
+        Req=R_max / stretch,
+        material=pyimr.NeoHookeanKelvinVoigt(G, mu),
         radial=2,
         vapor=1,
         bubtherm=1,
         masstrans=1,
         medtherm=0,
         T8=TEMPERATURE,
-        Nt=25,
+        Nt=nodes,
         rtol=1e-6,
         atol=1e-8,
-        physics=pyimr.PhysicalParameters(medium_density_kg_m3=recording.density, **CONSTANTS),
+        physics=pyimr.PhysicalParameters(medium_density_kg_m3=density, **CONSTANTS),
         max_steps=10_000,
     )
+
+
+def solve(row: np.ndarray, density: float, at: np.ndarray, nodes: int) -> tuple[np.ndarray, float] | None:
+    """R/R_max at times (n,) s, and the processor time of a second call, s; None where PyIMR fails. row: G Pa, mu Pa s,
+    stretch, R_max m."""
+    problem = pyimr.prepare(configuration(*map(float, row), density, nodes))
+    try:
+        problem.solve(at)  # compiles
+        began = time.process_time()
+        return np.array(problem.solve(at).radius_ratio), time.process_time() - began
+    except pyimr.SimulationError:
+        return None
+
+
+def prepared(recording: Recording) -> inference.PreparedInference:
+    since, radius = recording.from_maximum()
+    seen = since < END * recording.max_radius * np.sqrt(recording.density / PRESSURE)
+    R_max = recording.max_radius
+    config = configuration(5e3, 0.05, 7.0, R_max, recording.density, 25)
     parameters = [
         inference.InferenceParameter("material.shear_modulus_pa", *G, "log"),
         inference.InferenceParameter("material.viscosity_pa_s", *MU, "log"),
         inference.InferenceParameter("Req", R_max / STRETCH[1], R_max / STRETCH[0], "log"),
     ]
-    observation = inference.RadiusObservation(time[seen], radius[seen], 0.01 * R_max)
+    observation = inference.RadiusObservation(since[seen], radius[seen], 0.01 * R_max)
     return inference.prepare_inference(config, observation, parameters)
 
 

@@ -1,10 +1,9 @@
 """Scores the answers of programs to the recordings of the challenge.
 
     python -m validation.challenge.score TRUTH.csv ANSWERS.csv [ANSWERS.csv ...] [-o OUT]
-    python -m validation.challenge.score --ahead HELD.csv PREDICTIONS.csv [PREDICTIONS.csv ...]
 
 Each file of answers is one program, named by the file. Without -o the tables are printed; with it they stand in OUT.md
-and the picture in OUT.png. --ahead: frames that a program has not seen, and the radii that it predicts for them.
+and the picture in OUT.png.
 The page README.md beside this file explains the columns.
 """
 
@@ -14,7 +13,7 @@ import argparse
 import csv
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +22,6 @@ import numpy as np
 QUANTITIES = {"G": 1.0, "mu": 1e-6}  # Pa, Pa s: bounds below count as these
 ANSWERED = tuple(f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high"))
 TRUTH = ("name", "half", "difficulty", "law", *QUANTITIES)
-PREDICTED = ("time_us", "radius_um")  # of the frames that a program has not seen
-HELD = ("name", "set", "R_max_um", *PREDICTED)
 LEVEL = 0.9
 Row = dict[str, str]
 
@@ -237,60 +234,34 @@ def draw(truth: Sequence[Row], programs: dict[str, list[Row]], path: Path) -> No
     figure.savefig(path, dpi=110)
 
 
-def ahead(held: Sequence[Row], predictions: dict[str, list[Row]]) -> str:
-    """RMS of predicted less measured radius over the unseen frames, % of R_max: medians over the shots of a set.
-
-    A shot without a prediction for each of its frames counts as not answered.
-    """
-    rows = []
-    for program, answers in predictions.items():
-        said = {(row["name"], number(row["time_us"])): number(row["radius_um"]) for row in answers}
-        for group in dict.fromkeys(row["set"] for row in held):
-            errors = list(_misses([row for row in held if row["set"] == group], said))
-            fine = [error for error in errors if np.isfinite(error)]
-            shown = [f"{np.median(fine):.2f}", f"{np.max(fine):.2f}"] if fine else ["", ""]
-            rows.append([program, group, f"{len(fine)} of {len(errors)}", *shown])
-    return markdown(("program", "set", "answered", "RMSE ahead, % of R_max, median", "largest"), rows)
-
-
-def _misses(held: Sequence[Row], said: dict[tuple[str, float], float]) -> Iterator[float]:
-    for name in dict.fromkeys(row["name"] for row in held):
-        mine = [row for row in held if row["name"] == name]
-        off = [said.get((name, float(row["time_us"])), np.nan) - float(row["radius_um"]) for row in mine]
-        yield 100 * float(np.sqrt(np.mean(np.square(off)))) / float(mine[0]["R_max_um"])
-
-
 def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("truth", type=Path)
     parser.add_argument("answers", type=Path, nargs="+")
-    parser.add_argument("--ahead", action="store_true")
     parser.add_argument("-o", "--out", type=Path)
     given = parser.parse_args(words)
     try:
-        run(given.truth, given.answers, given.out, given.ahead)
+        run(given.truth, given.answers, given.out)
     except (OSError, ValueError) as error:
         sys.exit(f"score.py: {error}")
     except ModuleNotFoundError as error:
         sys.exit(f"score.py: the tables are written; the picture needs {error.name}: pip install {error.name}")
 
 
-def run(truths: Path, answers: Sequence[Path], out: Path | None, of_frames: bool) -> None:
+def run(truths: Path, answers: Sequence[Path], out: Path | None) -> None:
     """Print or write the tables of these files, and draw the picture. Raises ValueError as `read` and `judge`."""
-    columns, numbers = (HELD, PREDICTED) if of_frames else (TRUTH, ANSWERED)
-    truth, programs = read(truths, columns), dict[str, list[Row]]()
+    truth, programs = read(truths, TRUTH), dict[str, list[Row]]()
     for path in answers:
         if path.stem in programs:
             raise ValueError(f"two files are named {path.name}: each file is a program with that name, rename one")
-        programs[path.stem] = read(path, ("name", *numbers), (*numbers, "seconds"))
-    text = ahead(truth, programs) if of_frames else report(truth, programs)
+        programs[path.stem] = read(path, ("name", *ANSWERED), (*ANSWERED, "seconds"))
+    text = report(truth, programs)
     if out is None:
         print(text)
         return
     out.parent.mkdir(parents=True, exist_ok=True)
     out.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
-    if not of_frames:
-        draw(truth, programs, out.with_suffix(".png"))
+    draw(truth, programs, out.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -17,22 +17,17 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks import first_answer
-from benchmarks.default_answer import STREAM, recording
 from cavirheo import Posterior, RadiusCurve, infer_many
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
+from validation import newcomer as first_answer
 from validation.numbers import Number, Run, statistic
+from validation.recordings import STREAM, recording
 
 TOGETHER = 20
 SIMULATED = 20  # simulations that are timed
 PARTS = ("newcomer",)
-STEPS = {  # of benchmarks/first_answer.py
-    "pip install .": "install",
-    "infer, first time": "first",
-    'pip install ".[plot,video]"': "extras",
-    "infer of a recording, first time": "recording",
-}
+STEPS = ("install", "first", "extras", "recording")
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -60,7 +55,7 @@ def newcomer() -> Iterator[Number]:
     with TemporaryDirectory() as folder:
         for step in first_answer.steps(Path(folder)):
             if step.name in STEPS:
-                name = f"newcomer.{STEPS[step.name]}"
+                name = f"newcomer.{step.name}"
                 yield statistic(f"{name}.seconds", [step.clock], "s")
                 yield statistic(f"{name}.processor_seconds", [step.processors], "s")
                 if step.installed:
@@ -71,7 +66,7 @@ def measure(run: Run) -> Iterator[Number]:
     if run.part == "newcomer":
         yield from newcomer()
         return
-    made = [one[0] for i in range(3 * TOGETHER) if (one := recording("calibration", i))][:TOGETHER]
+    made = [one for i in range(3 * TOGETHER) if (one := recording(i)) is not None][:TOGETHER]
     infer_many(made[:1])  # what is loaded once does not count
     for law, material in (("one_law", "nhkv"), ("one", None)):
         alone, busy, worth = [], [], []

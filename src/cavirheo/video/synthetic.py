@@ -1,4 +1,4 @@
-"""Rendered recordings with a known radius history, for tests, benchmarks and examples."""
+"""Rendered recordings with a known radius history, for tests, validation and examples."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 COUNT_INTERVAL = 1.0  # s between two counts of workers
 SHORTEST_BATCH = 2.0  # shortest duration of a batch, s
-SECONDS_PER_THREAD = 0.016  # s of a batch for each thread; the driver needs a quarter of this (benchmarks/scale.py)
+SECONDS_PER_THREAD = 0.016  # s of a batch for each thread; the driver needs a quarter of this
 LONGEST_BATCH = 60.0  # longest duration of a batch, s, which is lost with a worker
 BATCHES_PER_THREAD = 2  # batches for each thread: one that runs and one that waits
 MOST_JOBS = 1000  # largest number of jobs in a batch
