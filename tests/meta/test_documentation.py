@@ -22,9 +22,7 @@ from cavirheo import read_curves, verbs
 from cavirheo.inference.analysis import Analysis
 from cavirheo.workflow.store import Store
 
-PAGES = sorted(
-    path for where in ("", "docs/**/", "validation/**/") for path in ROOT.glob(f"{where}*.md")
-)
+PAGES = sorted(path for where in ("", "docs/**/", "validation/**/") for path in ROOT.glob(f"{where}*.md"))
 FOLDERS = "src|tests|docs|validation|examples|recipes|packaging"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
 HELP = {text for parameter in COMMAND.params for text in parameter.opts} | {"--help"}  # of every verb or of none

@@ -82,8 +82,8 @@ def collapse(run: Run) -> Iterator[Number]:
     G, mu = 10 ** (2.5 + 3 * u[:, 0]), 10 ** (-3 + 3 * u[:, 1])
     stretch, radius = 3 + 8 * u[:, 2], 60e-6 * 7.5 ** u[:, 3]
     simulated = simulated_time(radius, stretch, G, mu)
+    simulated[~np.isfinite(simulated)] = np.nan  # no collapse
     off = analytic_time(radius, stretch, G, mu) / simulated - 1.0
-    off[~np.isfinite(simulated)] = np.nan
     Re = WATER.pressure * radius / (mu * WATER.velocity_scale)
     yield Number("collapse.bubbles", len(u), "1", len(u), 0.0)
     yield statistic("collapse.median", off[Re > 10], "1")
