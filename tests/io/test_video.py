@@ -20,8 +20,8 @@ from cavirheo.io.files import expand
 from cavirheo.io.videos import examine, measure
 from cavirheo.video.frames import Footage, is_video, read
 from cavirheo.video.stage import set_stage
-from cavirheo.video.synthetic import Film, Scene, render
 from cavirheo.video.track import USED, Track, follow
+from validation.rendering import Film, Scene, render
 
 HOW = {"frame_rate": RATE, "um_per_px": SCALE}
 SCENES = {

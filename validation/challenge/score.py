@@ -166,24 +166,6 @@ def grouped(truth: Sequence[Row], programs: dict[str, list[Row]], by: Callable[[
     return markdown(("program", "", word, *HEADS), rows)
 
 
-def ratios(truth: Sequence[Row], first: Sequence[Row], other: Sequence[Row], quantity: str) -> list[float]:
-    """Widths of the first program over those of the other one, in recordings where both intervals hold."""
-    pairs = zip(judge(truth, first, quantity), judge(truth, other, quantity), strict=True)
-    return [a.width / b.width for a, b in pairs if a.bounded and a.held and b.bounded and b.held and b.width > 0]
-
-
-def narrower(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
-    """The first program against each other one."""
-    first, *others = programs
-    rows = []
-    for other in others:
-        for quantity in QUANTITIES:
-            both = ratios(truth, programs[first], programs[other], quantity)
-            shown = f"{np.median(both):.2f}" if both else ""
-            rows.append([f"{first} over {other}", quantity, shown, str(len(both))])
-    return markdown(("widths", "", "median ratio where both hold", "recordings"), rows)
-
-
 def seconds(programs: dict[str, list[Row]]) -> str:
     rows = []
     for program, answers in programs.items():
@@ -202,8 +184,6 @@ def report(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
         grouped(truth, programs, lambda one: one.about["difficulty"], "difficulty"),
         grouped(truth, programs, lambda one: one.about["law"], "law"),
     ]
-    if len(programs) > 1:
-        parts.append(narrower(truth, programs))
     judging = {name: rows for name, rows in programs.items() if any(row.get("verdict") for row in rows)}
     if judging:
         parts.append(grouped(truth, judging, lambda one: one.verdict.partition(":")[0] or "none", "its own verdict"))

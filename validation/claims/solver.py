@@ -112,10 +112,10 @@ def measure(run: Run) -> Iterator[Number]:
     yield statistic("peers.field.ratio", ratios, "1", seed=CASES_SEED)
     if importlib.util.find_spec("pyimr") is None:
         return
-    from validation.challenge import run_pyimr
+    from validation import pyimr_peer
 
     for nodes in (25, 50):
-        runs = [run_pyimr.solve(row, WATER.density, TIME, nodes) for row in cases[:PEERS]]
+        runs = [pyimr_peer.solve(row, WATER, TIME, nodes) for row in cases[:PEERS]]
         good = [k for k, one in enumerate(runs) if one]
         yield from errors(f"peers.pyimr{nodes}", [runs[k][0] for k in good], [truth[k] for k in good])
         ratios = [1e3 * runs[k][1] / usual[k] for k in good]

@@ -1,6 +1,6 @@
 """How well radii are measured in recordings.
 
-Rendered recordings (cavirheo.video.synthetic) of simulated bubbles, so that R(t) is known: 12 kinds of scene, of seeds
+Rendered recordings (validation/rendering.py) of simulated bubbles, so that R(t) is known: 12 kinds of scene, of seeds
 that the method was not tuned on (0 to 4 are those of the tuning). A seed chooses material, R_max, frame rate, phase of
 the clock, light and noise. Errors are in pixels, of frames called ok with R above 3 px; the true radius is the mean
 over the exposure.
@@ -22,8 +22,8 @@ from scipy.ndimage import binary_erosion, binary_fill_holes, label
 import cavirheo
 from cavirheo.io.videos import examine
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
-from cavirheo.video.synthetic import Film, Scene, render
 from validation.numbers import Number, Run, statistic
+from validation.rendering import Film, Scene, render
 
 SEEDS = range(100, 105)
 FRAMES = 80
