@@ -7,12 +7,12 @@ import resource
 import subprocess
 import sys
 import time
+import venv
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-EXAMPLES = ROOT / "examples"
 
 
 class Step(NamedTuple):
@@ -38,15 +38,15 @@ def timed(words: list[str], folder: Path) -> tuple[float, float]:
 
 
 def steps(folder: Path) -> Iterator[Step]:
-    """Each step as it is done, in this empty folder."""
+    """Each step as it is done, in this empty folder with a new environment."""
+    venv.create(folder / "new", with_pip=True)
     program = str(folder / "new" / "bin" / "cavirheo")
     pip = [str(folder / "new" / "bin" / "pip"), "install", "--quiet", "--disable-pip-version-check"]
     pip += ["-c", str(ROOT / "constraints.txt")]
-    video = ["infer", str(EXAMPLES / "bubble.mp4"), "--fps", "500000", "--um-per-px", "4", "-o", "by-video"]
+    video = ["infer", str(ROOT / "examples" / "bubble.mp4"), "--fps", "500000", "--um-per-px", "4", "-o", "by-video"]
     for name, words in {
-        "environment": [sys.executable, "-m", "venv", "new"],
         "install": [*pip, str(ROOT)],
-        "first": [program, "infer", str(EXAMPLES / "stiff_gel.mat"), "-o", "first"],
+        "first": [program, "infer", str(ROOT / "examples" / "stiff_gel.mat"), "-o", "first"],
         "extras": [*pip, f"{ROOT}[plot,video]"],
         "recording": [program, *video],
     }.items():

@@ -25,8 +25,8 @@ class Scene:
 
     centre: (x, y), by default near the middle. exposure: of a frame. blur: sigma of the optics. lit: brightness of the
     background. dark: light that passes the bubble, over that beside it; above 1 the bubble is bright. noise: deviation
-    at the background. modes: (n, amplitude over R, phase). wall: y of a dark wall's edge, or with `mirror` of
-    a mirror. empty, flash, dark_frames: numbers of frames before the bubble: normal, overexposed, then dark ones.
+    at the background. modes: (n, amplitude over R, phase). wall: y of a dark wall's edge. empty, flash, dark_frames:
+    numbers of frames before the bubble: normal, overexposed, then dark ones.
     """
 
     width: int = 256
@@ -45,7 +45,6 @@ class Scene:
     modes: tuple[tuple[int, float, float], ...] = ()
     drift: tuple[float, float] = (0.0, 0.0)
     wall: float | None = None
-    mirror: bool = False
     dust: int = 0
     shock: bool = False
     satellites: int = 0
@@ -71,12 +70,8 @@ class Film:
     centre: Floats
 
     def save(self, path: str | Path, crf: int = 18) -> None:
-        """Save the film as .mp4 (H.264 of quality `crf`, 8 bits), .mkv (FFV1, lossless) or .tif. Raises InputError."""
+        """Save the film as .mp4 (H.264 of quality `crf`, 8 bits), .mkv (FFV1, lossless) or .tif."""
         path = Path(path)
-        kinds = (".mp4", ".mkv", ".tif")
-        require(path.suffix in kinds, f"a film is saved as .mp4, .mkv or .tif, got {path.name}", "render.kind")
-        fine = path.suffix != ".mp4" or self.frames.dtype == np.uint8
-        require(fine, "16 bits are saved as .mkv or .tif", "render.bits")
         if path.suffix == ".tif":
             require_library("tifffile")
             from tifffile import imwrite
@@ -122,7 +117,7 @@ class _Camera:
         for _ in range(scene.dust):
             at, size = rng.uniform((0, 0), (width, height)), rng.uniform(0.8, 2.5)
             self.light *= 1.0 - rng.uniform(0.2, 0.8) * np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / (2 * size**2))
-        if scene.wall is not None and not scene.mirror:
+        if scene.wall is not None:
             self.light *= 1.0 - 0.85 / (1.0 + np.exp(-(y - scene.wall) / 0.8))
         self.x, self.y = x, y
         final_radius = float(np.median(radius[-len(radius) // 5 :]))
@@ -160,15 +155,12 @@ class _Camera:
         return pixels, (true if true > 0 else np.nan), turned, centre
 
     def _transmission(self, radii: Floats, centre: Floats, middle: float) -> Floats:
-        """Return (height, width) the light that passes the bubble, its mirror image and its satellites, blurred."""
+        """Return (height, width) the light that passes the bubble and its satellites, blurred."""
         scene = self.scene
         satellites = self.satellites if len(self.collapses) and middle > self.collapses[0] else []
         extent = 1.3 * radii.max() + 6.0 * scene.blur + 4.0
         extent = max([extent, *(np.hypot(x, y) + size + 8.0 for x, y, size in satellites)])
         (left, top), (right, bottom) = (np.floor(centre - extent).astype(int), np.ceil(centre + extent).astype(int) + 1)
-        wall = scene.wall if scene.mirror else None
-        if wall is not None:
-            bottom = scene.height
         left, top, right, bottom = max(left, 0), max(top, 0), min(right, scene.width), min(bottom, scene.height)
         cut = np.zeros((scene.height, scene.width))
         if left >= right or top >= bottom:
@@ -177,9 +169,6 @@ class _Camera:
         steps = (np.arange(-edge * _SUBPIXELS, (n + edge) * _SUBPIXELS) + 0.5 for n in (right - left, bottom - top))
         x, y = (step / _SUBPIXELS - 0.5 + start for step, start in zip(steps, (left, top), strict=True))
         covered = self._bubble(x[None, :] - centre[0], y[:, None] - centre[1], radii)
-        if wall is not None:
-            below = self._bubble(x[None, :] - centre[0], 2 * wall - y[:, None] - centre[1], radii)
-            covered = np.where(y[:, None] < wall, covered, below)
         for dx, dy, size in satellites:
             away = np.hypot(x[None, :] - centre[0] - dx, y[:, None] - centre[1] - dy)
             covered = np.maximum(covered, (1.0 - scene.dark) * np.clip((size - away) * _SUBPIXELS + 0.5, 0.0, 1.0))

@@ -29,7 +29,6 @@ class Recording:
     time: np.ndarray
     radius: np.ndarray
     max_radius: float
-    frame_rate: float
     exposure: float
     density: float
 
@@ -51,7 +50,6 @@ def read(folder: Path) -> Iterator[Recording]:
             time=1e-6 * table[:, 0],
             radius=1e-6 * table[:, 1],
             max_radius=1e-6 * float(row["R_max_um"]),
-            frame_rate=float(row["frame_rate_Hz"]),
             exposure=1e-6 * float(row["exposure_us"]),
             density=float(row["density_kg_m3"]),
         )

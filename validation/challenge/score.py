@@ -30,12 +30,10 @@ Row = dict[str, str]
 class Judged:
     """One quantity of one recording as one program answers it; log10. error, low and high: NaN where there is none."""
 
-    name: str
     about: Row  # of the recording
     error: float
     low: float  # bounds less truth
     high: float
-    seconds: float
     verdict: str
 
     @property
@@ -123,8 +121,7 @@ def judge(truth: Sequence[Row], answers: Sequence[Row], quantity: str) -> list[J
             continue
         columns = (quantity, f"{quantity}_low", f"{quantity}_high")
         error, low, high = np.log10([number(row.get(one), QUANTITIES[quantity]) for one in columns]) - np.log10(true)
-        seconds, verdict = number(row.get("seconds")), row.get("verdict") or ""
-        found.append(Judged(about["name"], about, float(error), float(low), float(high), seconds, verdict))
+        found.append(Judged(about, float(error), float(low), float(high), row.get("verdict") or ""))
     return found
 
 
@@ -166,16 +163,6 @@ def grouped(truth: Sequence[Row], programs: dict[str, list[Row]], by: Callable[[
     return markdown(("program", "", word, *HEADS), rows)
 
 
-def seconds(programs: dict[str, list[Row]]) -> str:
-    rows = []
-    for program, answers in programs.items():
-        spent = np.array([number(row.get("seconds")) for row in answers])
-        spent = spent[np.isfinite(spent)]
-        few = len(spent) == 0
-        rows.append([program, *(["", ""] if few else [f"{np.median(spent):.3g}", f"{np.quantile(spent, 0.95):.3g}"])])
-    return markdown(("program", "seconds, median", "95 %"), rows)
-
-
 def report(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
     """Every table, in Markdown."""
     parts = [
@@ -187,7 +174,7 @@ def report(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
     judging = {name: rows for name, rows in programs.items() if any(row.get("verdict") for row in rows)}
     if judging:
         parts.append(grouped(truth, judging, lambda one: one.verdict.partition(":")[0] or "none", "its own verdict"))
-    return "\n\n".join([*parts, seconds(programs)])
+    return "\n\n".join(parts)
 
 
 def draw(truth: Sequence[Row], programs: dict[str, list[Row]], path: Path) -> None:
@@ -224,8 +211,6 @@ def main(words: Sequence[str] | None = None) -> None:
         run(given.truth, given.answers, given.out)
     except (OSError, ValueError) as error:
         sys.exit(f"score.py: {error}")
-    except ModuleNotFoundError as error:
-        sys.exit(f"score.py: the tables are written; the picture needs {error.name}: pip install {error.name}")
 
 
 def run(truths: Path, answers: Sequence[Path], out: Path | None) -> None:

@@ -20,14 +20,13 @@ import numpy as np
 from cavirheo import Posterior, RadiusCurve, infer_many
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from validation import newcomer as first_answer
+from validation.newcomer import steps
 from validation.numbers import Number, Run, statistic
 from validation.recordings import STREAM, recording
 
 TOGETHER = 20
 SIMULATED = 20  # simulations that are timed
 PARTS = ("newcomer",)
-STEPS = ("install", "first", "extras", "recording")
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -53,13 +52,12 @@ def quantile_95(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def newcomer() -> Iterator[Number]:
     """Seconds of each step from nothing to the first answers, and MB of what is installed."""
     with TemporaryDirectory() as folder:
-        for step in first_answer.steps(Path(folder)):
-            if step.name in STEPS:
-                name = f"newcomer.{step.name}"
-                yield statistic(f"{name}.seconds", [step.clock], "s")
-                yield statistic(f"{name}.processor_seconds", [step.processors], "s")
-                if step.installed:
-                    yield statistic(f"{name}.size", [step.installed], "MB")
+        for step in steps(Path(folder)):
+            name = f"newcomer.{step.name}"
+            yield statistic(f"{name}.seconds", [step.clock], "s")
+            yield statistic(f"{name}.processor_seconds", [step.processors], "s")
+            if step.installed:
+                yield statistic(f"{name}.size", [step.installed], "MB")
 
 
 def measure(run: Run) -> Iterator[Number]:

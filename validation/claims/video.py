@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat
 from scipy.ndimage import binary_erosion, binary_fill_holes, label
 
 import cavirheo
@@ -137,17 +136,6 @@ def one(job: tuple[str, int]) -> dict:
     return row
 
 
-def published(folder: Path) -> Iterator[Number]:
-    """A published recording beside the published circle fit."""
-    path = folder / "video" / "PAstiff_xy002.mp4"
-    if path.is_file():
-        found, _ = examine(path, frame_rate=270e3, um_per_px=2.76)
-        radius = loadmat(str(path.with_name("PAstiff_xy002_RofT.mat")))["Rnew"].ravel()
-        ok = (found.track.flags == "ok") & (radius > 0) & np.isfinite(found.track.radius)
-        off = (found.track.radius[ok] - radius[ok]) / radius.max()
-        yield statistic("published.rms", off, "R_max", rms)
-
-
 def rms(values: np.ndarray, axis: int = -1) -> np.ndarray:
     return np.sqrt(np.mean(np.square(values), axis=axis))
 
@@ -168,5 +156,3 @@ def measure(run: Run) -> Iterator[Number]:
         yield statistic(f"{who}.rms.median", [float(rms(one)) for one in errors], "px", seed=SEEDS[0])
     for name in ("G", "mu"):
         yield statistic(f"fit.{name}", [abs(row[name]) for row in rows if name in row], "1", seed=SEEDS[0])
-    if run.data:
-        yield from published(run.data)
