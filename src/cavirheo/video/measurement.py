@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -118,8 +118,12 @@ class Measurement:
         return RadiusCurve(self.time, radius, sigma, labels, unscaled=unscaled, warnings=self.warnings)
 
 
+def _no_progress(_: int) -> Callable[[], None]:
+    return lambda: None
+
+
 class MeasureOptions(TypedDict, total=False):
-    """Options of `measure`."""
+    """Options of `measure`. begin: takes the number of frames, and returns the function to call after each."""
 
     frame_rate: float | None
     um_per_px: float | None
@@ -132,21 +136,11 @@ class MeasureOptions(TypedDict, total=False):
     begin: Callable[[int], Callable[[], None]]
 
 
-def measure(
-    path: Path,
-    *,
-    frame_rate: float | None = None,
-    um_per_px: float | None = None,
-    exposure: float | None = None,
-    polarity: str = "auto",
-    roi: tuple[int, int, int, int] | None = None,
-    reference_frame: int | None = None,
-    span: tuple[int, int] | None = None,
-    exclude: str | Iterable[int] | None = None,
-    begin: Callable[[int], Callable[[], None]] = lambda count: lambda: None,
-) -> Measurement:
-    """Measure a recording; options as of `cavirheo.measure`. begin: takes the number of frames, and returns the
-    function to call after each. Raises InputError, and any exception of the libraries for damaged files."""
+def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
+    """Measure a recording; options as of `cavirheo.measure`. Raises InputError, and any exception of the libraries for
+    damaged files."""
+    frame_rate, um_per_px, exposure = (options.get(name) for name in ("frame_rate", "um_per_px", "exposure"))
+    reference_frame = options.get("reference_frame")
     for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
@@ -172,8 +166,8 @@ def measure(
     FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
     count, height, width = whole.frames.shape
     time = np.arange(count) / rate.value if whole.time is None or frame_rate else whole.time
-    first, last = span or (1, count)
-    region = roi or (0, 0, width, height)
+    first, last = options.get("span") or (1, count)
+    region = options.get("roi") or (0, 0, width, height)
     footage = _cropped(whole, first, last, region)
     fine = reference_frame is None or first <= reference_frame <= last
     require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
@@ -181,11 +175,11 @@ def measure(
     exposed_share = shutter.value / interval if shutter.value else None
     longer = f"{1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * interval:.4g} us between frames"
     require(not exposed_share or exposed_share <= 1.001, f"an exposure of {longer}", "video.exposure")
-    stage = set_stage(footage, polarity, reference_frame and reference_frame - first + 1)
-    track = follow(stage, exposed_share, begin(len(footage.frames)))
-    options = {
+    stage = set_stage(footage, options.get("polarity", "auto"), reference_frame and reference_frame - first + 1)
+    track = follow(stage, exposed_share, options.get("begin", _no_progress)(len(footage.frames)))
+    settings = {
         "polarity": "dark" if stage.depth > 0 else "bright",
-        "roi": roi,
+        "roi": options.get("roi"),
         "frames": f"{first}:{last}",
         "reference_frame": reference_frame,
         "frames_without_bubble": stage.empty,
@@ -196,7 +190,8 @@ def measure(
     if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _SATURATED_SHARE:
         warnings.append(Message("check_input.overexposed"))
     time, corner = time[first - 1 : last], region[:2]
-    measurement = Measurement(track, footage, time, rate, scale, shutter, options, tuple(warnings), first, corner)
+    measurement = Measurement(track, footage, time, rate, scale, shutter, settings, tuple(warnings), first, corner)
+    exclude = options.get("exclude")
     return measurement if exclude is None else measurement.excluding(exclude)
 
 
