@@ -36,6 +36,7 @@ DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and wher
 }  # fmt: skip
 BLOCK: int = DOMAIN["block"]
 LAWS: list[dict[str, float]] = [DOMAIN[part] for part in ("elastic", "viscous", "arms")]
+ACCOMMODATIONS: tuple[float, float] = (DOMAIN["accommodation"][0], DOMAIN["accommodation"][1])
 COARSE_INSTANTS, FINE_INSTANTS = 2400, 1200  # of a simulation: for the stretched time, and in it
 COLUMNS = {"inputs": (np.float32, (INPUTS,)), "time": (np.float32, (NODES,)), "radius": (np.float32, (NODES,))}
 THIRD = 3  # collapses until the trajectory counts less
@@ -92,7 +93,7 @@ def draw(rng: np.random.Generator) -> Drawn:
     x = rng.uniform(bounds[:, 0], bounds[:, 1], (size, len(bounds)))
     radius, stretch = _mixed(rng, DOMAIN["max_radius"], size), _mixed(rng, DOMAIN["stretch"], size)
     field = rng.random(size) < DOMAIN["field_share"]
-    accommodation = np.where(field, np.inf, _log_uniform(rng, *DOMAIN["accommodation"], size))
+    accommodation = np.where(field, np.inf, _log_uniform(rng, *ACCOMMODATIONS, size))
     damping = rng.random(size) ** 1.5 * (rng.random(size) < np.where(field, 0.2, 0.85))
     modulus = 10.0 ** -(2.0 * rng.random(size)) if damaged else np.ones(size)
     widening = 10.0 ** rng.random(size) if damaged else np.ones(size)

@@ -139,7 +139,9 @@ class MeasureOptions(TypedDict, total=False):
 def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     """Measure a recording; options as of `cavirheo.measure`. Raises InputError, and any exception of the libraries for
     damaged files."""
-    frame_rate, um_per_px, exposure = (options.get(name) for name in ("frame_rate", "um_per_px", "exposure"))
+    frame_rate = options.get("frame_rate")
+    um_per_px = options.get("um_per_px")
+    exposure = options.get("exposure")
     reference_frame = options.get("reference_frame")
     for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
