@@ -1,7 +1,7 @@
 """Make the synthetic shots of this folder: simulated bubbles, filmed by an imperfect camera; two rheometer sweeps; and
 a recording of one more bubble.
 
-    python examples/make_examples.py
+    python -m examples.make_examples
 
 Nothing here was measured. Each shot is a Keller-Miksis simulation (water-like medium, neo-Hookean Kelvin-Voigt
 material) filmed at 1 Mfps. It has what real recordings have: growth before R_max (here the collapse in reverse, because
@@ -26,7 +26,7 @@ from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, simulate
 from cavirheo.physics.media import WATER
-from cavirheo.video.synthetic import Scene, render
+from validation.rendering import Scene, render
 
 HERE = Path(__file__).parent
 FRAME, EXPOSURE, FRAMES = 1e-6, 0.3e-6, 160  # s, s

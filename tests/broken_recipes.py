@@ -36,7 +36,6 @@ RECIPES: dict[str, tuple[bytes, str]] = {
     "seed beyond 64 bits": (instead("n = 100", f"n = 100\nseed = {1 << 70}"), "data.seed"),
     "epochs a trillion": (instead("epochs = 4", "epochs = 1000000000000"), "training.epochs"),
     "lr infinite": (instead("lr = 0.01", "lr = inf"), "training.lr"),
-    "schedule unknown": (instead("epochs = 4", 'schedule = "linear"'), "training.schedule"),
     "width a billion": (instead("width = 16", "width = 1000000000"), "network.width"),
     "activation a module": (instead("width = 16", 'activation = "os"'), "network.activation"),
     "an emulator with a prior": ((RIGHT + "[emulator]\n").encode(), "training.samples"),

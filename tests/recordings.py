@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cavirheo.video.synthetic import Film, Scene, render
+from validation.rendering import Film, Scene, render
 
 RATE, SCALE = 5e5, 5.5  # 1/s, um per px
 FRAMES = 34

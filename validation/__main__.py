@@ -27,12 +27,12 @@ from pathlib import Path
 
 from cavirheo.parallel import cores
 from validation import pages
-from validation.claims import calibration, challenge, references, times
+from validation.claims import calibration, challenge, references, solver, times
 from validation.numbers import Number, Run
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = {"calibration": calibration.SETTINGS, "challenge": challenge.PARTS, "references": references.PARTS,
-         "times": times.PARTS}  # fmt: skip
+         "solver": solver.PARTS, "times": times.PARTS}  # fmt: skip
 CLAIMS = (
     "solver", "calibration", "video", "population", "groups", "design", "evidence", "challenge", "open_sets",
     "references", "times",

@@ -78,10 +78,8 @@ def main() -> None:
         found[target] = run(target)
         failed = failed or found[target]["outcome"] != "passed"
         OUT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        print(
-            f"{target}: {found[target]['outcome']}, {found[target]['seconds']} s, {found[target]['figures']}",
-            flush=True,
-        )
+        entry = found[target]
+        print(f"{target}: {entry['outcome']}, {entry['seconds']} s, {entry['figures']}", flush=True)
     sys.exit(failed)
 
 

@@ -22,7 +22,7 @@ FENCED = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 APART = re.compile(r"`[^`\n]*`|\]\([^)\n]*\)")  # inline code, and the target of a link
 MEASURED = re.compile(r"\d+\.\d+|\d+ ?%")
 UNMEASURED = re.compile(  # what is measured only where it is named, or with a program that few machines have
-    r"challenge\.(?:fit|scipy|infer_field|pyimr|open)\."
+    r"challenge\.(?:fit|scipy|infer_field|open)\."
     r"|challenge\.(?:several\.)?\w+\.\w+\.error$|solver\.peers\.pyimr|times\.newcomer\."
 )
 AT_BEGINNING = re.compile(r"^\s*(?:[-*>]|\d+\.)?\s*<!--[a-z_]+\.", re.MULTILINE)  # Markdown would end the paragraph
@@ -175,7 +175,7 @@ def read_results() -> dict[str, dict]:
 
 
 def marked_pages() -> list[Path]:
-    patterns = ("*.md", "docs/**/*.md", "benchmarks/*.md", "validation/**/*.md", "paper/*.md")
+    patterns = ("*.md", "docs/**/*.md", "validation/**/*.md", "paper/*.md")
     return sorted(path for pattern in patterns for path in ROOT.glob(pattern) if MARKED.search(path.read_text("utf-8")))
 
 

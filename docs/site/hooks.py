@@ -1,6 +1,6 @@
 """Which files of the repository are pages of the site: each at its own path, so that every link is right in both.
 
-mkdocs takes pages from one folder; here they are README and its neighbours, docs/, benchmarks/, the examples, and what
+mkdocs takes pages from one folder; here they are README and its neighbours, docs/, the examples, and what
 docs/site/reference.py makes of the code. Python-Markdown wants an empty line above a list or a table where
 GitHub does not; it is put there. Equations are LaTeX in the files, which GitHub sets, and MathML in the site, which
 browsers set without a script or a font from elsewhere.
@@ -37,7 +37,6 @@ KEPT = (
     "docs/*/*.png",
     "docs/site/*.css",
     "docs/site/*.js",
-    "benchmarks/*.md",
     "validation/*.py",
     "validation/*.json",
     "validation/*/*.md",

@@ -23,7 +23,7 @@ KINDS = {
         "cavirheo.companions.collapse_times.CollapseTimes",
         "cavirheo.companions.collapse_times.print_table",
     ),
-    "measure": ("cavirheo.video.measurement.Measured", "cavirheo.video.measurement.print_table"),
+    "measure": ("cavirheo.reporting.measured.Measured", "cavirheo.reporting.measured.print_table"),
     "design": ("cavirheo.companions.design.Design", "cavirheo.companions.design.print_table"),
     "training": ("cavirheo.training.scores.TrainingRun", "cavirheo.training.scores.print_run"),
 }

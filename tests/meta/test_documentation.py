@@ -22,10 +22,8 @@ from cavirheo import read_curves, verbs
 from cavirheo.inference.analysis import Analysis
 from cavirheo.workflow.store import Store
 
-PAGES = sorted(
-    path for where in ("", "docs/**/", "benchmarks/", "validation/**/") for path in ROOT.glob(f"{where}*.md")
-)
-FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|packaging"
+PAGES = sorted(path for where in ("", "docs/**/", "validation/**/") for path in ROOT.glob(f"{where}*.md"))
+FOLDERS = "src|tests|docs|validation|examples|recipes|packaging"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
 HELP = {text for parameter in COMMAND.params for text in parameter.opts} | {"--help"}  # of every verb or of none
 OPTIONS = {
@@ -34,9 +32,9 @@ OPTIONS = {
 }
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"])
 TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
-OF_BENCHMARKS = {
+OF_VALIDATION = {
     option
-    for path in (*ROOT.glob("benchmarks/*.py"), *ROOT.glob("validation/**/*.py"), ROOT / "tests/meta/test_golden.py")
+    for path in (*ROOT.glob("validation/**/*.py"), ROOT / "tests/meta/test_golden.py")
     for option in re.findall(r'"(--[\w-]+)"', path.read_text("utf-8"))
 }
 
@@ -78,7 +76,7 @@ def broken_code(code: str) -> Iterator[str]:
         yield f"verb {words[0]}"
     if code.startswith(("make ", "pip ", "python ")):
         yield broken_command(code)
-    known = OPTIONS.get(words[0] if words else "") or set().union(*OPTIONS.values(), OF_BENCHMARKS)
+    known = OPTIONS.get(words[0] if words else "") or set().union(*OPTIONS.values(), OF_VALIDATION)
     yield from (f"option {word} in {code}" for word in re.findall(r"--[a-z][\w-]*", code) if word not in known)
     is_path = re.fullmatch(r"[\w.-]+/[\w./-]+\.(py|toml|md|css|js)", code)
     if is_path and not any((folder / code).exists() for folder in (ROOT, ROOT / "src" / "cavirheo")):

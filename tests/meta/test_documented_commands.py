@@ -18,7 +18,7 @@ from test_documentation import COMMAND, NUMBER, PAGES, ROOT, blocks, name
 
 import cavirheo
 from cavirheo.physics.media import WATER
-from cavirheo.video.synthetic import Scene, render
+from validation.rendering import Scene, render
 
 pytestmark = [
     pytest.mark.slow,

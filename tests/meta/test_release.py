@@ -20,7 +20,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
 @pytest.mark.repository
 def test_the_version_is_written_once_and_the_citation_is_of_it_and_its_authors():
-    places = ("*", *(f"{one}/**/*" for one in ("src", "docs", "packaging", "recipes", "benchmarks", "examples")))
+    places = ("*", *(f"{one}/**/*" for one in ("src", "docs", "packaging", "recipes", "validation", "examples")))
     kinds = (".py", ".md", ".toml", ".yaml", ".yml", ".cff", ".txt", ".html", "")
     paths = [path for place in places for path in ROOT.glob(place) if path.is_file() and path.suffix in kinds]
     written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"

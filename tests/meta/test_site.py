@@ -34,7 +34,7 @@ def site(tmp_path_factory):
 
 @pytest.mark.slow
 def test_every_page_of_the_repository_is_there_and_nothing_is_fetched_from_elsewhere(site):
-    pages = [path for folder in ("docs", "benchmarks", "validation") for path in (ROOT / folder).rglob("*.md")]
+    pages = [path for folder in ("docs", "validation") for path in (ROOT / folder).rglob("*.md")]
     there = [site / path.relative_to(ROOT).with_suffix(".html") for path in pages]
     there = [page.with_stem("index") if page.stem == "README" else page for page in there]
     assert [page for page in there if not page.exists()] == []

@@ -1,6 +1,6 @@
 """The training problem: prior, identity, and the way between a shot and the reference scale. Training sets: the same
-bytes however they are made, nothing lost, nothing mixed. Thousands of recordings and large sets stay on the disk, and
-nothing is unpickled."""
+bytes however they are made, nothing lost, nothing mixed. Thousands of recordings stay on the disk, and nothing is
+unpickled."""
 
 import os
 import pickle
@@ -189,13 +189,13 @@ def test_trajectories_are_of_whole_blocks_however_they_are_made(tmp_path):
     found = survey(tmp_path / "one")
     assert (found.curves, found.files, found.missing_files) == (2020, 2, 0)
     assert found.statuses["ok"] == 2020 - 2000 // BLOCK  # the last file is filled by its two blocks
-    columns, origin = load_trajectories(tmp_path / "one", tmp_path)
+    columns, origin = load_trajectories(tmp_path / "one")
     assert (len(columns["inputs"]), origin["n"], origin["seed"]) == (found.statuses["ok"], 2020, 2)
     assert code_of(generate, DOMAIN, 2020, tmp_path / "one", seed=3, progress=False) == "dataset.another_seed"
     (path,) = (tmp_path / "one").glob("*-00001.h5")
     with h5py.File(path, "a") as file:
         file.attrs["domain"] = file.attrs["domain"].replace('"field_share": 0.22', '"field_share": 0.5')
-    assert code_of(load_trajectories, tmp_path / "one", tmp_path) == "dataset.another_domain"
+    assert code_of(load_trajectories, tmp_path / "one") == "dataset.another_domain"
 
 
 def few(seed, number):
@@ -221,14 +221,8 @@ def test_a_trajectory_counts_until_the_rebound_of_its_third_collapse():
     assert compared_end(np.array([oscillating, resting])).tolist() == [186, DOMAIN["nodes"] - 1]
 
 
-def test_a_set_on_the_disk_is_the_set_in_memory_and_a_single_bit_that_changed_is_noticed(tmp_path):
+def test_a_single_bit_that_changed_is_noticed(tmp_path):
     generate(PROBLEM, 6, tmp_path / "set", seed=1, progress=False)
-    here, there = load(tmp_path / "set"), load(tmp_path / "set", tmp_path)
-    assert not there.radius.flags.owndata  # mapped to a file without a name
-    assert [path.name for path in tmp_path.iterdir()] == ["set"]
-    assert here.sha256 == there.sha256
-    np.testing.assert_array_equal(here.radius, there.radius[:])
-    np.testing.assert_array_equal(here.theta, there.theta)
     (path,) = tmp_path.glob("set/*.h5")
     with h5py.File(path) as file:
         place = file["radius"].id.get_chunk_info(0).byte_offset

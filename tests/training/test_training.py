@@ -73,14 +73,12 @@ def test_metrics_of_known_errors():
     found = metrics(["log10_shear_modulus", "stretch"], truth, truth + np.array([0.1, 0.0]))
     G, natural = found["log10_shear_modulus"], 10 ** truth[:, 0]
     by_hand = {
-        "bias": 0.1, "rmse": 0.1, "median_absolute_error": 0.1, "median_relative_error": 10**0.1 - 1,
+        "median_absolute_error": 0.1, "median_relative_error": 10**0.1 - 1,
         "r2": 1 - 0.01 / truth[:, 0].var(),
         "r2_natural": 1 - np.mean((natural * (10**0.1 - 1)) ** 2) / natural.var(),
     }  # fmt: skip
     assert {name: G[name] for name in by_hand} == pytest.approx(by_hand)
     assert found["stretch"]["r2"] == 1.0
-    far = metrics(["stretch"], np.arange(1.0, 12.0)[:, None], np.ones((11, 1)))["stretch"]
-    assert far["p90_absolute_error"] == pytest.approx(9.0)
     assert code_of(metrics, ["stretch"], truth, truth) == "metrics.shape"
 
 
@@ -95,7 +93,7 @@ class TestTorch:
 
     def test_the_network_of_the_paper(self):
         recipe = read_recipe(ROOT / "recipes" / "bdt-viscoelastic.toml")
-        network = self.networks.BubbleTransformer(recipe.network, 100, 2)
+        network = self.networks.BubbleTransformer.of(recipe)
         assert sum(p.numel() for p in network.parameters()) == 153_090  # counted by hand
         assert {m.eps for m in network.modules() if isinstance(m, self.torch.nn.LayerNorm)} == {1e-6}
         assert {m.p for m in network.modules() if isinstance(m, self.torch.nn.Dropout)} == {0.1}
@@ -106,10 +104,10 @@ class TestTorch:
         self.torch.manual_seed(1)
         expected = self.torch.rand(3)
         self.torch.manual_seed(1)
-        result = self.train(changed(recipe, epochs=20), data, tmp_path / "run", **CPU)
+        result = self.train(changed(recipe, epochs=60), data, tmp_path / "run", **CPU)
         assert self.torch.equal(self.torch.rand(3), expected)
         lines = [json.loads(line) for line in (tmp_path / "run" / "history.jsonl").read_text().splitlines()]
-        assert [line["epoch"] for line in lines] == list(range(1, 21))
+        assert [line["epoch"] for line in lines] == list(range(1, 61))
         assert lines[-1]["train"] < 0.2 * lines[0]["train"]
         assert min(line["validation"] for line in lines) == result["best_validation_loss"]
         assert result["data"]["failures"] == {"the step size went to zero": 2}
@@ -120,9 +118,8 @@ class TestTorch:
         split = load(data).split(recipe.training.seed)
         np.testing.assert_allclose(test["truth"], load(data).theta[split["test"]][:, :2], atol=1e-5)
 
-    @pytest.mark.parametrize("schedule", ["constant", "cosine"])
-    def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, monkeypatch, schedule):
-        recipe = changed(recipe, schedule=schedule, warmup_steps=3)
+    def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, monkeypatch):
+        recipe = changed(recipe, warmup_steps=3)
         whole = self.train(recipe, data, tmp_path / "whole", **CPU)
         kind = self.export.PointTraining
         steps, loss_of = [], kind.loss
@@ -151,15 +148,18 @@ class TestTorch:
         assert (tmp_path / "cut" / "result.json").read_bytes() == before
 
     def test_learning_rate(self, recipe):
-        assert recipe.training.learning_rate(1000, 40) == 0.01
-        cosine = changed(recipe, schedule="cosine", warmup_steps=10, epochs=4).training
+        cosine = changed(recipe, warmup_steps=10).training
         rates = [cosine.learning_rate(step, 40) for step in range(40)]
         assert (rates[0], rates[20], np.argmax(rates)) == (pytest.approx(0.001), pytest.approx(0.005), 9)
         assert rates[-1] < 1e-4
 
     def answers(self, recipe, run, inputs):
         with self.torch.inference_mode():
-            return self.export.load_network(recipe, run / "best.safetensors")(self.torch.from_numpy(inputs)).numpy()
+            return (
+                self.export.load_network(recipe, run / "best.safetensors")
+                .answers(self.torch.from_numpy(inputs))
+                .numpy()
+            )
 
     def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
         run, models = tmp_path / "run", tmp_path / "models"

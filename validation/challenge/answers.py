@@ -16,8 +16,8 @@ from validation.challenge.camera import read_maximum
 
 COLUMNS = ("name", "G", "G_low", "G_high", "mu", "mu_low", "mu_high", "seconds")
 Answer = dict[str, Any]
-"""Some of these columns, and others that score.py passes over; "predict": a function of times of the recording, s (n,),
-that gives radii, m (n,), or these with the two ends of their 90 % intervals (3, n)."""
+"""Some of these columns, and others that score.py passes over; "predict" is none: a function of times of the recording,
+s (n,), that gives radii, m (n,), or these with the two ends of their 90 % intervals (3, n)."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,6 @@ class Recording:
     time: np.ndarray
     radius: np.ndarray
     max_radius: float
-    frame_rate: float
     exposure: float
     density: float
 
@@ -51,42 +50,30 @@ def read(folder: Path) -> Iterator[Recording]:
             time=1e-6 * table[:, 0],
             radius=1e-6 * table[:, 1],
             max_radius=1e-6 * float(row["R_max_um"]),
-            frame_rate=float(row["frame_rate_Hz"]),
             exposure=1e-6 * float(row["exposure_us"]),
             density=float(row["density_kg_m3"]),
         )
 
 
-def read_asked(folder: Path) -> dict[str, list[str]]:
-    """Times as written, us, of the frames to be predicted, by the name of the recording."""
-    found: dict[str, list[str]] = {}
-    if (folder / "asked.csv").exists():
-        with (folder / "asked.csv").open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                found.setdefault(row["name"], []).append(row["time_us"])
-    return found
-
-
-def append(path: Path, columns: list[str], rows: list[Answer]) -> None:
-    """Adds rows to a table, which begins with the names of its columns."""
+def append(path: Path, row: Answer) -> None:
+    """Adds a row to a table, which begins with the names of its columns."""
     new = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns)
+        writer = csv.DictWriter(file, [*COLUMNS, *(name for name in row if name not in COLUMNS)])
         if new:
             writer.writeheader()
-        writer.writerows(rows)
+        writer.writerow(row)
 
 
 def run(description: str | None, answer: Callable[[Recording, list[str]], Answer]) -> None:
     """The command line of a runner: answers every recording of a folder, adds a line for each to the file, and goes on
-    where it was stopped. What stands after -- is handed to `answer`. Where the folder has asked.csv, NAME-ahead.csv
-    beside NAME.csv gets the predicted radii."""
+    where it was stopped. What stands after -- is handed to `answer`."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", type=Path)
     parser.add_argument("answers", type=Path)
     parser.add_argument("options", nargs="*", help="after --: options of the program")
     given = parser.parse_args()
-    answered, asked = set(), read_asked(given.recordings)
+    answered = set()
     if given.answers.exists():
         with given.answers.open(newline="", encoding="utf-8") as file:
             answered = {row["name"] for row in csv.DictReader(file)}
@@ -96,15 +83,6 @@ def run(description: str | None, answer: Callable[[Recording, list[str]], Answer
         began = time.perf_counter()
         row = {"name": recording.name, **answer(recording, given.options)}
         row.setdefault("seconds", round(time.perf_counter() - began, 3))
-        predict = row.pop("predict", None)
-        if predict is not None and recording.name in asked:
-            times = asked[recording.name]
-            radii = np.atleast_2d(predict(1e-6 * np.array(times, float)))[0]
-            rows = [
-                {"name": row["name"], "time_us": t, "radius_um": f"{1e6 * r:.4f}"}
-                for t, r in zip(times, radii, strict=True)
-            ]
-            append(given.answers.with_name(f"{given.answers.stem}-ahead.csv"), list(rows[0]), rows)
-        columns = [*COLUMNS, *(name for name in row if name not in COLUMNS)]
-        append(given.answers, columns, [row])
+        row.pop("predict", None)
+        append(given.answers, row)
         print(" ".join(f"{name} {value}" for name, value in row.items()), flush=True)

@@ -1,14 +1,7 @@
-"""Real recordings of the open sets, cut at the first rebound; what comes later is to be predicted.
-
-    python -m validation.challenge.open_sets FOLDER OUT [--shots 5]
-
-FOLDER has the sets of docs/validation.md in a folder each. OUT/recordings/ is as that of make.py, with asked.csv:
-the frames whose radius is to be predicted; OUT/held.csv has their measured radii, for score.py alone.
-"""
+"""Real recordings of the open sets, cut at the first rebound; what comes later is to be predicted."""
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +30,8 @@ def cut(curve: RadiusCurve) -> float | None:
 
 
 def make(folder: Path, out: Path, shots: int) -> None:
-    """Writes OUT, with at most so many shots of a set."""
+    """Writes at most so many shots of each set in `folder`: out/recordings/ as make.py does, and out/held.csv, the
+    frames that are to be predicted."""
     recordings = out / "recordings"
     recordings.mkdir(parents=True, exist_ok=True)
     known, held = [], []
@@ -57,19 +51,4 @@ def make(folder: Path, out: Path, shots: int) -> None:
                 frame = {"time_us": f"{1e6 * (curve.time[i] - start):.4f}", "radius_um": f"{1e6 * curve.radius[i]:.4f}"}
                 held.append({"name": name, **frame, "set": group, "R_max_um": R_max_um})
     write_table(recordings / "known.csv", known)
-    write_table(recordings / "asked.csv", [{key: row[key] for key in ("name", "time_us")} for row in held])
     write_table(out / "held.csv", held)
-    print(f"{len(known)} recordings in {out}, {len(held)} frames to be predicted")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--shots", type=int, default=5, help="at most so many of a set")
-    given = parser.parse_args()
-    make(given.folder, given.out, given.shots)
-
-
-if __name__ == "__main__":
-    main()

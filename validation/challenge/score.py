@@ -1,10 +1,9 @@
 """Scores the answers of programs to the recordings of the challenge.
 
     python -m validation.challenge.score TRUTH.csv ANSWERS.csv [ANSWERS.csv ...] [-o OUT]
-    python -m validation.challenge.score --ahead HELD.csv PREDICTIONS.csv [PREDICTIONS.csv ...]
 
 Each file of answers is one program, named by the file. Without -o the tables are printed; with it they stand in OUT.md
-and the picture in OUT.png. --ahead: frames that a program has not seen, and the radii that it predicts for them.
+and the picture in OUT.png.
 The page README.md beside this file explains the columns.
 """
 
@@ -14,7 +13,7 @@ import argparse
 import csv
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,8 +22,6 @@ import numpy as np
 QUANTITIES = {"G": 1.0, "mu": 1e-6}  # Pa, Pa s: bounds below count as these
 ANSWERED = tuple(f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high"))
 TRUTH = ("name", "half", "difficulty", "law", *QUANTITIES)
-PREDICTED = ("time_us", "radius_um")  # of the frames that a program has not seen
-HELD = ("name", "set", "R_max_um", *PREDICTED)
 LEVEL = 0.9
 Row = dict[str, str]
 
@@ -33,12 +30,10 @@ Row = dict[str, str]
 class Judged:
     """One quantity of one recording as one program answers it; log10. error, low and high: NaN where there is none."""
 
-    name: str
     about: Row  # of the recording
     error: float
     low: float  # bounds less truth
     high: float
-    seconds: float
     verdict: str
 
     @property
@@ -126,8 +121,7 @@ def judge(truth: Sequence[Row], answers: Sequence[Row], quantity: str) -> list[J
             continue
         columns = (quantity, f"{quantity}_low", f"{quantity}_high")
         error, low, high = np.log10([number(row.get(one), QUANTITIES[quantity]) for one in columns]) - np.log10(true)
-        seconds, verdict = number(row.get("seconds")), row.get("verdict") or ""
-        found.append(Judged(about["name"], about, float(error), float(low), float(high), seconds, verdict))
+        found.append(Judged(about, float(error), float(low), float(high), row.get("verdict") or ""))
     return found
 
 
@@ -169,34 +163,6 @@ def grouped(truth: Sequence[Row], programs: dict[str, list[Row]], by: Callable[[
     return markdown(("program", "", word, *HEADS), rows)
 
 
-def ratios(truth: Sequence[Row], first: Sequence[Row], other: Sequence[Row], quantity: str) -> list[float]:
-    """Widths of the first program over those of the other one, in recordings where both intervals hold."""
-    pairs = zip(judge(truth, first, quantity), judge(truth, other, quantity), strict=True)
-    return [a.width / b.width for a, b in pairs if a.bounded and a.held and b.bounded and b.held and b.width > 0]
-
-
-def narrower(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
-    """The first program against each other one."""
-    first, *others = programs
-    rows = []
-    for other in others:
-        for quantity in QUANTITIES:
-            both = ratios(truth, programs[first], programs[other], quantity)
-            shown = f"{np.median(both):.2f}" if both else ""
-            rows.append([f"{first} over {other}", quantity, shown, str(len(both))])
-    return markdown(("widths", "", "median ratio where both hold", "recordings"), rows)
-
-
-def seconds(programs: dict[str, list[Row]]) -> str:
-    rows = []
-    for program, answers in programs.items():
-        spent = np.array([number(row.get("seconds")) for row in answers])
-        spent = spent[np.isfinite(spent)]
-        few = len(spent) == 0
-        rows.append([program, *(["", ""] if few else [f"{np.median(spent):.3g}", f"{np.quantile(spent, 0.95):.3g}"])])
-    return markdown(("program", "seconds, median", "95 %"), rows)
-
-
 def report(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
     """Every table, in Markdown."""
     parts = [
@@ -205,12 +171,10 @@ def report(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
         grouped(truth, programs, lambda one: one.about["difficulty"], "difficulty"),
         grouped(truth, programs, lambda one: one.about["law"], "law"),
     ]
-    if len(programs) > 1:
-        parts.append(narrower(truth, programs))
     judging = {name: rows for name, rows in programs.items() if any(row.get("verdict") for row in rows)}
     if judging:
         parts.append(grouped(truth, judging, lambda one: one.verdict.partition(":")[0] or "none", "its own verdict"))
-    return "\n\n".join([*parts, seconds(programs)])
+    return "\n\n".join(parts)
 
 
 def draw(truth: Sequence[Row], programs: dict[str, list[Row]], path: Path) -> None:
@@ -237,60 +201,32 @@ def draw(truth: Sequence[Row], programs: dict[str, list[Row]], path: Path) -> No
     figure.savefig(path, dpi=110)
 
 
-def ahead(held: Sequence[Row], predictions: dict[str, list[Row]]) -> str:
-    """RMS of predicted less measured radius over the unseen frames, % of R_max: medians over the shots of a set.
-
-    A shot without a prediction for each of its frames counts as not answered.
-    """
-    rows = []
-    for program, answers in predictions.items():
-        said = {(row["name"], number(row["time_us"])): number(row["radius_um"]) for row in answers}
-        for group in dict.fromkeys(row["set"] for row in held):
-            errors = list(_misses([row for row in held if row["set"] == group], said))
-            fine = [error for error in errors if np.isfinite(error)]
-            shown = [f"{np.median(fine):.2f}", f"{np.max(fine):.2f}"] if fine else ["", ""]
-            rows.append([program, group, f"{len(fine)} of {len(errors)}", *shown])
-    return markdown(("program", "set", "answered", "RMSE ahead, % of R_max, median", "largest"), rows)
-
-
-def _misses(held: Sequence[Row], said: dict[tuple[str, float], float]) -> Iterator[float]:
-    for name in dict.fromkeys(row["name"] for row in held):
-        mine = [row for row in held if row["name"] == name]
-        off = [said.get((name, float(row["time_us"])), np.nan) - float(row["radius_um"]) for row in mine]
-        yield 100 * float(np.sqrt(np.mean(np.square(off)))) / float(mine[0]["R_max_um"])
-
-
 def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("truth", type=Path)
     parser.add_argument("answers", type=Path, nargs="+")
-    parser.add_argument("--ahead", action="store_true")
     parser.add_argument("-o", "--out", type=Path)
     given = parser.parse_args(words)
     try:
-        run(given.truth, given.answers, given.out, given.ahead)
+        run(given.truth, given.answers, given.out)
     except (OSError, ValueError) as error:
         sys.exit(f"score.py: {error}")
-    except ModuleNotFoundError as error:
-        sys.exit(f"score.py: the tables are written; the picture needs {error.name}: pip install {error.name}")
 
 
-def run(truths: Path, answers: Sequence[Path], out: Path | None, of_frames: bool) -> None:
+def run(truths: Path, answers: Sequence[Path], out: Path | None) -> None:
     """Print or write the tables of these files, and draw the picture. Raises ValueError as `read` and `judge`."""
-    columns, numbers = (HELD, PREDICTED) if of_frames else (TRUTH, ANSWERED)
-    truth, programs = read(truths, columns), dict[str, list[Row]]()
+    truth, programs = read(truths, TRUTH), dict[str, list[Row]]()
     for path in answers:
         if path.stem in programs:
             raise ValueError(f"two files are named {path.name}: each file is a program with that name, rename one")
-        programs[path.stem] = read(path, ("name", *numbers), (*numbers, "seconds"))
-    text = ahead(truth, programs) if of_frames else report(truth, programs)
+        programs[path.stem] = read(path, ("name", *ANSWERED), (*ANSWERED, "seconds"))
+    text = report(truth, programs)
     if out is None:
         print(text)
         return
     out.parent.mkdir(parents=True, exist_ok=True)
     out.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
-    if not of_frames:
-        draw(truth, programs, out.with_suffix(".png"))
+    draw(truth, programs, out.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -1,10 +1,8 @@
 """The open challenge: how often intervals hold the truth of its recordings, and their width; by cavirheo and others.
 
 `field`, `real` and `all` are of `infer` and seed 1; `several.field` and so on of UNSEEN, which --full takes, too.
-`fit.field` and so on are of other programs and seed 1. `pyimr.G.ratio` is the width of an interval of `infer` over that
-of PyIMR, in recordings where both hold the truth. PyIMR takes minutes a recording and an environment of its own: its
-answers are kept in challenge/pyimr.csv, where some recordings may lack one. `open` are predictions of real recordings,
-where their folder is given. Without --full, parts other than `infer` run where they are named.
+`fit.field` and so on are of other programs and seed 1. `open` are predictions of real recordings, where their folder is
+given. Without --full, parts other than `infer` run where they are named.
 """
 
 from __future__ import annotations
@@ -28,9 +26,8 @@ PROGRAMS: dict[str, tuple[Callable[[answers.Recording, list[str]], answers.Answe
     "fit": (run_cavirheo.answer, ["fit"]),
     "scipy": (run_scipy.answer, []),
 }
-PYIMR = Path(__file__).parents[1] / "challenge" / "pyimr.csv"  # its answers to seed 1
 AHEAD = ("infer", "infer_field", "scipy")  # what predicts real recordings
-PARTS = (*PROGRAMS, "pyimr", "open")
+PARTS = (*PROGRAMS, "open")
 
 Row = dict[str, str]
 
@@ -52,7 +49,6 @@ def measure(run: Run) -> Iterator[Number]:
     n = run.count(20, 60)
     parts = [part for part in PARTS if run.part == part or (not run.part and (run.full or part == "infer"))]
     unseen = UNSEEN if run.full and "infer" in parts else ()
-    pyimr = [{**row, "name": f"{SEED}.{row['name']}"} for row in score.read(PYIMR)] if "pyimr" in parts else []
     truths, found = dict[int, list[Row]](), dict[tuple[str, int], list[Row]]()
     with TemporaryDirectory() as folder:
 
@@ -73,11 +69,6 @@ def measure(run: Run) -> Iterator[Number]:
         if unseen:
             answered = [row for seed in unseen for row in found["infer", seed]]
             yield from judged("several.", [row for seed in unseen for row in truths[seed]], answered)
-        if "pyimr" in parts:
-            names = {row["name"] for row in pyimr}
-            if "infer" not in parts:
-                answer("infer", SEED, [row for row in truths[SEED] if row["name"] in names])
-            yield from compared(truths[SEED], found["infer", SEED], pyimr)
     if "open" in parts:
         yield from predicted(run)
     if run.pictures and run.full and not run.part:
@@ -98,15 +89,6 @@ def judged(prefix: str, truths: list[Row], rows: list[Row]) -> Iterator[Number]:
             yield statistic(f"{name}.error", [abs(one.error) for one in mine], "decades")
             yield share(f"{name}.bounds", [one.held for one in mine if one.one_sided])
     yield statistic(f"{prefix}seconds", [score.number(row.get("seconds")) for row in rows], "s")
-
-
-def compared(truths: list[Row], infer: list[Row], pyimr: list[Row]) -> Iterator[Number]:
-    """PyIMR's numbers, and the widths of `infer` over its widths, in the recordings that both answered."""
-    both = {row["name"] for row in infer} & {row["name"] for row in pyimr}
-    truths, infer, pyimr = ([row for row in rows if row["name"] in both] for rows in (truths, infer, pyimr))
-    yield from judged("pyimr.", truths, pyimr)
-    for quantity in score.QUANTITIES:
-        yield statistic(f"pyimr.{quantity}.ratio", score.ratios(truths, infer, pyimr, quantity), "1")
 
 
 def ahead(job: tuple[str, str, int], folder: Path) -> dict:

@@ -6,16 +6,19 @@ liquid whose viscosity is within 20 % of that of a rheometer; `held`: 90 % inter
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks import default_answer
-from cavirheo import read_curves
+from cavirheo import infer_many, read_curves
+from validation.challenge.open_sets import SETS
 from validation.numbers import Number, Run, share, statistic
 
+FILES = {name: files for name, (files, _) in SETS.items()}
+FILES |= {"PEGDA S3": "pegda_S3/*.mat", "PEGDA S4": "pegda_S4/*.mat"}
 LIQUID, RHEOMETER, WITHIN = "PEG 40 %", {"PEG 40 %": 0.130, "PEG 10 %": 0.0064}, 0.2  # Pa s
 GOOD = ("ok", "bound")
 
@@ -27,14 +30,24 @@ def key_of(name: str) -> str:
 
 @cache
 def usable(folder: Path, name: str) -> list:
-    files = sorted(folder.glob(default_answer.REAL[name]))
+    files = sorted(folder.glob(FILES[name]))
     curves = [curve for file in files for curve in read_curves(file) if not curve.unusable]
     return [curve for curve in curves if len(curve.collapse_times())]
 
 
 def one(job: tuple[str, int], folder: Path) -> dict:
     name, number = job
-    return default_answer.answered(usable(folder, name)[number], workers=1)
+    began = time.perf_counter()
+    (answer,) = infer_many([usable(folder, name)[number]], workers=1)
+    drawn = answer.parameters if len(answer.theta) > 1 else []
+    return {
+        "seconds": time.perf_counter() - began,
+        "verdict": answer.checks.verdict,
+        "rmse": answer.checks.rmse_over_rmax,
+        "intervals": {one: answer.interval(one) for one in drawn},
+        "bounds": {one: answer.bound(one) for one in drawn},
+        "medians": {one: answer.median(one) for one in answer.parameters},
+    }
 
 
 def value(row: dict, *names: str) -> float:
@@ -55,13 +68,13 @@ def measure(run: Run) -> Iterator[Number]:
     if run.data is None:
         return
     jobs = []
-    for name in default_answer.REAL:
+    for name in FILES:
         most = run.count(6 if name == LIQUID else 2, 100)
         jobs += [(name, number) for number in range(min(len(usable(run.data, name)), most))]
     rows = run.rows("open_sets", partial(one, folder=run.data), jobs)
     yield share("trusted", [row["verdict"] in GOOD for row in rows])
     yield share("ok", [row["verdict"] == "ok" for row in rows])
-    for name in default_answer.REAL:
+    for name in FILES:
         mine = [row for job, row in zip(jobs, rows, strict=True) if job[0] == name]
         key = key_of(name)
         yield statistic(f"rmse.{key}", [row["rmse"] or np.nan for row in mine], "R_max")

@@ -17,22 +17,16 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks import first_answer
-from benchmarks.default_answer import STREAM, recording
 from cavirheo import Posterior, RadiusCurve, infer_many
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
+from validation.newcomer import steps
 from validation.numbers import Number, Run, statistic
+from validation.recordings import STREAM, recording
 
 TOGETHER = 20
 SIMULATED = 20  # simulations that are timed
 PARTS = ("newcomer",)
-STEPS = {  # of benchmarks/first_answer.py
-    "pip install .": "install",
-    "infer, first time": "first",
-    'pip install ".[plot,video]"': "extras",
-    "infer of a recording, first time": "recording",
-}
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -58,20 +52,19 @@ def quantile_95(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def newcomer() -> Iterator[Number]:
     """Seconds of each step from nothing to the first answers, and MB of what is installed."""
     with TemporaryDirectory() as folder:
-        for step in first_answer.steps(Path(folder)):
-            if step.name in STEPS:
-                name = f"newcomer.{STEPS[step.name]}"
-                yield statistic(f"{name}.seconds", [step.clock], "s")
-                yield statistic(f"{name}.processor_seconds", [step.processors], "s")
-                if step.installed:
-                    yield statistic(f"{name}.size", [step.installed], "MB")
+        for step in steps(Path(folder)):
+            name = f"newcomer.{step.name}"
+            yield statistic(f"{name}.seconds", [step.clock], "s")
+            yield statistic(f"{name}.processor_seconds", [step.processors], "s")
+            if step.installed:
+                yield statistic(f"{name}.size", [step.installed], "MB")
 
 
 def measure(run: Run) -> Iterator[Number]:
     if run.part == "newcomer":
         yield from newcomer()
         return
-    made = [one[0] for i in range(3 * TOGETHER) if (one := recording("calibration", i))][:TOGETHER]
+    made = [one for i in range(3 * TOGETHER) if (one := recording(i)) is not None][:TOGETHER]
     infer_many(made[:1])  # what is loaded once does not count
     for law, material in (("one_law", "nhkv"), ("one", None)):
         alone, busy, worth = [], [], []

@@ -1,6 +1,6 @@
 """How well radii are measured in recordings.
 
-Rendered recordings (cavirheo.video.synthetic) of simulated bubbles, so that R(t) is known: 12 kinds of scene, of seeds
+Rendered recordings (validation/rendering.py) of simulated bubbles, so that R(t) is known: 12 kinds of scene, of seeds
 that the method was not tuned on (0 to 4 are those of the tuning). A seed chooses material, R_max, frame rate, phase of
 the clock, light and noise. Errors are in pixels, of frames called ok with R above 3 px; the true radius is the mean
 over the exposure.
@@ -16,14 +16,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat
 from scipy.ndimage import binary_erosion, binary_fill_holes, label
 
 import cavirheo
 from cavirheo.io.videos import examine
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
-from cavirheo.video.synthetic import Film, Scene, render
 from validation.numbers import Number, Run, statistic
+from validation.rendering import Film, Scene, render
 
 SEEDS = range(100, 105)
 FRAMES = 80
@@ -137,17 +136,6 @@ def one(job: tuple[str, int]) -> dict:
     return row
 
 
-def published(folder: Path) -> Iterator[Number]:
-    """A published recording beside the published circle fit."""
-    path = folder / "video" / "PAstiff_xy002.mp4"
-    if path.is_file():
-        found, _ = examine(path, frame_rate=270e3, um_per_px=2.76)
-        radius = loadmat(str(path.with_name("PAstiff_xy002_RofT.mat")))["Rnew"].ravel()
-        ok = (found.track.flags == "ok") & (radius > 0) & np.isfinite(found.track.radius)
-        off = (found.track.radius[ok] - radius[ok]) / radius.max()
-        yield statistic("published.rms", off, "R_max", rms)
-
-
 def rms(values: np.ndarray, axis: int = -1) -> np.ndarray:
     return np.sqrt(np.mean(np.square(values), axis=axis))
 
@@ -168,5 +156,3 @@ def measure(run: Run) -> Iterator[Number]:
         yield statistic(f"{who}.rms.median", [float(rms(one)) for one in errors], "px", seed=SEEDS[0])
     for name in ("G", "mu"):
         yield statistic(f"fit.{name}", [abs(row[name]) for row in rows if name in row], "1", seed=SEEDS[0])
-    if run.data:
-        yield from published(run.data)

@@ -18,13 +18,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from importlib.metadata import version
 from itertools import islice
 from math import prod
 from pathlib import Path
 from reprlib import repr as short
-from tempfile import TemporaryFile
 from typing import Any, NamedTuple
 
 import h5py
@@ -47,7 +46,6 @@ Columns = Mapping[str, Any]  # arrays by name, a row per curve
 SHARD, TRAJECTORIES = 500, 2000  # curves in a file of a set on a grid, and of a set for an emulator
 UNIT_SIZE = 3 * trajectories.BLOCK  # curves of a unit of work, which takes about half a second
 SPLIT_STREAM = 1  # not the stream of the prior: with equal seeds, a parameter would decide the split
-DISK_COLUMNS = ("time", "radius")  # columns whose values may stay on the disk
 FILTERS: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
 
 
@@ -166,7 +164,7 @@ class Survey:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A complete training set; its radii may be on the disk.
+    """A complete training set.
 
     Attributes:
         problem: prior and physics of the curves.
@@ -175,6 +173,7 @@ class Dataset:
         theta: (curves, parameters) true values in the prior's scale.
         radius: (curves, frames) R/R_max at the reference R_max.
         status: (curves,) "ok" or the reason of the failure.
+        sha256: of the SHA-256 digests of all files in their order.
     """
 
     problem: TrainingProblem
@@ -183,6 +182,7 @@ class Dataset:
     theta: Floats
     radius: NDArray[np.float32]
     status: NDArray[np.str_]
+    sha256: str
 
     @property
     def ok(self) -> Bools:
@@ -193,14 +193,6 @@ class Dataset:
     def failures(self) -> dict[str, int]:
         """Number of failed curves by status."""
         return dict(Counter(self.status[~self.ok].tolist()))
-
-    @cached_property
-    def sha256(self) -> str:
-        """SHA-256 of the content, which does not depend on the division into files."""
-        digest = hashlib.sha256(f"{self.problem.id} {self.seed} {' '.join(self.status)}".encode())
-        for values in (self.theta, self.radius):
-            digest.update(np.ascontiguousarray(values).data)
-        return digest.hexdigest()
 
     def truth(self, names: Sequence[str]) -> Floats:
         """Columns of theta (curves, names) for the parameters `names`."""
@@ -257,25 +249,24 @@ def generate(
     return GenerateSummary(curves, len(todo), len(files) - len(todo), failures, seconds, simulated)
 
 
-def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
-    """Load the training set in a folder. Its radii are in an unnamed file in the folder `scratch`, else in memory.
+def load(data_dir: str | Path) -> Dataset:
+    """Load the training set in a folder.
 
-    Raises InputError: no files, a missing or damaged file, files of different sets, or too little disk or memory.
+    Raises InputError: no files, a missing or damaged file, files of different sets, or too little memory.
     """
-    first, columns = _load(data_dir, "shard", {}, scratch)
-    problem = TrainingProblem.from_dict(json.loads(first.layout.problem))
-    return Dataset(problem, first.head["seed"], first.head["made_by"], **columns)
+    head, columns = _load(data_dir, "shard", {})
+    problem = TrainingProblem.from_dict(json.loads(head["problem"]))
+    return Dataset(problem, head["seed"], head["made_by"], **columns, sha256=_digest(_paths(data_dir, "shard")))
 
 
-def load_trajectories(data_dir: str | Path, scratch: Path) -> tuple[Columns, dict[str, Any]]:
-    """Load the trajectories for an emulator from a folder, unpacked in unnamed files in the folder `scratch`; and the
-    origin of the set.
+def load_trajectories(data_dir: str | Path) -> tuple[Columns, dict[str, Any]]:
+    """Load the trajectories for an emulator from a folder, and the origin of the set.
 
-    Raises InputError: no files, a missing or damaged one, another domain or version, or too little disk (2.2 kB each).
+    Raises InputError: as `load`, or the set is of another domain or version.
     """
-    first, columns = _load(data_dir, "trajectories", {"made_by": version("cavirheo")}, scratch)
-    origin = {"n": first.head["total"], "seed": first.head["seed"]}
-    return columns, {**origin, "sha256": _digest(_paths(data_dir, "trajectories"))}
+    head, columns = _load(data_dir, "trajectories", {"made_by": version("cavirheo")})
+    digest = _digest(_paths(data_dir, "trajectories"))
+    return columns, {"n": head["total"], "seed": head["seed"], "sha256": digest}
 
 
 def survey(data_dir: str | Path) -> Survey:
@@ -290,10 +281,8 @@ def survey(data_dir: str | Path) -> Survey:
     return Survey(*origin, dict(statuses), len(paths), missing_files, size, _digest(paths))
 
 
-def _load(
-    data_dir: str | Path, prefix: str, expected: Mapping[str, Any], scratch: Path | None
-) -> tuple[Shard, dict[str, Any]]:
-    """The first file of a complete set and all columns; with a folder `scratch` the DISK_COLUMNS are in files there."""
+def _load(data_dir: str | Path, prefix: str, expected: Mapping[str, Any]) -> tuple[Mapping[str, Any], dict[str, Any]]:
+    """The attributes and all columns of a complete set."""
     paths = _paths(data_dir, prefix)
     first = read_shard(paths[0], expected)
     layout, total, present = first.layout, first.head["total"], {path.name for path in paths}
@@ -301,29 +290,14 @@ def _load(
     missing = list(islice((name for name in map(layout.name, range(count)) if name not in present), 3))
     lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
     require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
-    files: dict[str, Any] = {}
-    if scratch is not None:
-        layout.check_space(total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
-        wide = [name for name in DISK_COLUMNS if name in layout.columns]
-        files = {name: TemporaryFile(dir=scratch) for name in wide}  # noqa: SIM115  gone with the arrays mapped to it
-    elif hasattr(os, "sysconf"):  # all but Windows
+    if hasattr(os, "sysconf"):  # all but Windows
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
         layout.check_space(2 * total, memory, "of memory")  # the parts and the joined arrays
-    parts: dict[str, list[Any]] = {name: [] for name in layout.columns if name not in files}
-    for shard in _shards(paths, expected):
-        for name, values in shard.columns.items():
-            if name in files:
-                files[name].write(values.tobytes())
-            else:
-                parts[name].append(values)
-    columns = {name: np.concatenate(values) for name, values in parts.items()}
+    shards = list(_shards(paths, expected))
+    columns = {name: np.concatenate([shard.columns[name] for shard in shards]) for name in layout.columns}
     curves = len(next(iter(columns.values())))
     require(curves > 0, f"{data_dir}: every simulation of this set failed", "dataset.none")
-    for name, file in files.items():
-        file.flush()
-        number, shape = layout.columns[name]
-        columns[name] = np.asarray(np.memmap(file, number, "r", shape=(curves, *shape)))
-    return first, columns
+    return first.head, columns
 
 
 def _digest(paths: Sequence[Path]) -> str:
@@ -384,18 +358,14 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
             fine = shapes == needed and path.name == layout.name(start // layout.per_file)
             require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
             columns = {name: np.array((item.asstr() if name == "status" else item)[:]) for name, item in items.items()}
-        if "status" not in columns:
-            require(
-                all(np.isfinite(column).all() for column in columns.values()),
-                "its values are not finite",
-                "dataset.values",
-            )
-            return Shard(head, layout, columns, +Counter({"ok": count, "failed, left out": failed}))
-        columns["status"] = columns["status"].astype(str)
-        ok = columns["status"] == "ok"
-        finite = np.isfinite(columns["radius"][ok]).all() and np.isfinite(columns["theta"][ok]).all()
+        ok: Any = slice(None)
+        statuses = Counter({"ok": count, "failed, left out": failed})
+        if "status" in columns:
+            columns["status"] = columns["status"].astype(str)
+            ok, statuses = columns["status"] == "ok", Counter(columns["status"].tolist())
+        finite = all(np.isfinite(column[ok]).all() for name, column in columns.items() if name != "status")
         require(finite, "values of its good curves are not finite", "dataset.values")
-        return Shard(head, layout, columns, Counter(columns["status"].tolist()))
+        return Shard(head, layout, columns, +statuses)
     except InputError as error:
         hint = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
         raise InputError(f"{path}: {error}{hint}", error.code) from error

@@ -20,6 +20,7 @@ The emulator gives the trajectory of a bubble. In numpy: inference/emulator.py.
 from __future__ import annotations
 
 import math
+from typing import Self
 
 import numpy as np
 import torch
@@ -30,7 +31,7 @@ from torch.nn import functional
 from cavirheo.arrays import Floats
 from cavirheo.inference.emulator import FARTHEST, INPUTS, NODES
 from cavirheo.prior import Prior
-from cavirheo.training.recipe import EmulatorNetworkTable, NetworkTable
+from cavirheo.training.recipe import EmulatorNetworkTable, NetworkTable, Recipe
 
 
 class EncoderLayer(nn.Module):
@@ -75,20 +76,32 @@ class Branch(nn.Module):
 
 
 class BubbleTransformer(nn.Module):
-    """Map R/R_max (batch, tokens) to standardised targets (batch, outputs)."""
+    """Map R/R_max (batch, tokens) to standardised targets (batch, outputs); `mean` and `std` (outputs,) of the prior,
+    which are not trained, scale these."""
 
-    def __init__(self, size: NetworkTable, tokens: int, outputs: int) -> None:
+    mean: Tensor
+    std: Tensor
+
+    def __init__(self, size: NetworkTable, tokens: int, prior: Prior) -> None:
         super().__init__()
         self.position = nn.Parameter(torch.empty(tokens, size.position))
         self.dense = nn.Linear(1 + size.position, size.width)
         self.norm = nn.LayerNorm(size.width, eps=size.norm_epsilon)
         self.dropout = nn.Dropout(size.dropout)
-        self.branches = nn.ModuleList(Branch(size) for _ in range(outputs))
+        self.branches = nn.ModuleList(Branch(size) for _ in prior.names)
         for module in self.modules():
             if isinstance(module, nn.Linear):
                 nn.init.xavier_uniform_(module.weight)
                 nn.init.zeros_(module.bias)
         nn.init.uniform_(self.position, -0.05, 0.05)
+        self.register_buffer("mean", torch.from_numpy((prior.low + prior.high) / 2).float())
+        self.register_buffer("std", torch.from_numpy((prior.high - prior.low) / math.sqrt(12)).float())
+
+    @classmethod
+    def of(cls, recipe: Recipe) -> Self:
+        """The network of a recipe, with random weights."""
+        problem = recipe.problem
+        return cls(recipe.network, problem.grid.frames, problem.prior.marginal(recipe.outputs))
 
     def forward(self, radius: Tensor) -> Tensor:
         position = self.position.expand(radius.shape[0], -1, -1)
@@ -96,29 +109,9 @@ class BubbleTransformer(nn.Module):
         x = self.dropout(self.norm(functional.softplus(self.dense(x))))  # (batch, tokens, width)
         return torch.cat([branch(x) for branch in self.branches], dim=-1)
 
-
-class Unstandardised(nn.Module):
-    """The network with the scaling of its targets undone: outputs in the prior's scale, SI values or their log10."""
-
-    mean: Tensor
-    std: Tensor
-
-    def __init__(self, network: BubbleTransformer, mean: Tensor, std: Tensor) -> None:
-        super().__init__()
-        self.network = network
-        self.register_buffer("mean", mean)  # (outputs,)
-        self.register_buffer("std", std)  # (outputs,)
-
-    def forward(self, radius: Tensor) -> Tensor:
-        return self.network(radius) * self.std + self.mean
-
-
-def scaling(prior: Prior, outputs: tuple[str, ...]) -> tuple[Tensor, Tensor]:
-    """Mean and standard deviation (outputs,) of the prior, which standardise the targets."""
-    columns = [prior.names.index(name) for name in outputs]
-    low, high = prior.low[columns], prior.high[columns]
-    mean, std = torch.from_numpy((low + high) / 2), torch.from_numpy((high - low) / math.sqrt(12))
-    return mean.float(), std.float()
+    def answers(self, radius: Tensor) -> Tensor:
+        """Values (batch, outputs) in the prior's scale, SI or their log10."""
+        return self(radius) * self.std + self.mean
 
 
 class Residual(nn.ModuleDict):
@@ -159,6 +152,8 @@ class EmulatorNetwork(nn.Module):
             x = block(x)
         return (self.last(x) * self.scale) @ self.decoder + self.offset
 
+    answers = forward
+
     def fit(self, inputs: Floats, curves: Floats) -> None:
         """Set what is not trained: scaling of the inputs (k, INPUTS), and principal components of trajectories
         (k, 2 NODES), in which times have twice the weight."""
@@ -174,9 +169,9 @@ class EmulatorNetwork(nn.Module):
         self.scale.copy_(torch.from_numpy(values[:count] / np.sqrt(len(curves))))
 
 
-def arrays_of(network: Unstandardised | EmulatorNetwork) -> dict[str, NDArray[np.float32]]:
+def arrays_of(network: BubbleTransformer | EmulatorNetwork) -> dict[str, NDArray[np.float32]]:
     """The arrays of a network's file of weights."""
-    state = {name.removeprefix("network."): tensor for name, tensor in network.state_dict().items()}
+    state = network.state_dict()
     if isinstance(network, EmulatorNetwork):
         scale = state.pop("scale")
         state["last.weight"], state["last.bias"] = state["last.weight"] * scale[:, None], state["last.bias"] * scale

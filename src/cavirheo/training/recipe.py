@@ -20,7 +20,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
-from cavirheo.errors import InputError, read_bytes, require, validation_message
+from cavirheo.errors import InputError, read_bytes, validation_message
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem
 from cavirheo.training.trajectories import DOMAIN
@@ -66,16 +66,15 @@ class NetworkTable(Section):
 class TrainingTable(Section):
     epochs: Annotated[int, Field(gt=0, le=1_000_000)] = 100
     batch: Annotated[int, Field(gt=0, le=1_000_000)] = 32
-    lr: PositiveFloat = 1e-3  # Adam
+    lr: PositiveFloat = 1e-3  # of Adam, after `warmup_steps`; it falls to 0 as half a cosine
     seed: Seed = 0
-    schedule: Literal["constant", "cosine"] = "constant"  # of the learning rate; cosine falls to 0 at the end
     warmup_steps: NonNegativeInt = 0
     dropout_epochs: PositiveInt | None = None  # with dropout; None: all, which gives answers 3 to 7 % off scale
 
     def learning_rate(self, step: int, steps: int) -> float:
-        """Learning rate of Adam at `step` (from 0) of `steps`: linear warm-up, constant or half a cosine to 0."""
+        """Learning rate at `step` (from 0) of `steps`."""
         rate = self.lr * min(1.0, (step + 1) / max(1, self.warmup_steps))
-        return rate * (0.5 * (1.0 + math.cos(math.pi * step / steps))) if self.schedule == "cosine" else rate
+        return rate * (0.5 * (1.0 + math.cos(math.pi * step / steps)))
 
 
 class ExportTable(Section):
@@ -96,13 +95,10 @@ class Recipe(Section):
         table = self.problem_table
         constants = {"name": table.medium} if isinstance(table.medium, str) else {"name": "water"} | table.medium
         names = [*(field.name for field in fields(Medium)), "unusual"]
-        for key in constants:
+        for key in constants.keys() - {*names}:
             similar = get_close_matches(key, names, 1)
             hint = f"did you mean {similar[0]}?" if similar else f"known: {', '.join(names)}"
-            require(key in names, f"[problem] medium: unknown constant {key!r}, {hint}", "recipe.medium")
-        unusual = constants.get("unusual", False)
-        message = f"[problem] medium: unusual must be true or false, got {short(unusual)}"
-        require(isinstance(unusual, bool), message, "recipe.medium")
+            raise InputError(f"[problem] medium: unknown constant {key!r}, {hint}", "recipe.medium")
         liquid = medium(**constants)
         grid = FrameGrid(table.frame_interval_us / 1e6, table.frames)
         prior, reference = Prior.uniform(self.prior), table.reference_max_radius_um / 1e6

@@ -96,8 +96,5 @@ METRICS: dict[str, tuple[str, Callable[[Floats, Floats], Any]]] = {
     "r2": ("prior", _r2),
     "r2_natural": ("natural", _r2),
     "median_absolute_error": ("prior", lambda t, p: np.median(np.abs(p - t))),
-    "p90_absolute_error": ("prior", lambda t, p: np.quantile(np.abs(p - t), 0.9)),
-    "rmse": ("prior", lambda t, p: np.sqrt(np.mean((p - t) ** 2))),
-    "bias": ("prior", lambda t, p: np.mean(p - t)),
     "median_relative_error": ("natural", lambda t, p: np.median(np.abs(p / t - 1.0))),
 }

@@ -26,7 +26,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,19 +40,18 @@ from torch.nn import functional
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, read_object, require
 from cavirheo.inference.bdt import Forward
-from cavirheo.inference.cards import MAX_BYTES, EmulatorCard, Layers, ModelCard, unpack
+from cavirheo.inference.cards import MAX_BYTES, Arrays, EmulatorCard, Layers, ModelCard, unpack
 from cavirheo.inference.emulator import NODES, Emulator, seen
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.training.dataset import Dataset, Indices, load, load_trajectories
 from cavirheo.training.muon import Muon
-from cavirheo.training.networks import BubbleTransformer, EmulatorNetwork, Unstandardised, arrays_of, scaling
+from cavirheo.training.networks import BubbleTransformer, EmulatorNetwork, arrays_of
 from cavirheo.training.recipe import WARM_UP, EmulatorRecipe, Recipe, difference
 from cavirheo.training.scores import metrics
 from cavirheo.training.trajectories import compared_end
 from cavirheo.writing.document import atomic_file, writable_folder
 from cavirheo.writing.terminal import progress_bar
 
-Network = TypeVar("Network", bound=nn.Module)
 AVERAGE_DECAY = 0.998
 NOTE_KEY = "cavirheo"
 LARGEST = 200_000_000  # bytes of a result.json
@@ -72,11 +71,11 @@ FRAMES = 100  # of a bubble, of which the errors on the card are
 TOLERANCE = 5e-4
 
 
-class Training(ABC, Generic[Network]):
+class Training(ABC):
     """One training in one folder, which continues where it stopped. `history` has a line for each validation."""
 
-    network: Network  # the network that is trained
-    average: Network | None = None  # with averaged weights, to export; None: export those of the lowest validation loss
+    network: nn.Module  # the network that is trained
+    average: nn.Module | None = None  # averaged weights, which are exported; None: those of the lowest validation loss
     optimiser: torch.optim.Optimizer  # of the network's weights
     steps: int  # number of steps of the whole training
     validation_interval: int  # steps from one validation, and checkpoint, to the next
@@ -134,13 +133,12 @@ class Training(ABC, Generic[Network]):
         return read_result(self.folder)
 
     @property
-    def exported(self) -> Network:
-        return self.network if self.average is None else self.average
+    def exported(self) -> nn.Module:
+        return self.average or self.network
 
     @property
     def _networks(self) -> nn.ModuleDict:
-        networks: dict[str, nn.Module] = {"network": self.network}
-        return nn.ModuleDict(networks if self.average is None else networks | {"mean": self.average})
+        return nn.ModuleDict({"network": self.network} | ({"mean": self.average} if self.average else {}))
 
     def _train_to_validation(self, advance: Callable[..., None]) -> None:
         """Take the steps to the next validation, validate, and write a checkpoint."""
@@ -198,7 +196,7 @@ class Training(ABC, Generic[Network]):
             self._networks.load_state_dict(state)
 
 
-class PointTraining(Training[BubbleTransformer]):
+class PointTraining(Training):
     """Training by the mean squared error on curves on a grid of times. All random numbers of an epoch (order of curves,
     dropout) follow from (seed, epoch). Raises InputError: the set is of another problem, or has too few curves."""
 
@@ -207,30 +205,30 @@ class PointTraining(Training[BubbleTransformer]):
         self.recipe, self.data, problem = recipe, data, recipe.problem
         message = f"the training set was made for problem {data.problem.id}, the recipe is of {problem.id}: generate "
         require(data.problem.id == problem.id, f"{message}the data with this recipe", "training.another_problem")
-        self.mean, self.std = scaling(problem.prior, recipe.outputs)
-        target = (torch.tensor(data.truth(recipe.outputs)).float() - self.mean) / self.std
-        split = data.split(self.schedule.seed)
-        for name, curves in split.items():
-            require(len(curves) >= 2, f"too few usable curves in the {name} part of {len(target)}")
-        # indices (curves,) and target (curves, outputs) of "train", "validation", "test"; radii stay on the disk
-        self.parts = {name: (i, target[i].to(device)) for name, i in split.items()}
-        self.validation_interval = math.ceil(len(split["train"]) / self.schedule.batch)
+        self.network = self.transformer = BubbleTransformer.of(recipe).to(device)
+        # R/R_max (curves, frames) and standardised target (curves, outputs) of "train", "validation", "test"
+        self.parts: dict[str, tuple[Tensor, Tensor]] = {}
+        for name, curves in data.split(self.schedule.seed).items():
+            require(len(curves) >= 2, f"too few usable curves in the {name} part of {len(data.theta)}")
+            truth = torch.tensor(data.truth(recipe.outputs)[curves]).float().to(device)
+            target = (truth - self.transformer.mean) / self.transformer.std
+            self.parts[name] = torch.from_numpy(data.radius[curves]).to(device), target
+        self.validation_interval = math.ceil(len(self.parts["train"][0]) / self.schedule.batch)
         self.steps = recipe.training.epochs * self.validation_interval
-        self.network = BubbleTransformer(recipe.network, problem.grid.frames, len(recipe.outputs)).to(device)
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.training.lr)
         self.batches: Sequence[Tensor] = ()
         self.identity = {"data": data.sha256}
 
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
         epoch, place = divmod(step, self.validation_interval)
-        curves, target = self.parts["train"]
+        radius, target = self.parts["train"]
         if place == 0:
             schedule = self.recipe.training
             torch.manual_seed(int(np.random.SeedSequence([schedule.seed, epoch]).generate_state(1)[0]))
-            self.batches = torch.randperm(len(curves)).split(schedule.batch)
+            self.batches = torch.randperm(len(radius)).split(schedule.batch)
             self.network.train(epoch < (schedule.dropout_epochs or schedule.epochs))  # switches only dropout
-        batch = self.batches[place]
-        loss = functional.mse_loss(self.network(self._radius(curves[batch.numpy()])), target[batch.to(self.device)])
+        batch = self.batches[place].to(self.device)
+        loss = functional.mse_loss(self.network(radius[batch]), target[batch])
         return loss, loss[None], len(batch)
 
     def history_line(self, losses: Sequence[float]) -> dict[str, Any]:
@@ -239,31 +237,26 @@ class PointTraining(Training[BubbleTransformer]):
 
     def result(self) -> dict[str, Any]:
         """Entries of result.json; the test part is used here alone."""
-        data, (curves, target) = self.data, self.parts["test"]
-        truth, predicted = ((t * self.std + self.mean).numpy() for t in (target.cpu(), self._predict("test").cpu()))
-        test = {"inputs": data.radius[curves], "truth": truth, "predicted": predicted}
+        data, (radius, target) = self.data, self.parts["test"]
+        natural = (t * self.transformer.std + self.transformer.mean for t in (target, self._predict("test")))
+        truth, predicted = (values.cpu().numpy() for values in natural)
+        test = {"inputs": radius.cpu().numpy(), "truth": truth, "predicted": predicted}
         write_arrays(self.folder / "test.npz", test)
         origin = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
-        parts = {part: len(curves) for part, (curves, _) in self.parts.items()}
+        parts = {part: len(radius) for part, (radius, _) in self.parts.items()}
         return {
             "problem_id": self.recipe.problem.id,
             "data": origin | {"made_by": data.made_by} | parts,
             "metrics": metrics(self.recipe.outputs, truth, predicted),
         }
 
-    def _radius(self, curves: Indices) -> Tensor:
-        """Radii (curves, frames) of these curves."""
-        return torch.from_numpy(self.data.radius[curves]).to(self.device)
-
     @torch.inference_mode()
     def _predict(self, part: str) -> Tensor:
         self.network.eval()
-        curves, _ = self.parts[part]
-        starts = range(0, len(curves), EVALUATION_BATCH)
-        return torch.cat([self.network(self._radius(curves[start : start + EVALUATION_BATCH])) for start in starts])
+        return torch.cat([self.network(batch) for batch in self.parts[part][0].split(EVALUATION_BATCH)])
 
 
-class EmulatorTraining(Training[EmulatorNetwork]):
+class EmulatorTraining(Training):
     """Training on the trajectories of simulated bubbles; the weights are averaged over the steps. All random numbers
     follow from (seed, step). The loss of a trajectory is the logarithm of its mean squared error above a floor, which
     falls: bubbles that are hard do not decide alone. The error of a node is that of R at its time t, so what is wrong
@@ -274,24 +267,23 @@ class EmulatorTraining(Training[EmulatorNetwork]):
 
     def __init__(self, recipe: EmulatorRecipe, data_dir: str | Path, folder: Path, device: torch.device) -> None:
         super().__init__(recipe, folder, device)
-        self.curves, origin = load_trajectories(data_dir, folder)
+        self.curves, origin = load_trajectories(data_dir)
         self.steps = recipe.training.steps
         n = len(self.curves["inputs"])
         held_out = min(max(round(HELD_OUT * n), LEAST_HELD_OUT), MOST_HELD_OUT)
         if n < held_out + recipe.network.components:
-            message = (
-                f"{recipe.network.components} components need {LEAST_HELD_OUT} trajectories more; the data have {n}"
-            )
+            components = recipe.network.components
+            message = f"{components} components need {LEAST_HELD_OUT} trajectories more; the data have {n}"
             raise InputError(message, "training.few")
         self.train = n - held_out  # the others are the last: other laws in other media
         self.held_out = np.arange(self.train, n)
         self.origin = origin | {"train": self.train, "test": held_out}
         self.identity = {"data": origin["sha256"]}
-        self.network = EmulatorNetwork(recipe.network)
+        network = EmulatorNetwork(recipe.network)
         first = slice(0, min(self.train, MOST_FITTED))
         trajectories = np.hstack([self.curves["radius"][first], self.curves["time"][first]]).astype(float)
-        self.network.fit(self.curves["inputs"][: self.train].astype(float), trajectories)
-        self.network.to(device)
+        network.fit(self.curves["inputs"][: self.train].astype(float), trajectories)
+        self.network = network.to(device)
         self.average = deepcopy(self.network).requires_grad_(False)
         self.optimiser = Muon(self.network.parameters(), recipe.training.rate)
 
@@ -442,7 +434,7 @@ def train(
     chosen = torch.device(device or ("cuda" if gpus else "cpu"))
     with writable_folder(out_dir) as folder, torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
         if isinstance(recipe, Recipe):
-            return PointTraining(recipe, load(data_dir, folder), folder, chosen).run(progress)
+            return PointTraining(recipe, load(data_dir), folder, chosen).run(progress)
         return EmulatorTraining(recipe, data_dir, folder, chosen).run(progress)
 
 
@@ -469,7 +461,9 @@ def export(
     if len(content) > MAX_BYTES:
         message = f"the weights take {len(content) / 1e6:.1f} MB, and {MAX_BYTES / 1e6:g} MB are read: train fewer"
         raise InputError(message, "export.size")
-    deviation = largest_difference(recipe, network, content, inputs)
+    with torch.inference_mode():
+        expected = network.answers(torch.from_numpy(inputs)).numpy()
+    deviation = float(np.abs(computed(recipe, unpack(content), inputs) - expected).max())
     if not deviation <= TOLERANCE:
         raise RuntimeError(f"exported and trained network differ by {deviation:.2g}, more than {TOLERANCE:g}")
     packages = {package: version(package) for package in ("cavirheo", "numpy")}
@@ -495,30 +489,20 @@ def export(
     return target
 
 
-def load_network(recipe: Recipe | EmulatorRecipe, checkpoint: Path) -> Unstandardised | EmulatorNetwork:
-    """The network of a best.safetensors, in evaluation mode; one of a `Recipe` with the scaling of its outputs."""
+def load_network(recipe: Recipe | EmulatorRecipe, checkpoint: Path) -> BubbleTransformer | EmulatorNetwork:
+    """The network of a best.safetensors, in evaluation mode."""
     weights, _ = read_tensors(checkpoint)
-    if isinstance(recipe, Recipe):
-        transformer = BubbleTransformer(recipe.network, recipe.problem.grid.frames, len(recipe.outputs))
-        transformer.load_state_dict(weights)
-        return Unstandardised(transformer, *scaling(recipe.problem.prior, recipe.outputs)).eval()
-    network = EmulatorNetwork(recipe.network)
+    network = BubbleTransformer.of(recipe) if isinstance(recipe, Recipe) else EmulatorNetwork(recipe.network)
     network.load_state_dict(weights)
     return network.eval()
 
 
-@torch.inference_mode()
-def largest_difference(
-    recipe: Recipe | EmulatorRecipe, network: Unstandardised | EmulatorNetwork, content: bytes, inputs: Any
-) -> float:
-    """Largest difference between what numpy computes from a file of weights and the trained network."""
-    arrays = unpack(content)
-    if isinstance(recipe, Recipe):
-        layers = Layers.model_validate(recipe.network.model_dump())
-        found = Forward(layers, len(recipe.outputs), arrays)(inputs.astype(float))
-    else:
-        found = Emulator(arrays).trajectories(inputs)
-    return float(np.abs(found - network(torch.from_numpy(inputs)).numpy()).max())
+def computed(recipe: Recipe | EmulatorRecipe, arrays: Arrays, inputs: Any) -> Floats:
+    """What numpy computes from the arrays of a file of weights."""
+    if isinstance(recipe, EmulatorRecipe):
+        return np.asarray(Emulator(arrays).trajectories(inputs))
+    layers = Layers.model_validate(recipe.network.model_dump())
+    return Forward(layers, len(recipe.outputs), arrays)(inputs.astype(float))
 
 
 def _point_entries(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,26 +18,26 @@ from cavirheo.physics.laws import Material
 from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import Simulation, simulate
 
-BLOCK = 16  # bubbles of one law in one medium that are drawn together
-ELASTIC = {"": 0.14, "neo-hookean": 0.30, "fung": 0.28, "quadratic": 0.08, "gent": 0.04, "mooney-rivlin": 0.04,
-           "yeoh": 0.04, "linear": 0.04, "arruda-boyce": 0.04}  # fmt: skip
-VISCOUS = {"newtonian": 0.66, "power-law": 0.12, "carreau-yasuda": 0.08, "cross": 0.06, "herschel-bulkley": 0.04,
-           "powell-eyring": 0.04}  # fmt: skip
-ARMS = {"": 0.9, "ucm": 0.06, "maxwell": 0.04}
-HARDEST = 25.0  # largest |S_el(R_max)|/p
-MOST_VISCOUS = 8.0  # largest viscosity over p t_c
-STRETCHES, USUAL_STRETCHES = (1.05, 40.0), (1.5, 14.0)
-RADII, USUAL_RADII = (20e-6, 1500e-6), (60e-6, 500e-6)  # m
-ACCOMMODATIONS = (0.01, 1.0)
-FIELD_SHARE = 0.22  # of the bubbles have equilibrium contents
-DAMAGED_SHARE = 0.08  # of the blocks have damage by strain
-COARSE_INSTANTS, FINE_INSTANTS = 2400, 1200  # of a simulation: for the stretched time, and in it
 DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and where their trajectories are stored
-    "block": BLOCK, "elastic": ELASTIC, "viscous": VISCOUS, "arms": ARMS, "largest_stress": HARDEST,
-    "largest_viscosity": MOST_VISCOUS, "stretch": [*STRETCHES, *USUAL_STRETCHES],
-    "max_radius": [*RADII, *USUAL_RADII], "accommodation": [*ACCOMMODATIONS],
-    "field_share": FIELD_SHARE, "damaged_share": DAMAGED_SHARE, "inputs": INPUTS, "nodes": NODES, "s_end": S_END,
+    "block": 16,  # bubbles of one law in one medium that are drawn together
+    "elastic": {"": 0.14, "neo-hookean": 0.30, "fung": 0.28, "quadratic": 0.08, "gent": 0.04, "mooney-rivlin": 0.04,
+                "yeoh": 0.04, "linear": 0.04, "arruda-boyce": 0.04},
+    "viscous": {"newtonian": 0.66, "power-law": 0.12, "carreau-yasuda": 0.08, "cross": 0.06, "herschel-bulkley": 0.04,
+                "powell-eyring": 0.04},
+    "arms": {"": 0.9, "ucm": 0.06, "maxwell": 0.04},
+    "largest_stress": 25.0,  # |S_el(R_max)|/p
+    "largest_viscosity": 8.0,  # over p t_c
+    "stretch": [1.05, 40.0, 1.5, 14.0],  # ends of the range, and of the usual one
+    "max_radius": [20e-6, 1500e-6, 60e-6, 500e-6],  # m, likewise
+    "accommodation": [0.01, 1.0],
+    "field_share": 0.22,  # of the bubbles have equilibrium contents
+    "damaged_share": 0.08,  # of the blocks have damage by strain
+    "inputs": INPUTS, "nodes": NODES, "s_end": S_END,
 }  # fmt: skip
+BLOCK: int = DOMAIN["block"]
+LAWS: list[dict[str, float]] = [DOMAIN[part] for part in ("elastic", "viscous", "arms")]
+ACCOMMODATIONS: tuple[float, float] = (DOMAIN["accommodation"][0], DOMAIN["accommodation"][1])
+COARSE_INSTANTS, FINE_INSTANTS = 2400, 1200  # of a simulation: for the stretched time, and in it
 COLUMNS = {"inputs": (np.float32, (INPUTS,)), "time": (np.float32, (NODES,)), "radius": (np.float32, (NODES,))}
 THIRD = 3  # collapses until the trajectory counts less
 
@@ -61,10 +62,11 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float, size: int) -
     return np.asarray(10.0 ** rng.uniform(np.log10(low), np.log10(high), size))
 
 
-def _mixed(rng: np.random.Generator, usual: tuple[float, float], whole: tuple[float, float], size: int) -> Floats:
-    """(size,) log-uniform numbers, two thirds of them in the usual range."""
+def _mixed(rng: np.random.Generator, ends: Sequence[float], size: int) -> Floats:
+    """(size,) log-uniform numbers, two thirds of them in the usual range, the last two of the ends."""
+    low, high, usual_low, usual_high = ends
     usually = rng.random(size) < 2.0 / 3.0
-    return np.where(usually, _log_uniform(rng, *usual, size), _log_uniform(rng, *whole, size))
+    return np.where(usually, _log_uniform(rng, usual_low, usual_high, size), _log_uniform(rng, low, high, size))
 
 
 def draw_medium(rng: np.random.Generator) -> Medium:
@@ -83,14 +85,14 @@ def draw_medium(rng: np.random.Generator) -> Medium:
 
 def draw(rng: np.random.Generator) -> Drawn:
     """BLOCK bubbles or fewer of one law in one medium; draws outside a law or the domain are left out."""
-    elastic, viscous, arm = (rng.choice(list(laws), p=list(laws.values())) for laws in (ELASTIC, VISCOUS, ARMS))
+    elastic, viscous, arm = (rng.choice(list(laws), p=list(laws.values())) for laws in LAWS)
     family = Family(" + ".join(filter(None, [elastic, viscous, arm])))
-    medium, damaged = draw_medium(rng), bool(elastic) and rng.random() < DAMAGED_SHARE
+    medium, damaged = draw_medium(rng), bool(elastic) and rng.random() < DOMAIN["damaged_share"]
     size = 12 * BLOCK
     bounds = family.bounds()
     x = rng.uniform(bounds[:, 0], bounds[:, 1], (size, len(bounds)))
-    radius, stretch = _mixed(rng, USUAL_RADII, RADII, size), _mixed(rng, USUAL_STRETCHES, STRETCHES, size)
-    field = rng.random(size) < FIELD_SHARE
+    radius, stretch = _mixed(rng, DOMAIN["max_radius"], size), _mixed(rng, DOMAIN["stretch"], size)
+    field = rng.random(size) < DOMAIN["field_share"]
     accommodation = np.where(field, np.inf, _log_uniform(rng, *ACCOMMODATIONS, size))
     damping = rng.random(size) ** 1.5 * (rng.random(size) < np.where(field, 0.2, 0.85))
     modulus = 10.0 ** -(2.0 * rng.random(size)) if damaged else np.ones(size)
@@ -111,7 +113,7 @@ def draw(rng: np.random.Generator) -> Drawn:
             viscosity, stress, usable = _sizes(one)
         except InputError:
             continue
-        if not usable or stress > HARDEST or viscosity > MOST_VISCOUS:
+        if not usable or stress > DOMAIN["largest_stress"] or viscosity > DOMAIN["largest_viscosity"]:
             continue
         chosen.append(i)
         materials.append(material)

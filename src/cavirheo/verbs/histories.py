@@ -56,8 +56,8 @@ class Measure(options.PrintingVerb):
         from cavirheo.inference import checks
         from cavirheo.io.videos import examine
         from cavirheo.physics.media import WATER
+        from cavirheo.reporting.measured import describe, write_csv
         from cavirheo.video.frames import require_library
-        from cavirheo.video.measurement import describe, write_csv
         from cavirheo.writing.document import Outputs
 
         require_library("PIL")  # pillow, from the extra [video]

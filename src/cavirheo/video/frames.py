@@ -1,4 +1,4 @@
-"""Read the frames of recordings into memory, with the time and scale that the file itself states.
+"""Read the frames of recordings into memory, with the time and scale that the file itself states; and write films.
 
 The frame rate of a video container is for playback and is never taken as the camera's. Pixels have 8 or 16 bits.
 """
@@ -418,3 +418,22 @@ def _photron_values(header: Path) -> dict[str, str]:
     require(b"<cih>" in content, f"{header.name} is no Photron header", "video.cihx")
     tree = ElementTree.fromstring(content[content.index(b"<cih>") : content.rindex(b"</cih>") + 6])
     return {key: (tree.findtext(place) or "").strip() for key, place in _PHOTRON.items()}
+
+
+def write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
+    """Encode frames, (height, width) or (height, width, 3), in H.264 of the quality `crf`, or if it is None in lossless
+    FFV1. They are cut to an even height and width, and played at 10 per second."""
+    require_library("av")
+    import av
+
+    codec, options = ("ffv1", {}) if crf is None else ("libx264", {"crf": str(crf)})
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream(codec, rate=10, options=options)
+        for k, frame in enumerate(frames):
+            pixels = "rgb24" if frame.ndim == 3 else "gray16le" if frame.dtype == np.uint16 else "gray"
+            height, width = (size // 2 * 2 for size in frame.shape[:2])
+            if k == 0:
+                stream.height, stream.width, stream.pix_fmt = height, width, pixels if crf is None else "yuv420p"
+            even = np.ascontiguousarray(frame[:height, :width])
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format=pixels)))
+        container.mux(stream.encode())

@@ -1,4 +1,4 @@
-"""Measure a recording: radii in metres over times in seconds, the origin of every number, and the output files."""
+"""Measure a recording: radii in metres over times in seconds, and the origin of every number."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, TypedDict
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from cavirheo.video import frames
 from cavirheo.video.frames import Footage
 from cavirheo.video.stage import set_stage
 from cavirheo.video.track import FLAGS, USED, Track, follow
-from cavirheo.writing import digits, document, terminal
-from cavirheo.writing.document import Document, Finite, Record
+from cavirheo.writing import digits
+from cavirheo.writing.document import Finite, Record
 
 _PIXEL = 1e-6  # m, placeholder for the size of a pixel until the scale is known
 _TOLERANCE = 0.01  # relative; if the user's number differs by more from the file's, a warning says so
@@ -29,19 +29,6 @@ _TWIN_SHARE = 0.2  # share of the measured frames; a second bubble in so many gi
 _LEAST_ARC = 0.9  # share of the outline at R_max; if less is visible, a note says so
 _SATURATED_SHARE = 0.3  # share of the background at the brightest value, above which a warning is given
 _NO_RATE = "how fast it was recorded is not known, for a video file states how fast it is played"
-COLUMNS = {
-    "time_us": "from the first frame of the recording on",
-    "radius_um": "mean over the exposure; empty where the frame is not used",
-    "radius_std_um": "standard deviation of the radius, from frame to frame",
-    "systematic_um": "what may move the radii of all frames alike",
-    "x_px": "centre, from the middle of the leftmost pixel",
-    "y_px": "centre, from the middle of the topmost pixel",
-    "asphericity": "amplitude of the outline's second mode over the radius",
-    "edge_width_px": "from a quarter to three quarters of the edge",
-    "arc": "part of the outline that is seen",
-    "flag": "; ".join(f"{flag}: {meaning}" for flag, meaning in FLAGS.items()),
-    "frame": "number of the frame, from 1",
-}
 
 
 class StatedNumber(Record):
@@ -131,8 +118,12 @@ class Measurement:
         return RadiusCurve(self.time, radius, sigma, labels, unscaled=unscaled, warnings=self.warnings)
 
 
+def _no_progress(_: int) -> Callable[[], None]:
+    return lambda: None
+
+
 class MeasureOptions(TypedDict, total=False):
-    """Options of `measure`."""
+    """Options of `measure`. begin: takes the number of frames, and returns the function to call after each."""
 
     frame_rate: float | None
     um_per_px: float | None
@@ -145,21 +136,13 @@ class MeasureOptions(TypedDict, total=False):
     begin: Callable[[int], Callable[[], None]]
 
 
-def measure(
-    path: Path,
-    *,
-    frame_rate: float | None = None,
-    um_per_px: float | None = None,
-    exposure: float | None = None,
-    polarity: str = "auto",
-    roi: tuple[int, int, int, int] | None = None,
-    reference_frame: int | None = None,
-    span: tuple[int, int] | None = None,
-    exclude: str | Iterable[int] | None = None,
-    begin: Callable[[int], Callable[[], None]] = lambda count: lambda: None,
-) -> Measurement:
-    """Measure a recording; options as of `cavirheo.measure`. begin: takes the number of frames, and returns the
-    function to call after each. Raises InputError, and any exception of the libraries for damaged files."""
+def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
+    """Measure a recording; options as of `cavirheo.measure`. Raises InputError, and any exception of the libraries for
+    damaged files."""
+    frame_rate = options.get("frame_rate")
+    um_per_px = options.get("um_per_px")
+    exposure = options.get("exposure")
+    reference_frame = options.get("reference_frame")
     for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
@@ -185,8 +168,8 @@ def measure(
     FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
     count, height, width = whole.frames.shape
     time = np.arange(count) / rate.value if whole.time is None or frame_rate else whole.time
-    first, last = span or (1, count)
-    region = roi or (0, 0, width, height)
+    first, last = options.get("span") or (1, count)
+    region = options.get("roi") or (0, 0, width, height)
     footage = _cropped(whole, first, last, region)
     fine = reference_frame is None or first <= reference_frame <= last
     require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
@@ -194,11 +177,11 @@ def measure(
     exposed_share = shutter.value / interval if shutter.value else None
     longer = f"{1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * interval:.4g} us between frames"
     require(not exposed_share or exposed_share <= 1.001, f"an exposure of {longer}", "video.exposure")
-    stage = set_stage(footage, polarity, reference_frame and reference_frame - first + 1)
-    track = follow(stage, exposed_share, begin(len(footage.frames)))
-    options = {
+    stage = set_stage(footage, options.get("polarity", "auto"), reference_frame and reference_frame - first + 1)
+    track = follow(stage, exposed_share, options.get("begin", _no_progress)(len(footage.frames)))
+    settings = {
         "polarity": "dark" if stage.depth > 0 else "bright",
-        "roi": roi,
+        "roi": options.get("roi"),
         "frames": f"{first}:{last}",
         "reference_frame": reference_frame,
         "frames_without_bubble": stage.empty,
@@ -209,7 +192,8 @@ def measure(
     if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _SATURATED_SHARE:
         warnings.append(Message("check_input.overexposed"))
     time, corner = time[first - 1 : last], region[:2]
-    measurement = Measurement(track, footage, time, rate, scale, shutter, options, tuple(warnings), first, corner)
+    measurement = Measurement(track, footage, time, rate, scale, shutter, settings, tuple(warnings), first, corner)
+    exclude = options.get("exclude")
     return measurement if exclude is None else measurement.excluding(exclude)
 
 
@@ -224,99 +208,3 @@ def _cropped(whole: Footage, first: int, last: int, roi: tuple[int, int, int, in
     chosen = slice(first - 1, last)
     frames = whole.frames[chosen, y : y + height, x : x + width]
     return replace(whole, frames=frames, time=None, damaged=whole.damaged[chosen])
-
-
-class Measured(Document):
-    """The results of measuring a recording, with the origin of each stated number.
-
-    Attributes:
-        name: name of the recording.
-        source: file of the recording, as it was given.
-        source_sha256: SHA-256 of the file; null for a folder of images.
-        width: width of the measured region, pixels.
-        height: height of the measured region, pixels.
-        bits: number of bits in which the brightness of a pixel is stored.
-        frame_rate_hz: frame rate, 1/s.
-        um_per_px: length of a pixel, um.
-        exposure_s: exposure time of a frame, s.
-        measured_with: settings of the measurement.
-        optics_sigma_px: standard deviation of the blur of a bubble at rest, pixels.
-        flags: number of frames with each flag.
-        max_radius_px: largest radius of a frame, pixels.
-        max_radius_m: R_max, m; null if there is no scale, or no maximum.
-        time_of_max_s: time of R_max after the first frame of the recording, s; null if max_radius_m is.
-        collapse_times_s: times of the collapses after the first frame of the recording, s.
-        unusable: reason why there is no R_max; else empty.
-        warnings: input warnings on the recording and its settings.
-        columns: meaning of each column of measured.csv.
-    """
-
-    kind: Literal["measure"] = "measure"
-    name: str
-    source: str
-    source_sha256: str | None
-    width: int
-    height: int
-    bits: int
-    frame_rate_hz: StatedNumber
-    um_per_px: StatedNumber
-    exposure_s: StatedNumber
-    measured_with: dict[str, Any]
-    optics_sigma_px: Finite
-    flags: dict[str, int]
-    max_radius_px: Finite
-    max_radius_m: Finite = None
-    time_of_max_s: Finite = None
-    collapse_times_s: list[float] = []
-    unusable: str = ""
-    warnings: list[str]
-    columns: dict[str, str] = COLUMNS
-
-
-def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
-    """Build the document of a measurement; `warnings`: those of the curve in its medium."""
-    try:
-        head |= {"max_radius_m": curve.max_radius, "time_of_max_s": curve.time_of_max}
-        head["collapse_times_s"] = curve.collapse_times().tolist()
-    except InputError as error:
-        head["unusable"] = error.message
-    head |= {name: getattr(curve, name) for name in ("name", "source", "source_sha256")}
-    images, track = measurement.recording.frames, measurement.track
-    head |= {"width": images.shape[2], "height": images.shape[1], "bits": 8 * images.dtype.itemsize}
-    head |= {"frame_rate_hz": measurement.frame_rate, "um_per_px": measurement.um_per_px}
-    head |= {"exposure_s": measurement.exposure, "measured_with": measurement.options, "flags": measurement.counts}
-    head |= {"optics_sigma_px": track.optics, "max_radius_px": float(np.nanmax(track.radius))}
-    return Measured(**head, warnings=warnings)
-
-
-def write_csv(path: Path, measurement: Measurement) -> None:
-    """Write one row per frame; lengths are in pixels (radius_px, ...) if there is no scale."""
-    track, scale, (left, top) = measurement.track, measurement.um_per_px.value, measurement.corner
-    names = list(COLUMNS) if scale else [name.replace("_um", "_px") for name in COLUMNS]
-    lengths = [(scale or 1.0) * values for values in (track.radius, track.sigma, track.systematic)]
-    columns = (*lengths, track.x + left, track.y + top, track.asphericity, track.width, track.arc)
-    numbers = ([f"{value:.6g}" if np.isfinite(value) else "" for value in values] for values in columns)
-    times = [f"{time:.10g}" for time in 1e6 * measurement.time]
-    rows = zip(times, *numbers, track.flags, range(measurement.first, measurement.first + len(times)), strict=True)
-    document.write_rows(path, names, (dict(zip(names, row, strict=True)) for row in rows))
-
-
-def print_table(record: Measured) -> None:
-    """Print the frames by flag, the maximum, the origin of rate and scale, the input warnings and the notes."""
-    console = terminal.console()
-    frames = sum(record.flags.values())
-    size = f"{record.width} x {record.height} pixels, {record.bits} bits"
-    console.print(f"{record.name}: {frames} frames of {size}")
-    table = terminal.table("flag", ["frames"], left=["meaning"])
-    for flag, count in record.flags.items():
-        table.add_row(flag, str(count), FLAGS[flag])
-    console.print(table)
-    top = f"R_max {record.max_radius_px:.2f} px" if record.max_radius_px else "no R_max"
-    if record.max_radius_m:
-        top += f", {1e6 * record.max_radius_m:.2f} um; {len(record.collapse_times_s)} collapses"
-    console.print(top)
-    for quantity, number in (("frames per second", record.frame_rate_hz), ("um per pixel", record.um_per_px)):
-        console.print(f"{quantity}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
-    terminal.print_warnings(console, ((record.name, warning) for warning in record.warnings))
-    notes = [note for note in (record.unusable, *record.notes) if note]
-    terminal.print_remarks(console, terminal.names_by_message((record.name, note) for note in notes))

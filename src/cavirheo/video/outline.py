@@ -18,8 +18,8 @@ from cavirheo.video.stage import Image, Stage
 _RAY_COUNTS = (48, 300)  # fewest, most
 _STEP = 0.5  # px along a ray
 _TUKEY = 4.0  # scaled residual beyond which a point has no weight
+_LEAST_AREA = 4  # pixels of a region that may be the bubble
 WHOLE_ARC = 0.9  # share of the circle; an outline that shows more determines its own centre and shape
-_BINNING_SIZE = 30_000  # pixels; in frames of this size and more the rough search averages 2 x 2 pixels
 QUARTILE_WIDTH = 1.349  # distance between 25 % and 75 % of a Gaussian edge, over its sigma
 
 
@@ -65,13 +65,11 @@ class Outline:
 
 def patches(stage: Stage, i: int) -> list[Patch]:
     """Return the regions in frame i that may be the bubble, the largest first, at most four."""
-    step = 2 if stage.reference.size >= _BINNING_SIZE else 1
-    covered = np.nan_to_num(stage.covered(i, step=step))
-    smooth = covered if step > 1 and stage.noise < 0.05 else uniform_filter(covered, 3)
-    marks, _ = label(smooth > 0.5)
-    areas = np.bincount(marks.ravel())[1:] * float(step * step)
+    covered = np.nan_to_num(stage.covered(i))
+    marks, _ = label((covered if stage.noise < 0.05 else uniform_filter(covered, 3)) > 0.5)
+    areas = np.bincount(marks.ravel())[1:]
     order = np.argsort(areas)[::-1][:4]
-    order = order[areas[order] >= 4 + 4 * (step - 1)]
+    order = order[areas[order] >= _LEAST_AREA]
     if not len(order):
         return []
     spans = [marks == k + 1 for k in order]
@@ -79,10 +77,10 @@ def patches(stage: Stage, i: int) -> list[Patch]:
     if through[0] and any(through[1:]):  # of a bubble larger than the frame only the sides are visible
         sides = np.any([span for span, whole in zip(spans, through, strict=True) if whole], axis=0)
         spans = [sides, *(span for span, whole in zip(spans, through, strict=True) if not whole)]
-    return [_patch(span, covered, step) for span in spans]
+    return [_patch(span, covered) for span in spans]
 
 
-def _patch(mask: Bools, covered: Image, step: int) -> Patch:
+def _patch(mask: Bools, covered: Image) -> Patch:
     """Fit a circle through the first and last pixel of each row and column, so that a bright centre does not matter."""
     height, width = mask.shape
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
@@ -99,8 +97,7 @@ def _patch(mask: Bools, covered: Image, step: int) -> Patch:
     away = np.hypot(u - x0, v - y0)
     ring = (away > 0.55 * radius) & (away < 0.85 * radius)
     inside = float(np.median(covered[v[ring], u[ring]])) if ring.sum() > 20 else np.nan
-    shift = (step - 1) / 2
-    return Patch(area * step * step, x0 * step + shift, y0 * step + shift, radius * step, inside)
+    return Patch(area, x0, y0, radius, inside)
 
 
 def _rough_circle(x: Floats, y: Floats) -> tuple[float, float, float] | None:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw
 
+from cavirheo.video.frames import write_movie
 from cavirheo.video.measurement import Measurement
-from cavirheo.video.synthetic import write_movie
 
 COLOURS = {  # palette of Okabe and Ito; all other flags are grey
     "ok": "#56b4e9",

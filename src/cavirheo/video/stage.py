@@ -46,22 +46,13 @@ class Stage:
     empty: int
     gains: Floats
 
-    def covered(self, i: int, part: tuple[slice, slice] = np.s_[:, :], step: int = 1) -> Image:
-        """Return which share of each pixel in a part of frame i the bubble covers; NaN if blind. step: of binning."""
-        light, behind = (_binned(image[part], step) for image in (self.frames[i], self.reference))
-        behind *= np.float32(self.gains[i])
-        share = (behind - light) / (np.float32(self.depth) * behind if self.depth > 0 else np.float32(self.depth))
-        share[self.blind[part][::step, ::step][: share.shape[0], : share.shape[1]]] = np.nan
-        return share
-
-
-def _binned(image: Pixels, step: int) -> Image:
-    """Return the means of step x step pixels."""
-    if step == 1:
-        return image.astype(np.float32)
-    height, width = (size // step * step for size in image.shape)
-    parts = [image[k:height:step, j:width:step].astype(np.float32) for k in range(step) for j in range(step)]
-    return np.asarray(sum(parts) / np.float32(len(parts)))
+    def covered(self, i: int, part: tuple[slice, slice] = np.s_[:, :]) -> Image:
+        """Return which share of each pixel in a part of frame i the bubble covers; NaN if blind."""
+        behind = self.reference[part] * np.float32(self.gains[i])
+        share = behind - self.frames[i][part].astype(np.float32)
+        share /= np.float32(self.depth) * behind if self.depth > 0 else np.float32(self.depth)
+        share[self.blind[part]] = np.nan
+        return np.asarray(share)
 
 
 def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int | None = None) -> Stage:

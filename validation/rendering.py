@@ -1,11 +1,9 @@
-"""Rendered recordings with a known radius history, for tests, benchmarks and examples."""
+"""Rendered recordings with a known radius history, for claims, tests and examples."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import require
-from cavirheo.video.frames import Pixels, require_library
+from cavirheo.video.frames import Pixels, require_library, write_movie
 
 _SUBPIXELS = 3  # subpixels along a pixel's side
 _MOMENTS = 65  # times within an exposure at which the bubble is drawn
@@ -27,8 +25,8 @@ class Scene:
 
     centre: (x, y), by default near the middle. exposure: of a frame. blur: sigma of the optics. lit: brightness of the
     background. dark: light that passes the bubble, over that beside it; above 1 the bubble is bright. noise: deviation
-    at the background. modes: (n, amplitude over R, phase). wall: y of a dark wall's edge, or with `mirror` of
-    a mirror. empty, flash, dark_frames: numbers of frames before the bubble: normal, overexposed, then dark ones.
+    at the background. modes: (n, amplitude over R, phase). wall: y of a dark wall's edge. empty, flash, dark_frames:
+    numbers of frames before the bubble: normal, overexposed, then dark ones.
     """
 
     width: int = 256
@@ -47,7 +45,6 @@ class Scene:
     modes: tuple[tuple[int, float, float], ...] = ()
     drift: tuple[float, float] = (0.0, 0.0)
     wall: float | None = None
-    mirror: bool = False
     dust: int = 0
     shock: bool = False
     satellites: int = 0
@@ -73,12 +70,8 @@ class Film:
     centre: Floats
 
     def save(self, path: str | Path, crf: int = 18) -> None:
-        """Save the film as .mp4 (H.264 of quality `crf`, 8 bits), .mkv (FFV1, lossless) or .tif. Raises InputError."""
+        """Save the film as .mp4 (H.264 of quality `crf`, 8 bits), .mkv (FFV1, lossless) or .tif."""
         path = Path(path)
-        kinds = (".mp4", ".mkv", ".tif")
-        require(path.suffix in kinds, f"a film is saved as .mp4, .mkv or .tif, got {path.name}", "render.kind")
-        fine = path.suffix != ".mp4" or self.frames.dtype == np.uint8
-        require(fine, "16 bits are saved as .mkv or .tif", "render.bits")
         if path.suffix == ".tif":
             require_library("tifffile")
             from tifffile import imwrite
@@ -86,25 +79,6 @@ class Film:
             imwrite(path, self.frames, photometric="minisblack")
         else:
             write_movie(path, self.frames, crf if path.suffix == ".mp4" else None)
-
-
-def write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
-    """Encode frames, (height, width) or (height, width, 3), in H.264 of the quality `crf`, or if it is None in lossless
-    FFV1. They are cut to an even height and width, and played at 10 per second."""
-    require_library("av")
-    import av
-
-    codec, options = ("ffv1", {}) if crf is None else ("libx264", {"crf": str(crf)})
-    with av.open(str(path), "w") as container:
-        stream: Any = container.add_stream(codec, rate=10, options=options)
-        for k, frame in enumerate(frames):
-            pixels = "rgb24" if frame.ndim == 3 else "gray16le" if frame.dtype == np.uint16 else "gray"
-            height, width = (size // 2 * 2 for size in frame.shape[:2])
-            if k == 0:
-                stream.height, stream.width, stream.pix_fmt = height, width, pixels if crf is None else "yuv420p"
-            even = np.ascontiguousarray(frame[:height, :width])
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format=pixels)))
-        container.mux(stream.encode())
 
 
 def render(time: ArrayLike, radius: ArrayLike, *, frames: int, scene: Scene | None = None, seed: int = 0) -> Film:
@@ -143,7 +117,7 @@ class _Camera:
         for _ in range(scene.dust):
             at, size = rng.uniform((0, 0), (width, height)), rng.uniform(0.8, 2.5)
             self.light *= 1.0 - rng.uniform(0.2, 0.8) * np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / (2 * size**2))
-        if scene.wall is not None and not scene.mirror:
+        if scene.wall is not None:
             self.light *= 1.0 - 0.85 / (1.0 + np.exp(-(y - scene.wall) / 0.8))
         self.x, self.y = x, y
         final_radius = float(np.median(radius[-len(radius) // 5 :]))
@@ -181,15 +155,12 @@ class _Camera:
         return pixels, (true if true > 0 else np.nan), turned, centre
 
     def _transmission(self, radii: Floats, centre: Floats, middle: float) -> Floats:
-        """Return (height, width) the light that passes the bubble, its mirror image and its satellites, blurred."""
+        """Return (height, width) the light that passes the bubble and its satellites, blurred."""
         scene = self.scene
         satellites = self.satellites if len(self.collapses) and middle > self.collapses[0] else []
         extent = 1.3 * radii.max() + 6.0 * scene.blur + 4.0
         extent = max([extent, *(np.hypot(x, y) + size + 8.0 for x, y, size in satellites)])
         (left, top), (right, bottom) = (np.floor(centre - extent).astype(int), np.ceil(centre + extent).astype(int) + 1)
-        wall = scene.wall if scene.mirror else None
-        if wall is not None:
-            bottom = scene.height
         left, top, right, bottom = max(left, 0), max(top, 0), min(right, scene.width), min(bottom, scene.height)
         cut = np.zeros((scene.height, scene.width))
         if left >= right or top >= bottom:
@@ -198,9 +169,6 @@ class _Camera:
         steps = (np.arange(-edge * _SUBPIXELS, (n + edge) * _SUBPIXELS) + 0.5 for n in (right - left, bottom - top))
         x, y = (step / _SUBPIXELS - 0.5 + start for step, start in zip(steps, (left, top), strict=True))
         covered = self._bubble(x[None, :] - centre[0], y[:, None] - centre[1], radii)
-        if wall is not None:
-            below = self._bubble(x[None, :] - centre[0], 2 * wall - y[:, None] - centre[1], radii)
-            covered = np.where(y[:, None] < wall, covered, below)
         for dx, dy, size in satellites:
             away = np.hypot(x[None, :] - centre[0] - dx, y[:, None] - centre[1] - dy)
             covered = np.maximum(covered, (1.0 - scene.dark) * np.clip((size - away) * _SUBPIXELS + 0.5, 0.0, 1.0))

@@ -1,0 +1,125 @@
+"""The document, the table and the files of a measured recording: measure.json and measured.csv."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.video.measurement import Measurement, StatedNumber
+from cavirheo.video.track import FLAGS
+from cavirheo.writing import terminal
+from cavirheo.writing.document import Document, Finite, write_rows
+
+COLUMNS = {
+    "time_us": "from the first frame of the recording on",
+    "radius_um": "mean over the exposure; empty where the frame is not used",
+    "radius_std_um": "standard deviation of the radius, from frame to frame",
+    "systematic_um": "what may move the radii of all frames alike",
+    "x_px": "centre, from the middle of the leftmost pixel",
+    "y_px": "centre, from the middle of the topmost pixel",
+    "asphericity": "amplitude of the outline's second mode over the radius",
+    "edge_width_px": "from a quarter to three quarters of the edge",
+    "arc": "part of the outline that is seen",
+    "flag": "; ".join(f"{flag}: {meaning}" for flag, meaning in FLAGS.items()),
+    "frame": "number of the frame, from 1",
+}
+
+
+class Measured(Document):
+    """The results of measuring a recording, with the origin of each stated number.
+
+    Attributes:
+        name: name of the recording.
+        source: file of the recording, as it was given.
+        source_sha256: SHA-256 of the file; null for a folder of images.
+        width: width of the measured region, pixels.
+        height: height of the measured region, pixels.
+        bits: number of bits in which the brightness of a pixel is stored.
+        frame_rate_hz: frame rate, 1/s.
+        um_per_px: length of a pixel, um.
+        exposure_s: exposure time of a frame, s.
+        measured_with: settings of the measurement.
+        optics_sigma_px: standard deviation of the blur of a bubble at rest, pixels.
+        flags: number of frames with each flag.
+        max_radius_px: largest radius of a frame, pixels.
+        max_radius_m: R_max, m; null if there is no scale, or no maximum.
+        time_of_max_s: time of R_max after the first frame of the recording, s; null if max_radius_m is.
+        collapse_times_s: times of the collapses after the first frame of the recording, s.
+        unusable: reason why there is no R_max; else empty.
+        warnings: input warnings on the recording and its settings.
+        columns: meaning of each column of measured.csv.
+    """
+
+    kind: Literal["measure"] = "measure"
+    name: str
+    source: str
+    source_sha256: str | None
+    width: int
+    height: int
+    bits: int
+    frame_rate_hz: StatedNumber
+    um_per_px: StatedNumber
+    exposure_s: StatedNumber
+    measured_with: dict[str, Any]
+    optics_sigma_px: Finite
+    flags: dict[str, int]
+    max_radius_px: Finite
+    max_radius_m: Finite = None
+    time_of_max_s: Finite = None
+    collapse_times_s: list[float] = []
+    unusable: str = ""
+    warnings: list[str]
+    columns: dict[str, str] = COLUMNS
+
+
+def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
+    """Build the document of a measurement; `warnings`: those of the curve in its medium."""
+    try:
+        head |= {"max_radius_m": curve.max_radius, "time_of_max_s": curve.time_of_max}
+        head["collapse_times_s"] = curve.collapse_times().tolist()
+    except InputError as error:
+        head["unusable"] = error.message
+    head |= {name: getattr(curve, name) for name in ("name", "source", "source_sha256")}
+    images, track = measurement.recording.frames, measurement.track
+    head |= {"width": images.shape[2], "height": images.shape[1], "bits": 8 * images.dtype.itemsize}
+    head |= {"frame_rate_hz": measurement.frame_rate, "um_per_px": measurement.um_per_px}
+    head |= {"exposure_s": measurement.exposure, "measured_with": measurement.options, "flags": measurement.counts}
+    head |= {"optics_sigma_px": track.optics, "max_radius_px": float(np.nanmax(track.radius))}
+    return Measured(**head, warnings=warnings)
+
+
+def write_csv(path: Path, measurement: Measurement) -> None:
+    """Write one row per frame; lengths are in pixels (radius_px, ...) if there is no scale."""
+    track, scale, (left, top) = measurement.track, measurement.um_per_px.value, measurement.corner
+    names = list(COLUMNS) if scale else [name.replace("_um", "_px") for name in COLUMNS]
+    lengths = [(scale or 1.0) * values for values in (track.radius, track.sigma, track.systematic)]
+    columns = (*lengths, track.x + left, track.y + top, track.asphericity, track.width, track.arc)
+    numbers = ([f"{value:.6g}" if np.isfinite(value) else "" for value in values] for values in columns)
+    times = [f"{time:.10g}" for time in 1e6 * measurement.time]
+    rows = zip(times, *numbers, track.flags, range(measurement.first, measurement.first + len(times)), strict=True)
+    write_rows(path, names, (dict(zip(names, row, strict=True)) for row in rows))
+
+
+def print_table(record: Measured) -> None:
+    """Print the frames by flag, the maximum, the origin of rate and scale, the input warnings and the notes."""
+    console = terminal.console()
+    frames = sum(record.flags.values())
+    size = f"{record.width} x {record.height} pixels, {record.bits} bits"
+    console.print(f"{record.name}: {frames} frames of {size}")
+    table = terminal.table("flag", ["frames"], left=["meaning"])
+    for flag, count in record.flags.items():
+        table.add_row(flag, str(count), FLAGS[flag])
+    console.print(table)
+    top = f"R_max {record.max_radius_px:.2f} px" if record.max_radius_px else "no R_max"
+    if record.max_radius_m:
+        top += f", {1e6 * record.max_radius_m:.2f} um; {len(record.collapse_times_s)} collapses"
+    console.print(top)
+    for quantity, number in (("frames per second", record.frame_rate_hz), ("um per pixel", record.um_per_px)):
+        console.print(f"{quantity}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
+    terminal.print_warnings(console, ((record.name, warning) for warning in record.warnings))
+    notes = [note for note in (record.unusable, *record.notes) if note]
+    terminal.print_remarks(console, terminal.names_by_message((record.name, note) for note in notes))
