@@ -1,6 +1,5 @@
 """Which model is chosen, and what is said where other models answer otherwise."""
 
-
 import numpy as np
 import pytest
 from answers import NAMES, bubble

@@ -16,11 +16,12 @@ from scipy.special import expit
 from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
+from cavirheo.inference.answer import over_scale
 from cavirheo.inference.population.heaps import Heap, two_heaps
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
-from cavirheo.inference.population.importance import Sample
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.inference.population.systematic import CommonErrors, over_scale, shifts
+from cavirheo.inference.population.systematic import CommonErrors, shifts
+from cavirheo.inference.sample import Draws, effective_size
 from cavirheo.parameters import (
     DECIDING,
     Bound,
@@ -423,11 +424,12 @@ def population(
         x = (column - middle) / unit
     several, common = (Scatter([*likelihoods.values()], low, high, spread=spread, column=x) for spread in (True, False))
     sample, sample_of_one = several.sample(seed), common.sample(seed)
-    if sample.ess < _LEAST_EFFECTIVE or not sample.reliable:
-        notes.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
+    effective = effective_size(sample.log_weight)
+    if effective < _LEAST_EFFECTIVE:
+        notes.append(f"the intervals of the material are rough: its draws are worth {effective:.0f} independent ones")
     u = _resampled(sample, seed)
     centre, fields["spread"], fields["correlation"], slope = several.parts(u)
-    over = {name: change for k, name in enumerate(names) if (change := over_scale(counted, law[k])) is not None}
+    over = {name: change for name in names if (change := over_scale(counted, name)) is not None}
     shift = shifts(names, over, errors, _DRAWS, seed)
     heaps = {
         name: two_heaps([own[i] for i in likelihoods], fields["shots"], name) for name in names if name in DECIDING
@@ -533,7 +535,7 @@ def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
     return np.array(ends, dtype=float).T
 
 
-def _resampled(sample: Sample, seed: int) -> Floats:
+def _resampled(sample: Draws, seed: int) -> Floats:
     """(_DRAWS, m) equally likely draws, in random order."""
     rng = np.random.Generator(np.random.Philox(seed).jumped())
     weight = relative_weights(sample.log_weight)

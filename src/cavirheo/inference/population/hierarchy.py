@@ -27,8 +27,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.population.importance import Sample, importance_sample
-from cavirheo.inference.sample import Mixture
+from cavirheo.inference.sample import Draws, Mixture, sample
 from cavirheo.parameters import Bound
 from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal
@@ -54,7 +53,8 @@ SPREAD_SCALE = 0.2  # decades: scale of the half-normal prior of each spread
 SLOPE_STD = 1.0  # decades per standard deviation of the column: standard deviation of the prior of each slope
 _MAX_SPREAD = 2.0  # decades: largest spread
 _CHUNK = 100_000  # densities that are computed at a time
-_ROUND, _ENOUGH, _ADAPTED = 1000, 2500.0, 2  # draws of a round, effective draws that are enough, rounds that adapt
+_ROUNDS = (2000, 2500, 3000, 3500, 4000, 4500)  # draws of each round at most
+_ENOUGH = 5000.0  # effective draws after which no round follows; half of it finds the evidence of slopes 0.1 too low
 _STEP = 0.002  # step of differences, in the coordinates of the prior
 _MODE_DEPTH = 30.0  # log integral below that of the best mode at which a mode is left out
 _SHOT_STARTS, _CLIMBED = 12, 3  # most shots at each of which a search starts; starts that are used, the likeliest
@@ -302,22 +302,14 @@ class Scatter:
         rows = max(_CHUNK // len(self.shot), 1)
         return [u[i : i + rows] for i in range(0, len(u), rows)]
 
-    def sample(self, seed: int) -> Sample:
+    def sample(self, seed: int) -> Draws:
         """Weighted draws."""
-        mixture = self._start()
-
-        def adapt(draws: Sample, _: np.random.Generator) -> Mixture:
-            nonlocal mixture
-            mixture = mixture.fitted(draws.u, draws.log_weight)
-            return mixture.widened()
-
         rng = np.random.Generator(np.random.Philox(seed))
-        return importance_sample(self, mixture.widened(), adapt, rng, enough=_ENOUGH, each=_ROUND, fewest=_ADAPTED)
+        return sample(self, self._start(), _ROUNDS, rng, _ENOUGH)[0]
 
-    def evidence(self, sample: Sample) -> Evidence:
-        """Log evidence: the mean weight of the draws times the sizes of the likelihoods."""
-        log, error = sample.log_evidence
-        return Evidence(log + self.log_size, error)
+    def evidence(self, draws: Draws) -> Evidence:
+        """Log evidence: that of the draws times the sizes of the likelihoods."""
+        return Evidence(draws.log_evidence + self.log_size, draws.error)
 
     def outliers(self, u: Floats) -> Floats:
         """Probability (n,) that each shot is an outlier, averaged over equally likely u (k, .)."""
