@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FEWEST = 10  # draws that tell a covariance
+NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 

@@ -259,17 +259,6 @@ def _gain_text(gain: float, rough: bool) -> str:
     return f" by a factor of {'about ' * rough}e^{abs(gain):.0f}"
 
 
-def _preferred(rival: str, this: str, gain: float | None, equal: bool, rough: bool) -> str:
-    """' (the evidence prefers the second by a factor of e^12)'; "" if a model has no evidence."""
-    if gain is None:
-        return ""
-    return (
-        " (equally likely)"
-        if equal
-        else f" (the evidence prefers {rival if gain > 0 else this}{_gain_text(gain, rough)})"
-    )
-
-
 def _chosen(this: _Model, rivals: Sequence[_Model]) -> str:
     keys = _differing_keys(this, *rivals)
     parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
@@ -376,11 +365,7 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "state": (lambda kind, bubble: f"most probably {state_in_words(kind, bubble)}", _probabilities),
     "model.rejected": (
         "the evidence prefers another model",
-        lambda this, rival, gain, rough, **_: _gain_text(gain, rough) + _models_text(this, rival),
-    ),
-    "model.possible": (
-        "another model is not rejected and gives other values",
-        lambda this, rival, **odds: _models_text(this, rival) + _preferred("the other", "this answer", **odds),
+        lambda this, rival, gain, rough: _gain_text(gain, rough) + _models_text(this, rival),
     ),
     "model.chosen": ("chosen by evidence", _chosen),
     "model.of_group": "chosen by the evidence of the group|: {material}",

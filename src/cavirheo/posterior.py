@@ -148,8 +148,8 @@ class Diagnostics:
         systematic_misfit_over_rmax: root mean square misfit of the best simulation beyond the noise, over R_max.
         simulations: number of simulations.
         failed_simulations: number of failed simulations.
-        modulus_over_scale: relative change of G per relative change of R_max.
-        viscosity_over_scale: relative change of mu per relative change of R_max.
+        modulus_over_scale: relative change of G per relative change of R_max; None if G is only bounded.
+        viscosity_over_scale: relative change of mu per relative change of R_max; None if mu is only bounded.
     """
 
     stretch_source: str = ""

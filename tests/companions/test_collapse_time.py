@@ -121,7 +121,6 @@ def test_one_shot_is_one_relation():
     assert (values(found), found.identified) == ((None, None), False)
     for G, mu in found.pairs:
         assert analytic_time(one.max_radius, one.stretch, G, mu) == pytest.approx(one.time, rel=1e-3)
-    assert found.start in found.pairs
     assert estimate(one, viscosity=0.1).shear_modulus_Pa.value == pytest.approx(1e4, rel=1e-3)
     assert estimate(one, shear_modulus=1e4).viscosity_Pa_s.value == pytest.approx(0.1, rel=1e-3)
     alike = estimate(Shots(*(np.repeat(a, 5) for a in (one.max_radius, one.stretch, one.time))))
@@ -145,14 +144,13 @@ def test_refusals(code, shots, options):
     assert code_of(lambda: estimate(Shots(*([x] for x in shots)), **options)) == f"collapse_time.{code}"
 
 
-def test_a_curve_has_its_collapse_time_and_lambda_is_guessed_only_aloud():
+def test_a_curve_has_its_collapse_time_and_lambda_is_not_guessed():
     time = np.arange(0.0, 250e-6, 1e-6)
     run = simulate(NeoHookeanKelvinVoigt(8e3, 0.08), max_radius=3e-4, stretch=7.0, time=time)
     shots, origin = shot(RadiusCurve(time, run.radius))
     assert (origin, shots.stretch[0]) == ("late plateau", pytest.approx(7.0, rel=0.02))
     assert shots.time[0] == pytest.approx(simulated_time(3e-4, 7.0, 8e3, 0.08)[0], rel=0.01)
     short = RadiusCurve(time[:40], run.radius[:40])
-    assert "guessed as 7" in estimate(short).message
     assert code_of(shot, short) == "collapse_time.no_stretch"
 
 

@@ -7,9 +7,10 @@ from conftest import code_of, done, error_of, refused
 
 import cavirheo
 from cavirheo import Rig
+from cavirheo.arrays import NORMAL_90
 from cavirheo.inference import design
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.design import NORMAL_90, Setting, gain, linearised, shots_wanted
+from cavirheo.inference.design import Setting, gain, linearised, shots_wanted
 from cavirheo.inference.noise import GAMMA_A, Noise
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import result, result_of

@@ -1,13 +1,10 @@
 """Which model is chosen, and what is said where other models answer otherwise."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from answers import NAMES, bubble
-from conftest import messages
 
-from cavirheo.inference.alternatives import contenders, rival_messages, with_rivals
+from cavirheo.inference.alternatives import contenders, rejection_messages
 from cavirheo.inference.which_law import choose_answers, ranked
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
 
@@ -31,45 +28,23 @@ def other(
 
 
 @pytest.mark.parametrize(
-    ("others", "sentences"),
+    ("others", "rejecting"),
     [
-        ((), 0),
-        ((other(),), 0),  # agrees, and its evidence is the same
-        ((other(log=-6.0),), 1),  # preferred
-        ((other(mu=0.01),), 1),  # beyond both intervals
-        ((other(mu=0.01, log=-99.0),), 0),  # rejected
-        ((other(mu=0.01, log=None),), 1),
-        ((other(mu=0.01, width=6.0),), 0),  # its interval holds the answer's
-        ((other(G=1000.0),), 1),
-        ((other(mu=0.01, log=-6.0, bubble=FIELD, material="qkv"),), 1),
-        ((other(mu=0.01, log=-6.0), other(mu=0.01, log=-5.0, material="zener")), 1),  # the better one alone
-        ((other(log=-10.0), other(mu=0.001, log=-15.0)), 0),  # a worse mode of the other model
-        ((other(G=20e3, stretch=5.0, bubble=FIELD),), 0),  # of the same model, whose modes the draws have
-        ((other(G=20e3, stretch=5.0, bubble=FIELD), other(mu=0.01)), 1),
-        ((replace(other(G=20e3), intervals={}),), 0),  # a value without an interval
-    ],
-)  # fmt: skip
-def test_a_sentence_for_each_thing_that_matters(others, sentences):
-    said = rival_messages(posterior(*others))
-    assert len(said) == sentences
-    assert len({one.text for one in said}) == len(said)
-
-
-@pytest.mark.parametrize(
-    ("rival", "rejected"),
-    [
-        (other(log=-6.0), True),
-        (other(log=-6.0, error=5.0), False),  # at a glance: not sure enough
-        (other(log=-1.0, error=5.0), True),
-        (other(mu=0.01), False),  # another value, not preferred
-        (other(log=-6.0, bubble=FIELD), False),  # another solution of the same model
+        ((), ""),
+        ((other(log=-6.0),), "kinetic"),
+        ((other(log=-6.0, bubble=FIELD, material="qkv"),), "qkv"),
+        ((other(log=-6.0), other(log=-5.0, material="zener")), "zener"),  # the better one alone
+        ((other(log=-6.0, error=5.0),), ""),  # not sure enough
+        ((other(log=-1.0, error=5.0),), "kinetic"),
+        ((other(mu=0.01),), ""),  # another value, not preferred
+        ((other(mu=0.01, log=None),), ""),
+        ((other(log=-6.0, bubble=FIELD),), ""),  # another solution of the same model
     ],
 )
-def test_an_answer_whose_model_the_evidence_rejects_says_so_and_keeps_its_verdict(rival, rejected):
-    for verdict in ("ok", "bound", "does_not_fit"):
-        found = with_rivals(replace(posterior(rival), checks=Checks(verdict, messages("said before"))))
-        assert found.verdict == verdict
-        assert ("model.rejected" in [one.code for one in found.messages]) == rejected
+def test_an_answer_says_which_model_rejects_its_own(others, rejecting):
+    texts = [message.text for message in rejection_messages(posterior(*others))]
+    assert len(texts) == bool(rejecting)
+    assert all(rejecting in text for text in texts)
 
 
 @pytest.mark.parametrize(
@@ -103,9 +78,7 @@ def test_the_law_of_the_group_explains_each_of_its_shots():
     assert [one.checks.verdict for one in found] == ["ok"] * 4
     assert d.checks.messages == ()
     assert [[other.material for other in one.others] for one in (a, c)] == [["newtonian"], ["nhkv"]]
-    again = {law: [replace(one, checks=b.checks) for one in found] for law, found in answers.items()}
-    told = choose_answers(*ranked(curves, again))[1].checks.messages
-    assert [one.code for one in told].count("model.rejected") == 1
+    assert "model.rejected" in [message.code for message in b.checks.messages]
 
 
 def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():

@@ -10,7 +10,6 @@ from cavirheo.arrays import relative_weights
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import RADII, RATES, Bubbles, Camera, elastic_stress, emulator, mean_viscosity
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.population.importance import generalised_pareto
 from cavirheo.inference.sample import (
     EMULATED,
     Bent,
@@ -238,13 +237,6 @@ def test_models_count_by_their_evidence():
     assert share == pytest.approx(sums[0] / np.sum(sums), abs=0.05)
     assert found.log_evidence == pytest.approx(np.max(logs) + np.log(np.sum(sums) / len(places)), abs=0.15)
     assert effective_size(found.log_weight) >= 80.0
-
-
-@pytest.mark.parametrize("shape", [-0.3, 0.2, 0.8])
-def test_the_shape_of_a_pareto_tail_is_found(shape):
-    u = np.random.default_rng(1).uniform(size=4000)
-    found, scale = generalised_pareto(np.sort(2.0 * (u**-shape - 1.0) / shape))
-    assert (found, scale) == (pytest.approx(shape, abs=0.06), pytest.approx(2.0, rel=0.08))
 
 
 def test_a_climb_ends_at_the_maximum_with_its_curvature():

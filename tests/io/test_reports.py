@@ -16,7 +16,7 @@ from scipy.stats import theilslopes
 
 from cavirheo import infer_many, load, population
 from cavirheo.column import read_column
-from cavirheo.inference.alternatives import with_rivals
+from cavirheo.inference.alternatives import rejection_messages
 from cavirheo.inference.analysis import Analysis
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
@@ -170,8 +170,8 @@ def test_only_what_is_trusted_counts_in_materials_and_pictures(verdict, count, t
     pairs = growing(count=5)
     other = OtherAnswer("nhkv", REAL, {"viscosity": 0.03}, {}, Evidence(20.0), 0.01)
     for k, (curve, one) in enumerate(pairs):
-        one = with_verdict(replace(one, evidence=Evidence(0.0, 0.1), others=(other,)), verdict if k < 2 else "ok")
-        pairs[k] = curve, replace(one, checks=with_rivals(one))
+        one = replace(one, evidence=Evidence(0.0, 0.1), others=(other,))
+        pairs[k] = curve, with_verdict(one, verdict if k < 2 else "ok", *rejection_messages(one))
     written = write_report(tmp_path, pairs, COMMAND, draw=False)
     (one,) = written.groups
     assert one.n_counted == one.population.n == count

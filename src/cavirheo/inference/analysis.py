@@ -7,9 +7,10 @@ from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from importlib.metadata import version
+from inspect import Parameter, signature
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, TypeVar
 
 import numpy as np
 
@@ -45,6 +46,33 @@ _LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints",
 _LABELS |= {"flags", "contact_sheet"}  # keys of `RadiusCurve.meta` on which no answer depends
 
 
+class _Settings(TypedDict, total=False):
+    medium: Medium | str | None
+    stretch: float | str | None
+    trust_input: bool
+    bubble: Requested | None
+    seed: int
+
+
+class InferSettings(_Settings, total=False):
+    """Keywords of `infer`, which describes them."""
+
+    model: str | Path
+    material: str | None
+    window: int | None
+    discrepancy: bool
+
+
+class FitSettings(_Settings, total=False):
+    """Keywords of `fit`, which describes them."""
+
+    window: int | str | None
+    end: float | None
+    free: Sequence[str] | str | None
+    t0_bound: float | None
+    scale_bound: float
+
+
 @dataclass(frozen=True)
 class Analysis:
     """The settings for the analysis of a curve. Equal settings are stored in one form, however they are written.
@@ -55,7 +83,7 @@ class Analysis:
         model: "posterior", or the network of bdt, as in `infer`.
         material, medium, stretch, window, trust_input, discrepancy, seed: as in `infer`.
         bubble: as in `infer`; stored as a `Bubble`.
-        end, free, t0_bound, scale_bound: as in `fit_many`.
+        end, free, t0_bound, scale_bound: as in `fit`.
         given: names of the constants of `medium` that the user gave, which those of a file do not replace; default: all
             if a medium is given.
 
@@ -278,3 +306,20 @@ class Analysis:
 def _answer(analysis: Analysis, workers: int, curve: RadiusCurve) -> Posterior:
     """Answer one curve of an executor."""
     return analysis.answer(curve, workers=workers)
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def shows_settings(kind: type) -> Callable[[Function], Function]:
+    """A decorator: notebooks complete, and `help` shows, the settings (a TypedDict) that the function takes."""
+    defaults = {field.name: field.default for field in fields(Analysis)}
+    settings = [Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name]) for name in kind.__annotations__]
+
+    def shown(function: Function) -> Function:
+        plain = signature(function)
+        *first, _ = plain.parameters.values()
+        function.__signature__ = plain.replace(parameters=[*first, *settings])  # type: ignore[attr-defined]
+        return function
+
+    return shown

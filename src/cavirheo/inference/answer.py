@@ -15,12 +15,12 @@ from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import emulator, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.sample import EMULATED, SIMULATED, climb
+from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
 from cavirheo.inference.weigh import Model, Weighed, posterior
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
-from cavirheo.parameters import CAMERA, DECIDING, Bound, bound_of, units
-from cavirheo.physics.accuracy import BRISK
+from cavirheo.parameters import CAMERA, DECIDING, LOG10, Bound, bound_of, units
+from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
 from cavirheo.prior import Prior, State
 
@@ -40,25 +40,32 @@ INSIDE = 1e-3  # least probability between a place and an end of the prior, wher
 
 class Target:
     """Residuals of one experiment at x (k, d): quickly by the emulator, or by rough simulations where it does not know
-    the bubble (`unknown` says why); and by default simulations. states: of the switches."""
+    the bubble (`unknown` says why); and by default simulations. states: of the switches. simulations, failures: how
+    many there have been."""
 
     def __init__(self, shot: Experiment, workers: int | None = 1) -> None:
         self.shot, self.prior, self.workers = shot, shot.prior(), workers
         self.states: list[State] = self.prior.states(NEEDED)
         self.measured = shot.measured[shot.counted]
+        self.simulations, self.failures = 0, 0
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
         self.unknown: str = outside(usual, shot.options.bubble, shot.medium, shot.max_radius)
 
     def quick(self, x: Floats) -> Floats:
         """Residuals (k, n)."""
         if self.unknown:
-            rough = partial(self.shot.difference, accuracy=BRISK)
-            return np.array(run_jobs(rough, x, self.workers)).reshape(len(x), -1)
+            return self._solved(x, BRISK)
         return self.measured - self.shot.emulated(x, emulator())
 
     def simulated(self, x: Floats) -> Floats:
         """Residuals (k, n) by the default solver; NaN where it fails."""
-        return np.array(run_jobs(self.shot.difference, x, self.workers)).reshape(len(x), -1)
+        return self._solved(x, DEFAULT)
+
+    def _solved(self, x: Floats, accuracy: Accuracy) -> Floats:
+        residuals = np.array(run_jobs(partial(self.shot.difference, accuracy=accuracy), x, self.workers))
+        self.simulations += len(x)
+        self.failures += int(np.count_nonzero(~np.isfinite(residuals).all(axis=-1)))
+        return residuals.reshape(len(x), -1)
 
     def state(self, x: Floats) -> State:
         """The state of the switches at x (d,)."""
@@ -107,6 +114,7 @@ def sampled_answer(
         chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
         messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
     traded = trades(prior, weighed.x, weighed.log_weight, shot.family.parameters)
+    found = replace(found, traded={name: bound for name, (_, bound) in traded.items()})
     if verdict == "ok" and any(name in DECIDING for name in traded):
         verdict = "bound"
     for name, (other, bound) in traded.items():
@@ -121,17 +129,16 @@ def sampled_answer(
         effective_sample_size=effective,
         predictive=predictive,
         systematic_misfit_over_rmax=excess,
-        simulations=shot.simulations.runs,
-        failed_simulations=shot.simulations.failures,
-        modulus_over_scale=over_scale(shot, weighed, "shear_modulus"),
-        viscosity_over_scale=over_scale(shot, weighed, "viscosity"),
+        simulations=target.simulations,
+        failed_simulations=target.failures,
+        modulus_over_scale=over_scale([found], "shear_modulus"),
+        viscosity_over_scale=over_scale([found], "viscosity"),
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
     provenance |= noise.describe(weighed.residuals[best])
-    traded_bounds = {name: bound for name, (_, bound) in traded.items()}
     checks = shot.checks(weighed.x[best], verdict, messages)
     checks = replace(checks, predicted_over_rmax=predicted(shot, noise, weighed, best, checks, seed))
-    found = replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics, traded=traded_bounds)
+    found = replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics)
     return found if effective >= ENOUGH else _without_interval(found, best)
 
 
@@ -287,18 +294,23 @@ def predicted(shot: Experiment, noise: Noise, weighed: Weighed, best: int, check
     return np.column_stack([np.interp(checks.compared_time, time, end) for end in ends])
 
 
-def over_scale(shot: Experiment, weighed: Weighed, name: str) -> float | None:
-    """Relative change of a parameter of the law over that of R_max: the slope of its logarithm on the radius scale
-    among the draws where it is not 0. The frames hardly tell the scale, so its draws are those of its prior. None where
-    either is not inferred."""
-    columns = dict(zip(shot.names, weighed.x.T, strict=True))
-    if not {name, "radius_scale"} <= columns.keys():
-        return None
-    pair = weighted_covariance(columns[name], columns["radius_scale"], weighed.log_weight)
-    if pair is None:
-        return None
-    _, half_width = shot.free["radius_scale"]
-    return float(np.log(10.0) * pair[0, 1] / pair[1, 1] / half_width)
+def over_scale(answers: Sequence[Posterior], name: str) -> float | None:
+    """Relative change of a parameter (natural name) of G or mu per relative change of R_max: the common slope of its
+    logarithm on the radius scale, within the draws of each shot that determines it. The frames hardly tell the scale,
+    so its draws are those of its prior. None where no shot determines the parameter or infers the scale."""
+    products, squares = 0.0, 0.0
+    for answer in answers:
+        if not {name, "radius_scale"} <= answer.parameters.keys() or answer.bound(name):
+            continue
+        value, scale = (answer.theta[:, answer.names.index(column)] for column in (LOG10 + name, "radius_scale"))
+        log_weight = np.zeros(len(value)) if answer.log_weight is None else answer.log_weight
+        pair = weighted_covariance(value, scale, log_weight)
+        if pair is None:
+            continue
+        worth = effective_size(log_weight[np.isfinite(value)]) / pair[0, 0]
+        products += worth * pair[0, 1]
+        squares += worth * pair[1, 1]
+    return float(np.log(10.0)) * products / squares if squares else None
 
 
 def statistics(residuals: Floats) -> dict[str, Floats]:

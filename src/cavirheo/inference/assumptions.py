@@ -35,7 +35,7 @@ _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 @dataclass(frozen=True)
 class Options:
-    """Options of an experiment: arguments of `fit_many`, which describes them. Raises InputError."""
+    """Options of an experiment: keywords of `fit`, which describes them. Raises InputError."""
 
     window: int | str | None = None
     end: float | None = None

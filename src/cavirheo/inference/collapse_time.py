@@ -1,4 +1,4 @@
-"""G and mu from collapse times: of a table of (R_max, lambda, t_1), or of one curve, to start a fit of R(t).
+"""G and mu from the collapse times of bubbles in one material, each with its R_max and lambda.
 
 The residual of a shot is r = [(t_1/t_RC)^2 (t_RC/t_model)^2 - 1]/2, which is ln(t_1/t_model) near a fit and stays
 finite where the model has no collapse (Zhu et al. 2025, doi:10.1039/D5SM00397K, minimise the same). Huber's loss, with
@@ -27,7 +27,6 @@ from cavirheo.writing.document import Finite, Record
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
 NAMES = ("G", "µ")
 CONFIDENCE = 0.95
-USUAL_STRETCH = 7.0  # lambda if it is not known; laser-made bubbles in gels have 5 to 10
 
 _UNIT = np.array([1e4, 0.1])  # Pa and Pa s: units of the solver's variables
 _UPPER_BOUNDS = np.array([1e6, 10.0])  # upper bounds in Pa and Pa s; the lower ones are zero
@@ -98,13 +97,6 @@ class CollapseEstimate(Record):
         """Whether G and mu both have a value."""
         return self.shear_modulus_Pa.value is not None and self.viscosity_Pa_s.value is not None
 
-    @property
-    def start(self) -> tuple[float, float] | None:
-        """(G, mu) to start a fit of R(t): the estimate, or the middle one of the pairs, if there are any."""
-        G, mu = self.shear_modulus_Pa.value, self.viscosity_Pa_s.value
-        middle = self.pairs[len(self.pairs) // 2] if self.pairs else None
-        return middle if G is None or mu is None else (G, mu)
-
 
 @dataclass(eq=False)
 class Shots:
@@ -155,9 +147,9 @@ def unusable(max_radius: float, stretch: float, time: float) -> str:
     return ""
 
 
-def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | None = None) -> tuple[Shots, str]:
+def shot(curve: RadiusCurve, stretch: float | None = None) -> tuple[Shots, str]:
     """The curve's R_max, lambda and t_1, and the source of lambda: the one given, else R_max over the late plateau,
-    else the value in the file, else `guess`. Raises InputError: no maximum, no collapse, or no lambda."""
+    else the value in the file. Raises InputError: no maximum, no collapse, or no lambda."""
     times, name = curve.collapse_times(), curve.name
     require(len(times) > 0, "the curve shows no collapse", "collapse_time.no_collapse", name)
     plateau = curve.stretch_from_tail() if stretch is None else None
@@ -165,7 +157,6 @@ def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | Non
         "given": stretch,
         "late plateau": plateau and plateau[0],
         "stated in the file": float(curve.stretch) if curve.stretch else None,
-        "guessed": guess,
     }
     origin = next((source for source, value in sources.items() if value is not None), "")
     advice = "no late plateau to read lambda = R_max/R_0 from; give it (--stretch)"
@@ -178,34 +169,31 @@ def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | Non
 
 
 def estimate(
-    shots: Shots | RadiusCurve,
+    shots: Shots,
     material: str = "nhkv",
     *,
-    stretch: float | None = None,
     medium: Medium | str = WATER,
     shear_modulus: float | None = None,
     viscosity: float | None = None,
     exact: bool = False,
 ) -> CollapseEstimate:
-    """G and/or mu of one material from n collapse times, or from one curve: a start for a fit of R(t) in 20 ms.
+    """G and/or mu of one material from n collapse times, in 20 ms.
 
     One collapse time cannot give both G and mu: unless one of the two is given, the answer is `pairs`, equally good (G,
-    mu). A lambda that is neither given nor in the curve or its file is taken as 7, and `message` says so.
+    mu).
 
     Args:
+        shots: the bubbles; `shot` reads one off a curve.
         material: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
-        stretch: lambda of a curve, if it is known.
         shear_modulus: Pa, if it is known; viscosity is then fitted alone.
         viscosity: Pa s, if it is known; shear_modulus is then fitted alone.
         exact: use simulated collapse times, starting from the analytic answer: 5 ms per shot, unknown and iteration.
 
     Raises:
-        InputError: unknown material, a given value outside its domain, nothing to fit, a curve without a collapse.
+        InputError: unknown material, a given value outside its domain, nothing to fit.
         SolverError: a simulation of the exact fit failed.
     """
-    origin, medium = "", medium_of(medium)
-    if isinstance(shots, RadiusCurve):
-        shots, origin = shot(shots, stretch, guess=USUAL_STRETCH)
+    medium = medium_of(medium)
     problem = _CollapseProblem(shots, medium, _fixed(material, shear_modulus, viscosity), False)
     why = "one collapse time is one relation between G and µ, not both: add shots of other R_max, or give one"
     answer = None
@@ -223,8 +211,6 @@ def estimate(
         answer = CollapseEstimate(pairs=pairs, message=f"{why}; equally good: {ends or 'none in range'}")
         answer.model, answer.weight = [None] * len(shots), [1.0] * len(shots)
     answer.measured = shots.ratio(medium).tolist()
-    guessed = f"lambda is not known: guessed as {USUAL_STRETCH:g}" if origin == "guessed" else ""
-    answer.message = "; ".join(filter(None, (guessed, answer.message)))
     return answer
 
 

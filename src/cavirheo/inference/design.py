@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import NORMAL_90, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
 from cavirheo.inference.answer import Target
@@ -41,7 +41,6 @@ DENSITY_POINTS = 8001  # points of a marginal density
 INSIDE = 1e-3  # of the probability, that the start of a climb keeps away from the bounds
 LN10 = float(np.log(10.0))
 RECORDED_GROWTH = 0.8  # t_c before R_max at which a recording begins
-NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
 _NODES = np.linspace(-0.5, 0.5, 9)  # instants in an exposure, in its unit
 _STARTED: Any = PARAMETERS["accommodation"].start_range
 

@@ -12,9 +12,8 @@ the free ones of t_0, scale, factor, walls and vapour as fractions of their half
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -77,21 +76,6 @@ def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[f
     return stated, max(curve.stretch_std or 0.0, STATED_DEVIATION * stated, missed)
 
 
-@dataclass
-class Simulations:
-    """Number of simulations and of failed ones. Several threads may count at the same time."""
-
-    runs: int = 0
-    failures: int = 0
-    _lock: Lock = field(default_factory=Lock, repr=False)
-
-    def count(self, good: bool) -> None:
-        """Count one simulation."""
-        with self._lock:
-            self.runs += 1
-            self.failures += not good
-
-
 class Experiment:
     """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x. It does not change.
 
@@ -115,7 +99,6 @@ class Experiment:
         require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure", curve.name)
         longest = f"longer than the time between two frames ({self.frame_interval * 1e6:.4g} us)"
         require(exposure <= self.frame_interval * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
-        self.simulations = Simulations()
         stretch = None if isinstance(options.stretch, str) else options.stretch
         self.stretch: float | None = float(stretch) if stretch else None
         # (mean, standard deviation) of the stretch if the file or the late plateau gives it
@@ -312,17 +295,15 @@ class Experiment:
     def _run(
         self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy
     ) -> Simulation | None:  # fmt: skip
-        """The simulation of x (d,) with its natural values at these times, s; None if it failed. Both are counted."""
+        """The simulation of x (d,) with its natural values at these times, s; None if it failed."""
         try:
             run = simulate(
                 self.family.material(x[: self.law_size]), max_radius=max_radius, stretch=natural["stretch"], time=time,
                 medium=self.medium, bubble=self.bubble_with(natural), accuracy=accuracy, throw=False,
             )  # fmt: skip
-            good = run.ok and bool(np.all(np.isfinite(run.radius)))
         except InputError:  # parameters that exclude each other count as a failed simulation
-            good = False
-        self.simulations.count(good)
-        return run if good else None
+            return None
+        return run if run.ok and np.all(np.isfinite(run.radius)) else None
 
     def difference(self, x: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(n,) measured minus simulated, over R_max, of the frames that count; NaN if the simulation failed."""

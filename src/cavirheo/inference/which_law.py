@@ -16,7 +16,7 @@ from scipy.special import softmax
 
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import require
-from cavirheo.inference.alternatives import as_alternative, choice_messages, contenders, with_rivals
+from cavirheo.inference.alternatives import as_alternative, choice_messages, contenders, rejection_messages
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.population import Population, with_slope_if_any
@@ -183,7 +183,8 @@ def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> lis
         answer = replace(answer, others=tuple(as_alternative(rival) for rival in rivals if rival.evidence))
         of_group = [Message("model.of_group", {"material": chosen})] if i in by_group else []
         messages = choice_messages(answer, rivals) if chosen == ranking.chosen else of_group
-        chosen_answers.append(replace(answer, checks=with_rivals(answer, messages)))
+        all_messages = (*answer.checks.messages, *messages, *rejection_messages(answer))
+        chosen_answers.append(replace(answer, checks=replace(answer.checks, messages=all_messages)))
     return chosen_answers
 
 

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,13 +16,15 @@ from scipy.special import expit
 from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
+from cavirheo.inference.answer import over_scale
 from cavirheo.inference.population.heaps import Heap, two_heaps
 from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
-from cavirheo.inference.population.importance import Sample
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.inference.population.systematic import CommonErrors, over_scale, shifts
+from cavirheo.inference.population.systematic import CommonErrors, shifts
+from cavirheo.inference.sample import Draws, effective_size
 from cavirheo.parameters import (
     DECIDING,
+    LOG10,
     Bound,
     bound_of,
     column_name,
@@ -388,68 +390,92 @@ def population(
 
     Source: docs/method/population.md.
     """
-    answers = list(answers)
-    for answer in answers:
+    own = list(answers)
+    for answer in own:
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
-    own = answers  # each by itself
-    answers, switches = share_switches(answers, only_trusted=only_trusted)
     expect_whole(seed, "seed", 0, "option.seed")
-    require(bool(answers), "a population needs answers of shots, got none", "population.none")
-    shots = _shot_names(answers) if names is None else list(names)
-    column = np.zeros(len(answers)) if along is None else np.asarray(along, dtype=float)
+    require(bool(own), "a population needs answers of shots, got none", "population.none")
+    shots = _shot_names(own) if names is None else list(names)
+    column = np.zeros(len(own)) if along is None else np.asarray(along, dtype=float)
     for argument, values in (("names", shots), ("along", column)):
-        message = f"{argument} must have one entry for each of the {len(answers)} answers"
-        require(np.shape(values) == (len(answers),), message, f"population.{argument}")
-    likelihoods, excluded = _select_likelihoods(answers, column, only_trusted)
-    first = answers[next(iter(likelihoods), 0)]
-    law = tuple(name for name in first.names if is_law_parameter(name))
-    names = tuple(map(natural_name, law))
-    fields: dict[str, Any] = {"names": names, "material": first.material, "bubble": first.bubble}
-    fields |= {"shots": tuple(shots[i] for i in likelihoods), "left_out": excluded, "switches": switches}
-    fields["errors"] = errors = errors or CommonErrors()
+        message = f"{argument} must have one entry for each of the {len(own)} answers"
+        require(np.shape(values) == (len(own),), message, f"population.{argument}")
+    shared, switches = share_switches(own, only_trusted=only_trusted)
+    likelihoods, excluded = _select_likelihoods(shared, column, only_trusted)
+    first = shared[next(iter(likelihoods), 0)]
+    empty = Population(
+        names=tuple(natural_name(name) for name in first.names if is_law_parameter(name)),
+        material=first.material,
+        bubble=first.bubble,
+        shots=tuple(shots[i] for i in likelihoods),
+        left_out=excluded,
+        switches=switches,
+        errors=errors or CommonErrors(),
+    )
     if len(likelihoods) < MIN_SHOTS:
-        count = digits.counted_shots(len(likelihoods), len(answers))
-        return Population(**fields, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
-    rough = [f"{shots[i]} ({shot.effective:.0f})" for i, shot in likelihoods.items() if shot.effective < FEW]
-    notes = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
-    counted = [answers[i] for i in likelihoods]
-    ends = np.array([_ends(answer, law) for answer in counted])
+        count = digits.counted_shots(len(likelihoods), len(own))
+        return replace(empty, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
+    pairs = [(own[i], shared[i]) for i in likelihoods]
+    return _with_material(
+        empty, pairs, [*likelihoods.values()], None if along is None else column[[*likelihoods]], seed
+    )
+
+
+def _with_material(
+    empty: Population,
+    pairs: Sequence[tuple[Posterior, Posterior]],
+    likelihoods: Sequence[Likelihood],
+    column: Floats | None,
+    seed: int,
+) -> Population:
+    """The population with its draws. pairs: the answer of each shot that counts, by itself, and in the state of the
+    switches that all share. column: (n,) values of the shots, or None."""
+    own, answers = zip(*pairs, strict=True)
+    names, along = empty.names, dict[str, Any]()
+    ends = np.array([_ends(answer, [LOG10 + name for name in names]) for answer in answers])
     low, high = np.min(ends[:, 0], axis=0), np.max(ends[:, 1], axis=0)
-    x = None
-    if along is not None:
-        column = column[list(likelihoods)]
+    if column is not None:
         middle, unit = float(np.mean(column)), float(np.std(column))
         require(unit > 0, "along must not be one value for all shots", "population.along")
-        x = (column - middle) / unit
-    several, common = (Scatter([*likelihoods.values()], low, high, spread=spread, column=x) for spread in (True, False))
-    sample, sample_of_one = several.sample(seed), common.sample(seed)
-    if sample.ess < _LEAST_EFFECTIVE or not sample.reliable:
-        notes.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
-    u = _resampled(sample, seed)
-    centre, fields["spread"], fields["correlation"], slope = several.parts(u)
-    over = {name: change for k, name in enumerate(names) if (change := over_scale(counted, law[k])) is not None}
-    shift = shifts(names, over, errors, _DRAWS, seed)
-    heaps = {
-        name: two_heaps([own[i] for i in likelihoods], fields["shots"], name) for name in names if name in DECIDING
-    }
-    if along is not None:
-        fields |= {"slope": slope / unit, "along_at": middle}
-    return Population(
-        **fields,
-        warnings=tuple(notes),
+        column = (column - middle) / unit
+    several, common = (Scatter(likelihoods, low, high, spread=spread, column=column) for spread in (True, False))
+    draws, draws_of_one = several.sample(seed), common.sample(seed)
+    u = _resampled(draws, seed)
+    centre, spread, correlation, slope = several.parts(u)
+    if column is not None:
+        along = {"slope": slope / unit, "along_at": middle}
+    over = {name: change for name in names if (change := over_scale(answers, name)) is not None}
+    shift = shifts(names, over, empty.errors, _DRAWS, seed)
+    heaps = {name: two_heaps(own, empty.shots, name) for name in names if name in DECIDING}
+    return replace(
+        empty,
+        **along,
+        warnings=tuple(_warnings(empty.shots, likelihoods, effective_size(draws.log_weight))),
         centre=centre + shift,
         statistical=centre,
+        spread=spread,
+        correlation=correlation,
         over_scale=over,
         heaps={name: both for name, both in heaps.items() if both},
-        common=common.parts(_resampled(sample_of_one, seed))[0] + shift,
+        common=common.parts(_resampled(draws_of_one, seed))[0] + shift,
         outlier_probability=several.outliers(u[:: _DRAWS // 1000]),
-        gain=several.evidence(sample),
-        gain_of_one=common.evidence(sample_of_one),
-        shot_evidence=tuple(answer.evidence for answer in counted),
+        gain=several.evidence(draws),
+        gain_of_one=common.evidence(draws_of_one),
+        shot_evidence=tuple(answer.evidence for answer in answers),
         prior={name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)},
-        shots_bound=_shots_bound(counted, names),
-        shot_values=tuple({name: answer.quantity(name) for name in names} for answer in counted),
+        shots_bound=_shots_bound(answers, names),
+        shot_values=tuple({name: answer.quantity(name) for name in names} for answer in answers),
     )
+
+
+def _warnings(shots: Sequence[str], likelihoods: Sequence[Likelihood], effective: float) -> Iterator[str]:
+    """What is rough in the intervals of shots, and in those of their material, which has so many effective draws."""
+    sizes = zip(shots, likelihoods, strict=True)
+    rough = [f"{name} ({shot.effective:.0f})" for name, shot in sizes if shot.effective < FEW]
+    if rough:
+        yield f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"
+    if effective < _LEAST_EFFECTIVE:
+        yield f"the intervals of the material are rough: its draws are worth {effective:.0f} independent ones"
 
 
 def _shot_names(answers: Sequence[Posterior]) -> list[str]:
@@ -533,7 +559,7 @@ def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
     return np.array(ends, dtype=float).T
 
 
-def _resampled(sample: Sample, seed: int) -> Floats:
+def _resampled(sample: Draws, seed: int) -> Floats:
     """(_DRAWS, m) equally likely draws, in random order."""
     rng = np.random.Generator(np.random.Philox(seed).jumped())
     weight = relative_weights(sample.log_weight)

@@ -7,14 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import NORMAL_90, Floats
 from cavirheo.posterior import Posterior
 
 FEWEST = 2  # shots in a heap
 LEAST_SHARE = 0.2  # of the shots in the smaller heap: fewer are outliers
 APART = 0.3  # decades between the middles of the heaps
 CLEAR = 4.0  # this distance over the deviation of a shot within its heap
-_GAUSSIAN_90 = 1.645  # half-width of a 90 % interval in standard deviations
 
 
 class Heap(NamedTuple):
@@ -41,7 +40,7 @@ def two_heaps(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> 
     fewest = max(FEWEST, int(np.ceil(LEAST_SHARE * len(known))))
     valued = np.all(np.isfinite(ends), axis=1)
     halves = 0.5 * np.diff(ends[valued], axis=1)
-    own = float(np.median(halves)) / _GAUSSIAN_90 if len(halves) else 0.0
+    own = float(np.median(halves)) / NORMAL_90 if len(halves) else 0.0
     best, most = None, 0
     for gap in np.unique(ends[np.isfinite(ends[:, 1]), 1]):
         low, high = ends[:, 1] <= gap, ends[:, 0] > gap

@@ -27,8 +27,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.population.importance import Sample, importance_sample
-from cavirheo.inference.sample import Mixture
+from cavirheo.inference.sample import Draws, Mixture, sample
 from cavirheo.parameters import Bound
 from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal
@@ -54,8 +53,9 @@ SPREAD_SCALE = 0.2  # decades: scale of the half-normal prior of each spread
 SLOPE_STD = 1.0  # decades per standard deviation of the column: standard deviation of the prior of each slope
 _MAX_SPREAD = 2.0  # decades: largest spread
 _CHUNK = 100_000  # densities that are computed at a time
-_ROUND, _ENOUGH, _ADAPTED = 1000, 2500.0, 2  # draws of a round, effective draws that are enough, rounds that adapt
-_STEP = 0.002  # step of differences, in the coordinates of the prior
+_ROUNDS = (2000, 2500, 3000, 3500, 4000, 4500)  # draws of each round at most
+_ENOUGH = 5000.0  # effective draws after which no round follows; half of it finds the evidence of slopes 0.1 too low
+_STEP = 1e-4  # step of differences, in the coordinates of the prior
 _MODE_DEPTH = 30.0  # log integral below that of the best mode at which a mode is left out
 _SHOT_STARTS, _CLIMBED = 12, 3  # most shots at each of which a search starts; starts that are used, the likeliest
 
@@ -302,22 +302,14 @@ class Scatter:
         rows = max(_CHUNK // len(self.shot), 1)
         return [u[i : i + rows] for i in range(0, len(u), rows)]
 
-    def sample(self, seed: int) -> Sample:
+    def sample(self, seed: int) -> Draws:
         """Weighted draws."""
-        mixture = self._start()
-
-        def adapt(draws: Sample, _: np.random.Generator) -> Mixture:
-            nonlocal mixture
-            mixture = mixture.fitted(draws.u, draws.log_weight)
-            return mixture.widened()
-
         rng = np.random.Generator(np.random.Philox(seed))
-        return importance_sample(self, mixture.widened(), adapt, rng, enough=_ENOUGH, each=_ROUND, fewest=_ADAPTED)
+        return sample(self, self._start(), _ROUNDS, rng, _ENOUGH)[0]
 
-    def evidence(self, sample: Sample) -> Evidence:
-        """Log evidence: the mean weight of the draws times the sizes of the likelihoods."""
-        log, error = sample.log_evidence
-        return Evidence(log + self.log_size, error)
+    def evidence(self, draws: Draws) -> Evidence:
+        """Log evidence: that of the draws times the sizes of the likelihoods."""
+        return Evidence(draws.log_evidence + self.log_size, draws.error)
 
     def outliers(self, u: Floats) -> Floats:
         """Probability (n,) that each shot is an outlier, averaged over equally likely u (k, .)."""
@@ -339,10 +331,9 @@ class Scatter:
         u = np.array([self._to_u(*start) for start in starts])
         modes: list[tuple[Floats, Floats, float]] = []  # place, covariance and log of the integral
         for start in u[np.argsort(-self(u), kind="stable")[:_CLIMBED]]:
-            place, height = self._climb(start)
-            if not any(np.max(np.abs(place - mode[0])) < 0.05 for mode in modes):
-                width = self._mode_covariance(place)
-                modes.append((place, width, height + 0.5 * np.linalg.slogdet(width)[1]))
+            mode = self._climb(start)
+            if not any(np.max(np.abs(mode[0] - other[0])) < 0.05 for other in modes):
+                modes.append(mode)
         top = max(mode[2] for mode in modes)
         places, widths, integrals = zip(*(mode for mode in modes if mode[2] > top - _MODE_DEPTH), strict=True)
         return Mixture.of_modes(places, widths, integrals)
@@ -355,32 +346,20 @@ class Scatter:
             x[self.d : 2 * self.d] = spread
         return self.prior.to_u(x, inside=1e-6)
 
-    def _neighbours(self, u: Floats, step: float) -> tuple[float, Floats, Floats]:
-        """The log posterior at u (m,), and those (m,) one step along each coordinate, upwards and downwards."""
-        steps = step * np.eye(len(u))
-        value = self(np.concatenate([u[None], u + steps, u - steps]))
-        up, down = np.split(value[1:], 2)
-        return float(value[0]), up, down
+    def _climb(self, u: Floats) -> tuple[Floats, Floats, float]:
+        """A mode (m,) near u (m,), a covariance (m, m) about it, and the log of its integral."""
+        steps = _STEP * np.eye(len(u))
 
-    def _climb(self, u: Floats) -> tuple[Floats, float]:
         def falling(at: Floats) -> tuple[float, Floats]:
-            height, up, down = self._neighbours(at, 1e-4)
-            return -height, -(up - down) / 2e-4
+            value = self(np.concatenate([at[None], at + steps, at - steps]))
+            up, down = np.split(value[1:], 2)
+            return -float(value[0]), -(up - down) / (2.0 * _STEP)
 
         mode = minimize(falling, u, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-2})
-        return np.clip(mode.x, -7.0, 7.0), -float(mode.fun)
-
-    def _mode_covariance(self, u: Floats) -> Floats:
-        """(m, m) covariance of the Gaussian about a mode."""
-        height, up, down = self._neighbours(u, _STEP)
-        steps = np.sqrt(0.1 / np.maximum(-(up + down - 2.0 * height) / _STEP**2, 1.0))  # each lowers the height by 0.05
-        along, (i, j) = np.diag(steps), np.tril_indices(len(u))
-        value = [self(u + (a * along[i] + b * along[j])) for a in (1.0, -1.0) for b in (1.0, -1.0)]
-        curved = np.zeros((len(u), len(u)))
-        curved[i, j] = (value[0] - value[1] - value[2] + value[3]) / (4.0 * steps[i] * steps[j])
-        curved = curved + np.tril(curved, -1).T
-        values, vectors = np.linalg.eigh(-curved)
-        return np.asarray((vectors / np.clip(values, 0.5, None)) @ vectors.T)  # hardly wider than the prior
+        values, vectors = np.linalg.eigh(mode.hess_inv)
+        values = np.clip(values, 1e-6, 2.0)  # hardly wider than the prior
+        height = -float(mode.fun) + 0.5 * float(np.sum(np.log(values)))
+        return np.clip(mode.x, -7.0, 7.0), (vectors * values) @ vectors.T, height
 
 
 def _log_sum(log_p: Floats, first: np.ndarray) -> Floats:

@@ -21,11 +21,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from cavirheo.arrays import Floats, weighted_covariance
+from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference.sample import effective_size
-from cavirheo.parameters import natural_name
-from cavirheo.posterior import Posterior
 
 _LN10 = float(np.log(10.0))
 _STREAM = 7  # of the random draws of the errors
@@ -61,25 +58,6 @@ def slopes(name: str, over_scale: float) -> dict[str, float]:
     per relative change of R_max."""
     rate = over_scale if name == "shear_modulus" else over_scale - 1.0
     return {"scale": over_scale, "rate": rate, "density": 0.5 * over_scale, "pressure": 1.0 - 0.5 * over_scale}
-
-
-def over_scale(answers: Sequence[Posterior], name: str) -> float | None:
-    """Relative change of a parameter of G or mu per relative change of R_max: the common slope of its logarithm on the
-    radius scale, within the draws of each shot that determines it. The frames hardly tell the scale, so its draws are
-    those of its prior. None where no shot determines the parameter or infers the scale."""
-    products, squares = 0.0, 0.0
-    for answer in answers:
-        if "radius_scale" not in answer.names or name not in answer.names or answer.bound(natural_name(name)):
-            continue
-        value, scale = (answer.theta[:, answer.names.index(column)] for column in (name, "radius_scale"))
-        log_weight = np.zeros(len(value)) if answer.log_weight is None else answer.log_weight
-        pair = weighted_covariance(value, scale, log_weight)
-        if pair is None:
-            continue
-        worth = effective_size(log_weight[np.isfinite(value)]) / pair[0, 0]
-        products += worth * pair[0, 1]
-        squares += worth * pair[1, 1]
-    return _LN10 * products / squares if squares else None
 
 
 def shifts(names: Sequence[str], over: Mapping[str, float], errors: CommonErrors, draws: int, seed: int) -> Floats:
