@@ -469,21 +469,6 @@ def test_a_port_that_is_taken_is_said(served):
         pass
 
 
-def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link():
-    from cavirheo.app.server import running_server
-
-    with running_server(limits=VisitorLimits(absent_seconds=0.05)) as (address, visitors):
-        one = visitors.session_for("who asks")
-        own = f"{address}live?session={one.link}"
-        assert "waiting" in httpx.get(own).text
-        one.add([SOFT], QUICK, copy=True)
-        infer(one, ["soft_gel[3]"])
-        assert "<h1>soft_gel[3]</h1>" in httpx.get(own).text
-        assert "waiting" in httpx.get(f"{address}live").text  # a proxy on this machine asks for whoever there is
-        gone(visitors, "who asks")
-        assert "waiting" in httpx.get(own).text  # nothing of one who left
-
-
 def test_nothing_is_left_when_the_server_ends(tmp_path):
     call = [sys.executable, "-m", "cavirheo", "app", "--no-browser", "--port", "0"]
     about = os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -8,7 +8,6 @@ import threading
 import webbrowser
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
-from pathlib import Path
 from secrets import token_bytes
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -19,9 +18,6 @@ os.environ.update(GRADIO_ANALYTICS_ENABLED="False", HF_HUB_DISABLE_TELEMETRY="1"
 import gradio as gr
 from gradio import processing_utils, route_utils
 from starlette.middleware import Middleware
-from starlette.requests import Request
-from starlette.responses import HTMLResponse
-from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cavirheo.app import words
@@ -30,7 +26,6 @@ from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import call_glibc
 from cavirheo.physics.simulate import load_solver
-from cavirheo.reporting.html import LIVE_FILE, live_page
 from cavirheo.writing.terminal import say
 
 _THEME = gr.themes.Default(
@@ -82,22 +77,6 @@ class _Upload(route_utils.GradioUploadFile):
         self.sha.update(token_bytes(16))
 
 
-def _live_route(visitors: Visitors, folder: Path | None) -> Route:
-    """Return the route /live: it shows the page that `cavirheo watch` writes into the folder; without a folder, the
-    last answer of the session with the secret link in the address (/live?session=...)."""
-
-    def live(request: Request) -> HTMLResponse:
-        if folder:
-            with suppress(OSError):
-                return HTMLResponse((folder / LIVE_FILE).read_text(encoding="utf-8"))
-            return HTMLResponse(live_page())
-        answers = visitors.answers_by_link(request.query_params.get("session", ""))
-        latest = (answers.document, len(answers.pairs) - 1, *answers.pairs[-1]) if answers else ()
-        return HTMLResponse(live_page(*latest))
-
-    return Route("/live", live)
-
-
 def _guard(module: ModuleType, name: str, guard: object) -> None:
     """Replace the object that gradio calls by this name. Raises InputError: gradio has no such name, so that `guard`
     would never be called."""
@@ -108,11 +87,10 @@ def _guard(module: ModuleType, name: str, guard: object) -> None:
 
 @contextmanager
 def running_server(
-    host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None, folder: Path | None = None
+    host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None
 ) -> Iterator[tuple[str, Visitors]]:
-    """Serve the page; yield (its address, its visitors). At the end, all temporary files are removed. folder: `cavirheo
-    watch` writes the page of /live into it. Raises InputError: the port cannot be opened, or `_guard` fails with this
-    version of gradio."""
+    """Serve the page; yield (its address, its visitors). At the end, all temporary files are removed. Raises
+    InputError: the port cannot be opened, or `_guard` fails with this version of gradio."""
     _guard(processing_utils, "async_ssrf_protected_download", _refuse_url)  # clients must not make the server download
     _guard(route_utils, "GradioUploadFile", _Upload)
     with (
@@ -121,7 +99,6 @@ def running_server(
     ):
         os.environ["GRADIO_TEMP_DIR"] = temporary
         page = Page(visitors).blocks.queue(default_concurrency_limit=MAX_EVENTS)
-        routes = [_live_route(visitors, folder)]
         try:
             _, address, _ = page.launch(
                 server_name=host,
@@ -138,7 +115,7 @@ def running_server(
                 ssr_mode=False,
                 share=False,
                 pwa=False,
-                app_kwargs={"middleware": [Middleware(_add_security_headers)], "routes": routes},
+                app_kwargs={"middleware": [Middleware(_add_security_headers)]},
             )
         except OSError as error:
             message = f"cannot listen on {host}:{port}: {error}; give another --port"
@@ -147,12 +124,11 @@ def running_server(
             yield address, visitors
 
 
-def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder: Path | None = None) -> None:
-    """Serve the page until SIGINT or SIGTERM; with a folder, the address shown is /live. Raises InputError."""
+def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits) -> None:
+    """Serve the page until SIGINT or SIGTERM. Raises InputError."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: by default, each of many threads keeps a separate heap
-    with suppress(KeyboardInterrupt), running_server(host, port, limits, folder) as (address, visitors):
-        address += "live" * bool(folder)
+    with suppress(KeyboardInterrupt), running_server(host, port, limits) as (address, visitors):
         say(f"cavirheo app: {address}   (Ctrl+C ends it)")
         threading.Thread(target=load_solver, daemon=True).start()
         if browser:

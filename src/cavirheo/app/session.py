@@ -448,11 +448,6 @@ class Visitors:
             self._links[name] = link
             return self.session_for(name)
 
-    def answers_by_link(self, link: str) -> Answers | None:
-        """Return the answers of the session with this link, if there are any."""
-        with self._lock:
-            return self._sessions[link].answers if link in self._sessions else None
-
     def leave(self, name: str) -> None:
         """Let `forget_absent` forget this page after a delay, unless it sends another request until then (a phone that
         slept)."""

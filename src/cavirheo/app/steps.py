@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import count
 from pathlib import Path
 from secrets import token_hex
 from tempfile import TemporaryDirectory
@@ -35,7 +34,6 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import LIST_FILE
 from cavirheo.writing.packing import content_hash
 
-FIGURES = ("png", "svg")  # in the zip
 SLIDERS = {  # label, factor from SI
     "shear_modulus": ("Try G (kPa)", 1e-3),
     "viscosity": ("Try µ (Pa s)", 1.0),
@@ -197,7 +195,8 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
     if (answers := session.answers) is None or session.stale:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
-    number, shots, folder = count(1), len(answers.pairs) + len(fits), session.folder / "export"
+    folder = session.folder / "export"
+    progress(0.0, "pictures are drawn")
     archive, document = session.folder / "cavirheo-result.zip", answers.document
     published = {group.name: group.published for group in document.groups}
 
@@ -207,10 +206,9 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
             for kind in ("processed", "simulated"):
                 (result_folder / kind).mkdir(parents=True)
             options: dict[str, Any] = {"notes": document.notes, "published": published}
-            options["advance"] = lambda: progress(next(number) / (shots + 1), "drawn")
-            write_report(result_folder, answers.pairs, document.command, FIGURES, **options)
+            write_report(result_folder, answers.pairs, document.command, **options)
             if fits:
-                write_report(result_folder / "least-squares", fits, f"{document.command}; then fit", FIGURES, **options)
+                write_report(result_folder / "least-squares", fits, f"{document.command}; then fit", **options)
             for listing in result_folder.rglob(LIST_FILE):  # the list of files by run, which one run does not need
                 listing.unlink()
             _write_curves(result_folder, answers)

@@ -15,20 +15,16 @@ from cavirheo.writing import terminal
 from cavirheo.writing.digits import MISSING
 
 _HOST = "address to listen on; 0.0.0.0 is open to the network, without a password"
-_LIVE = "folder of results of `cavirheo watch`, whose page is served at /live"
 
 
 def app(
     host: Annotated[str, option(_HOST)] = "127.0.0.1",
     port: Annotated[int, option("port; 0: any free one", min=0, max=65535)] = 7860,
-    live: Annotated[Path | None, option(_LIVE, readable=False)] = None,
     browser: Annotated[bool, option("open the page in the browser", None, "--browser/--no-browser")] = True,
     max_file_mb: Annotated[float, option("largest file that may be uploaded, MB", min=0.001)] = 50.0,
     max_files: Annotated[int, option("largest number of files of one visitor", min=1)] = 50,
 ) -> None:
     """The same in the browser: upload files, look, infer, compare with the simulation, download everything as a zip."""
-    message = f"--live must be the folder into which `cavirheo watch` writes (its -o), got {live}: start `watch` first"
-    require(live is None or live.is_dir(), message, "option.live")
     try:
         from cavirheo.app.server import serve
     except ModuleNotFoundError as error:
@@ -37,7 +33,7 @@ def app(
         raise InputError(f'the browser app needs {error.name}: pip install "cavirheo[app]"') from None
     from cavirheo.app.session import VisitorLimits
 
-    serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files), folder=live)
+    serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files))
 
 
 def cluster(
