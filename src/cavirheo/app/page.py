@@ -104,13 +104,13 @@ class Page:
         with gr.Row():
             with gr.Column(scale=2, min_width=300):
                 self.chosen_shots = gr.CheckboxGroup(label="Shots to infer", show_select_all=True)
-                self.fields["window"] = gr.Dropdown(words.WINDOWS, value=0, label="Window that is compared")
+                self.fields["window"] = gr.Dropdown(words.WINDOWS, value="", label="Window that is compared")
                 self.fields["group"] = gr.Dropdown(words.GROUPS, value="auto", label="Shots that are one material")
                 with gr.Row():
                     self.fields["medium"] = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
                     self._text_boxes("density")
                 self._text_boxes("rmax_um", "stretch")
-                self.fields["trust_input"] = gr.Checkbox(label=words.VOUCH)
+                self.fields["trust_input"] = gr.Checkbox(label=words.with_option(words.VOUCH, "trust_input"))
                 with gr.Accordion("More about the liquid", open=False):
                     self._text_boxes("sound_speed", "surface_tension")
                     self._text_boxes("pressure", "temperature")
@@ -123,7 +123,7 @@ class Page:
         with gr.Row():
             for name in names:
                 label, empty = words.TEXT_FIELDS[name]
-                self.fields[name] = _text_box(label=label, placeholder=empty, min_width=120)
+                self.fields[name] = _text_box(label=words.with_option(label, name), placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
         self.fields["material"] = gr.Radio(words.material_choices(), value="auto", label="Law of the material")
@@ -155,7 +155,6 @@ class Page:
     def _export(self) -> None:
         _html(words.render("export"))
         self.make_zip = _button("Download cavirheo-result.zip")
-        self.result_files = gr.File(label="File by file", file_count="multiple", interactive=False, visible=False)
         self.download = gr.DownloadButton()  # hidden: a script clicks it when the zip is ready
 
     # events
@@ -200,11 +199,10 @@ class Page:
     def _wire(self, settings: list[Any]) -> None:
         bind, shot = self._bind, [self.checked_shot]
         private: dict[str, Any] = {"api_visibility": "private"}
-        bind(
-            self.upload.upload, self._load, [self.upload, *settings], spinner=self.shots_table, trigger_mode="multiple"
-        )
+        loading: dict[str, Any] = {"spinner": self.shots_table}
+        bind(self.upload.upload, self._load, [self.upload, *settings], trigger_mode="multiple", **loading)
         for name, example in self.examples.items():
-            bind(example.click, partial(self._load_example, name), settings, spinner=self.shots_table)
+            bind(example.click, partial(self._load_example, name), settings, **loading)
         bind(self.clear.click, self._clear, [self.link], js=_ASK)
         texts = [one for one in settings if isinstance(one, gr.Textbox)]
         changes = [event for one in texts for event in (one.blur, one.submit)]  # not while somebody types
@@ -217,11 +215,9 @@ class Page:
         bind(self.shots_table.submit, self._name_materials, [self.link, self.shown_shot], js=js, **_LATEST)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, **private)
-        begin = bind(
-            [self.infer_now.click, self.infer.click], self._begin_run, [self.chosen_shots, *settings], queue=False
-        )
-        run = bind(begin.success, self._answer, [self.chosen_shots], slow=True, **_RUNS)
-        bind(run.success, self._show_check, shot)
+        starts = [self.infer_now.click, self.infer.click]
+        begin = bind(starts, self._begin_run, [self.chosen_shots, *settings], queue=False)
+        bind(begin.success, self._answer, [self.chosen_shots], slow=True, **_RUNS)
         bind(self.timer.tick, self._refresh_answers, outputs=[self.timer, self.answers], queue=False)
         bind([self.stop.click, self.stop_fit.click], lambda session: session.runs.stopped.set(), queue=False)
         bind(self.published.upload, self._add_published, [self.published])
@@ -240,8 +236,9 @@ class Page:
 
     def _field_errors(self, shown_shot: Any, *values: Any) -> list[Any]:
         """A validation of each field, with its error message; any error cancels the event."""
-        errors = PageSettings.from_page(values)[1]
-        messages = ["", *(errors.get(field.name, "") for field in fields(PageSettings))]
+        typed = _typed(values)
+        errors = PageSettings.errors(typed)
+        messages = ["", *(errors.get(name, "") for name in typed)]
         return [gr.validate(not message, message) for message in messages]
 
     def _leave(self, request: gr.Request) -> None:
@@ -266,13 +263,13 @@ class Page:
     def _load(self, session: Session, files: list[str] | None, *settings: Any) -> _Updates:
         with uploaded_paths(files or []) as paths:
             if paths:  # none if an earlier event has loaded these files
-                session.add(paths, _settings(settings))
+                session.add(paths, PageSettings(**_typed(settings)))
         return self._show_data(session) | {self.upload: None}
 
     def _load_example(self, name: str, session: Session, *settings: Any) -> _Updates:
         path = steps.examples()[name]
         camera: dict[str, Any] = steps.EXAMPLE_CAMERA if is_video(path) else {}
-        session.add([path], replace(_settings(settings), **camera), copy=True)
+        session.add([path], replace(PageSettings(**_typed(settings)), **camera), copy=True)
         return self._show_data(session) | self._show_settings(session)
 
     def _clear(self, session: Session, sure: str) -> _Updates:
@@ -281,7 +278,7 @@ class Page:
         return self._show_data(session)
 
     def _show_settings(self, session: Session) -> _Updates:
-        values = {"window": 0, "material": "auto"}
+        values = {"window": "", "material": "auto"}
         values |= {name: value for name, value in vars(session.settings).items() if value is not None}
         texts = {name: f"{value:.10g}" for name, value in values.items() if isinstance(value, float)}
         return {self.fields[name]: value for name, value in (values | texts).items()}
@@ -325,7 +322,7 @@ class Page:
 
     def _change_settings(self, session: Session, name: str | None, *settings: Any) -> _Updates:
         before, names = session.settings, session.names
-        session.apply_settings(_settings(settings))
+        session.apply_settings(PageSettings(**_typed(settings)))
         if session.settings == before:
             return {}
         if session.names != names:  # a recording was measured
@@ -333,7 +330,7 @@ class Page:
         return self._show_prepared(session, name) | self._show_tables(session) | self._show_state(session)
 
     def _begin_run(self, session: Session, chosen: list[str], *settings: Any) -> _Updates:
-        session.apply_settings(_settings(settings))
+        session.apply_settings(PageSettings(**_typed(settings)))
         if session.runs.ready():
             session.run = Run(chosen)
         return {self.steps: gr.Tabs(selected=3), **self._refresh_answers(session)}
@@ -345,7 +342,7 @@ class Page:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
             shown = {self.checked_shot: gr.Dropdown(choices=names, value=names[0])}
-            return shown | self._show_state(session, draw=True)
+            return shown | self._show_state(session, draw=True) | self._show_check(session, names[0])
 
     def _name_materials(self, session: Session, materials: str, name: str | None) -> _Updates:
         earlier, edits = words.shot_cells(session), json.loads(materials)
@@ -384,16 +381,12 @@ class Page:
         return {self.check_plot: words.check_plot(session, name), self.trial: words.render("trial", checks)}
 
     def _zip(self, session: Session) -> _Updates:
-        archive, files = steps.export(session)
-        shown = gr.File([str(path) for path in files], visible=True)
-        return {self.result_files: shown, self.download: gr.DownloadButton(value=str(archive))}
+        return {self.download: gr.DownloadButton(value=str(steps.export(session)))}
 
 
-def _settings(values: Sequence[Any]) -> PageSettings:
-    """Return the settings with these values, in the order of the fields of PageSettings. Raises InputError."""
-    settings, errors = PageSettings.from_page(values)
-    require(not errors, "; ".join(errors.values()), "app.settings")
-    return settings
+def _typed(values: Sequence[Any]) -> dict[str, Any]:
+    """The values of the fields of PageSettings by name."""
+    return dict(zip((field.name for field in fields(PageSettings)), values, strict=True))
 
 
 @contextmanager

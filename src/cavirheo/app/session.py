@@ -38,6 +38,11 @@ from cavirheo.writing.document import short_name
 UPLOAD_FOLDER = "your files"  # the folder of a visitor, which names the group of single-shot files
 
 
+def option_of(name: str) -> str:
+    """The option of the command line for a field of PageSettings."""
+    return f"--{name.replace('_', '-')}"
+
+
 @dataclass(frozen=True)
 class VisitorLimits:
     """What one visitor may load, and how many visitors there are."""
@@ -55,8 +60,9 @@ class VisitorLimits:
 
 @dataclass(frozen=True)
 class PageSettings:
-    """The settings of the page, as options of `cavirheo infer`; None: not given. Raises InputError: a value that
-    `infer` rejects, or a model that is not shipped (a visitor must not open files of this machine)."""
+    """The settings of the page, as options of `cavirheo infer`; None: not given. Numbers may be texts, and an empty
+    text is the default. Raises InputError: a value that `infer` rejects, or a model that is not shipped (a visitor must
+    not open files of this machine)."""
 
     medium: str = "water"
     density: float | None = None
@@ -78,7 +84,11 @@ class PageSettings:
     trust_input: bool = False  # scale, frame rate and medium are right even if they look odd
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "trust_input", bool(self.trust_input))
+        for field_ in fields(self):
+            value = getattr(self, field_.name)
+            if isinstance(value, str) and "float" in str(field_.type) and value != "free":
+                value = parse_number(value, field_.name, ".," if field_.name == "fps" else ",")
+            object.__setattr__(self, field_.name, field_.default if value in (None, "") else value)
         if self.stretch != "free":
             check_stretch(self.stretch)
         if self.exposure_us is not None and not 0.0 < self.exposure_us < inf:
@@ -92,31 +102,22 @@ class PageSettings:
         if self.model in networks:
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
-        _ = self.analysis
+        _ = self.analysis, self.read_options
         if self.material == "auto":  # it means the same as None
             object.__setattr__(self, "material", None)
 
     @classmethod
-    def from_page(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
-        """Return (settings, error messages by field) from the values of the page's fields, in their order. The key ""
-        is for an error of the values in combination. If there is any error, the settings are the defaults."""
-        types = {field.name: str(field.type) for field in fields(cls)}
-        typed = dict(zip(types, values, strict=True))
-        settings, errors = dict[str, Any](), dict[str, str]()
-        for name, value in typed.items():
+    def errors(cls, typed: Mapping[str, Any]) -> dict[str, str]:
+        """Why values that were typed into fields cannot be used, by field; "" for all of them together."""
+        errors = dict[str, str]()
+        vouch = {"trust_input": typed["trust_input"]}
+        for name, value in [*typed.items(), ("", None)]:
             try:
-                if "float" in types[name] and value != "free":
-                    settings[name] = parse_number(value, name, ".," if name == "fps" else ",")
-                else:
-                    settings[name] = value or None
-                alone = {"trust_input": typed["trust_input"], name: settings[name]}
-                _ = cls(**alone).read_options
+                if name or not errors:
+                    _ = cls(**(vouch | {name: value} if name else typed))
             except InputError as error:
                 errors[name] = str(error)
-        try:
-            return cls() if errors else cls(**settings), errors
-        except InputError as error:
-            return cls(), {"": str(error)}
+        return errors
 
     @property
     def liquid(self) -> Medium:
@@ -238,25 +239,24 @@ class Session:
         for path in files:
             taken.append(self._unused_path(path.name))
             (shutil.copyfile if copy else shutil.move)(path, taken[-1])
+        files = [*self.files, *taken]
         try:
-            self._set_files([*self.files, *taken], settings)
+            curves, problems = self._read(files, settings, self.densities)
+            limits, frames = self.limits, sum(len(curve.time) for curve in curves)
+            if len(curves) > limits.curves or frames > limits.frames:
+                message = (
+                    f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
+                )
+                remedy = "load fewer, or use the command line (cavirheo infer)"
+                raise InputError(f"{message} at once: {remedy}", "app.too_many_frames")
+            read = {curve.source for curve in curves}
+            waits = None in (settings.fps, settings.um_per_px)  # a recording that lacks them stays until they are typed
+            kept = [path for path in taken if path.name in read or (waits and is_video(path))]
+            self.files += kept
+            self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
         finally:
             for path in {*taken} - {*self.files}:
                 path.unlink()
-
-    def _set_files(self, files: Sequence[Path], settings: PageSettings) -> None:
-        """Read these files, and drop the answers. A recording that lacks frame rate or scale stays until they are
-        typed. Raises InputError: too many shots or frames."""
-        curves, problems = self._read(files, settings, self.densities)
-        limits, frames = self.limits, sum(len(curve.time) for curve in curves)
-        if len(curves) > limits.curves or frames > limits.frames:
-            message = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
-            remedy = "load fewer, or use the command line (cavirheo infer)"
-            raise InputError(f"{message} at once: {remedy}", "app.too_many_frames")
-        read, waits = {curve.source for curve in curves}, None in (settings.fps, settings.um_per_px)
-        keep = (path for path in files if path.name in read or path in self.files or (waits and is_video(path)))
-        self.files = list(keep)
-        self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
 
     def _read(
         self, files: Sequence[Path], settings: PageSettings, densities: Mapping[str, float]
@@ -308,7 +308,7 @@ class Session:
         words = ["cavirheo", "infer", *(path.name for path in self.files)]
         for name, value in vars(settings).items():
             if value not in (None, getattr(PageSettings, name)):
-                words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
+                words += [option_of(name), *([] if value is True else [str(value)])]
         return shlex.join(words)
 
     def apply_settings(self, settings: PageSettings, densities: Mapping[str, float] | None = None) -> None:
@@ -326,7 +326,10 @@ class Session:
         """Add values of other methods to the answers' groups, from files for `cavirheo compare`, or from the sweeps of
         one material for `cavirheo rheometer`. Raises InputError."""
         groups, problems = self.answers.document.groups if self.answers else [], list[InputError]()
-        for values in published(self.reader.ask(paths, (read_values, *map(str, paths)))):
+        with TemporaryDirectory(dir=self.folder) as folder:
+            copies = [Path(shutil.copy(path, folder)) for path in paths]
+            answer = self.reader.ask(copies, read_values, *(path.name for path in copies))
+        for values in published(answer):
             try:
                 add_to_groups(groups, values)
                 self.published.append(values)
@@ -375,10 +378,14 @@ class Visitors:
         self.limits, self.reader = limits, Reader(limits.read_seconds, processes=limits.readers)
         self.measurer = Reader(limits.film_seconds, prestart=False)
         self.store, self._lock = Store(capacity=200), RLock()  # two answers per shot
-        self._sessions: dict[str, Session] = {}  # by their links, in the order of use
-        self._links: dict[str, str] = {}  # link of each page's session, by the name of the page
+        self._pages: dict[str, Session] = {}  # session of each page, in the order of use
         self._left: dict[str, float] = {}  # of each page that left: when it is to be forgotten
         self.on_forget: Callable[[str], Any] = lambda name: None  # called with the name of a page that is forgotten
+
+    @property
+    def _sessions(self) -> list[Session]:
+        """Each session once, the latest used first."""
+        return list(dict.fromkeys(reversed(self._pages.values())))
 
     def session_for(self, name: str | None) -> Session:
         """Return the page's session, or a new one; beyond the limit, close the longest unused. Raises InputError."""
@@ -386,20 +393,19 @@ class Visitors:
             raise InputError("no session: reload the page")
         with self._lock:
             self._left.pop(name, None)
-            earlier = self._sessions.pop(self._links.get(name, ""), None)
-            session = earlier or Session(self.limits, self.reader, self.measurer, self.store)
-            self._sessions[session.link], self._links[name] = session, session.link
-            while len(self._sessions) > self.limits.visitors:
-                self._close(next(iter(self._sessions)))
+            session = self._pages.pop(name, None) or Session(self.limits, self.reader, self.measurer, self.store)
+            self._pages[name] = session
+            for unused in self._sessions[self.limits.visitors :]:
+                self._forget([page for page, other in self._pages.items() if other is unused])
             return session
 
     def reopen(self, name: str, link: str) -> Session | None:
         """Give the page of this name the session with this link, and return it; None if there is none."""
         with self._lock:
-            if link not in self._sessions:
-                return None
-            self._links[name] = link
-            return self.session_for(name)
+            session = next((session for session in self._sessions if session.link == link), None)
+            if session:
+                self._pages[name] = session
+            return session and self.session_for(name)
 
     def leave(self, name: str) -> None:
         """Let `forget_absent` forget this page after a delay, unless it sends another request until then (a phone that
@@ -411,31 +417,27 @@ class Visitors:
         """Forget the pages that left; a session is closed with its last page. The server calls this regularly."""
         with self._lock:
             now = time.monotonic()
-            for name in [name for name, due in self._left.items() if due <= now]:
-                del self._left[name]
-                link = self._links.pop(name, "")
-                self.on_forget(name)
-                if link in self._sessions and link not in self._links.values():
-                    self._close(link)
+            self._forget([name for name, due in self._left.items() if due <= now])
+
+    def _forget(self, names: Sequence[str]) -> None:
+        for name in names:
+            self._left.pop(name, None)
+            session = self._pages.pop(name, None)
+            self.on_forget(name)
+            if session and session not in self._pages.values():
+                self.end_session(session)
 
     def end_session(self, session: Session) -> None:
         """Close a session, and remove the answers that no other session uses."""
         session.close()
         with self._lock:
-            shared = set().union(*(visitor.keys for visitor in self._sessions.values()))
+            shared = set().union(*(visitor.keys for visitor in self._sessions))
         self.store.remove(session.keys - shared)
         cached_material_of.cache_clear()
-
-    def _close(self, link: str) -> None:
-        self.end_session(self._sessions.pop(link))
-        for name in [name for name, other in self._links.items() if other == link]:
-            self.on_forget(name)
-            del self._links[name]
 
     def close(self) -> None:
         """Close all sessions, and end the processes that read files."""
         with self._lock:
-            while self._sessions:
-                self._close(next(iter(self._sessions)))
+            self._forget([*self._pages])
         self.reader.close()
         self.measurer.close()

@@ -142,8 +142,8 @@ def what_if(session: Session, name: str, values: Sequence[float | None]) -> Chec
     return answers.trials[name]
 
 
-def export(session: Session) -> tuple[Path, list[Path]]:
-    """Return (the path of the zip, paths of its files outside subfolders). Raises InputError: no current answers."""
+def export(session: Session) -> Path:
+    """Return the path of the zip. Raises InputError: no current answers."""
     answers, base = session.current, session.folder / "export"
     folder, document = base / "cavirheo-result", answers.document
     shutil.rmtree(base, ignore_errors=True)
@@ -157,8 +157,7 @@ def export(session: Session) -> tuple[Path, list[Path]]:
     for listing in folder.rglob(LIST_FILE):  # the list of files by run, which one run does not need
         listing.unlink()
     _write_curves(folder, answers)
-    archive = Path(shutil.make_archive(str(session.folder / folder.name), "zip", base, folder.name))
-    return archive, sorted(path for path in folder.iterdir() if path.is_file())
+    return Path(shutil.make_archive(str(session.folder / folder.name), "zip", base, folder.name))
 
 
 def _write_curves(folder: Path, answers: Answers) -> None:

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
-from cavirheo.app.session import UPLOAD_FOLDER, Answers, PageSettings, Session
+from cavirheo.app.session import UPLOAD_FOLDER, Answers, PageSettings, Session, option_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import DEFAULT
@@ -34,27 +34,33 @@ BUBBLES = [  # label and value of each choice of the page
     ("real: vapour condenses at a finite rate, damped by its surroundings", "real"),
     ("the field's: equilibrium contents, unbounded liquid", "field"),
 ]
-WINDOWS = [("the usual one", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
+WINDOWS: list[tuple[str, str | int]] = [
+    ("the usual one", ""),
+    ("1 collapse", 1),
+    ("2 collapses", 2),
+    ("3 collapses", 3),
+]
 GROUPS = [
     ("those of one file; files of a single shot together", "auto"),
     ("those of one file", "file"),
     ("each by itself", "none"),
     ("those whose files have one name: soft_1, soft_2 | stiff_1", "name"),
 ]
-TEXT_FIELDS = {  # label with the option of the command line, which messages name; and what an empty field means
-    "fps": ("Frames per second (--fps)", "as the camera was set"),
-    "um_per_px": ("µm per pixel (--um-per-px)", "of recordings, or tables in pixels"),
-    "exposure_us": ("Exposure, µs (--exposure-us)", "if known"),
-    "exclude": ("Frames to leave out (--exclude)", "none; 12,40-45"),
-    "density": ("Density, kg/m³ (--density)", "as the medium"),
-    "rmax_um": ("True R_max, µm (--rmax-um)", "as measured"),
-    "stretch": ("λ = R_max/R_0 (--stretch)", "fitted; free: without the file's prior"),
-    "sound_speed": ("Sound speed, m/s (--sound-speed)", "as the medium"),
-    "surface_tension": ("Surface tension, N/m (--surface-tension)", "as the medium"),
-    "pressure": ("Pressure, Pa (--pressure)", "as the medium"),
-    "temperature": ("Temperature, K (--temperature)", "as the medium"),
+TEXT_FIELDS = {  # label, and what an empty field means
+    "fps": ("Frames per second", "as the camera was set"),
+    "um_per_px": ("µm per pixel", "of recordings, or tables in pixels"),
+    "exposure_us": ("Exposure, µs", "if known"),
+    "exclude": ("Frames to leave out", "none; 12,40-45"),
+    "density": ("Density, kg/m³", "as the medium"),
+    "rmax_um": ("True R_max, µm", "as measured"),
+    "stretch": ("λ = R_max/R_0", "fitted; free: without the file's prior"),
+    "sound_speed": ("Sound speed, m/s", "as the medium"),
+    "surface_tension": ("Surface tension, N/m", "as the medium"),
+    "pressure": ("Pressure, Pa", "as the medium"),
+    "temperature": ("Temperature, K", "as the medium"),
 }
-VOUCH = "I vouch for scale, frame rate and medium, however odd they look (--trust-input)"
+VOUCH = "I vouch for scale, frame rate and medium, however odd they look"
+HYPHEN = "\u2011"  # at which no line is broken
 NO_ANSWERS = "No answers yet: press the button above."
 _MACROS = html.template("words.html", "cavirheo.app").module
 
@@ -62,6 +68,11 @@ _MACROS = html.template("words.html", "cavirheo.app").module
 def render(name: str, *content: Any) -> str:
     """Render the macro of this name in words.html."""
     return str(getattr(_MACROS, name)(*content)).strip()
+
+
+def with_option(label: str, name: str) -> str:
+    """The label of a field with the option of the command line, which messages name; its hyphens do not break."""
+    return f"{label} ({option_of(name).replace('-', HYPHEN)})"
 
 
 def page_css() -> str:
