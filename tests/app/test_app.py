@@ -517,7 +517,7 @@ def test_a_recording_waits_for_its_rate_and_scale_and_is_measured_once(session, 
     monkeypatch.setattr(session, "measurer", measurer)
     session.apply_settings(replace(CAMERA, exclude="20"))
     assert np.isnan(session.curves[1].radius[19])
-    session.add([recording], CAMERA, copy=True)
+    session.add([examples()["bubble.mp4"]], CAMERA, copy=True)
     with refused("option.exclude"):
         session.apply_settings(replace(CAMERA, exclude="20"))
     session.clear()
@@ -564,3 +564,18 @@ def test_a_gradio_without_the_private_names_serves_the_page(monkeypatch):
     with running_server() as (address, visitors):
         assert httpx.get(address).status_code == 200
         visitors.on_forget("a page")
+
+
+def test_published_values_stand_beside_the_material_and_others_are_refused_without_a_folder(session, tmp_path):
+    session.add([SOFT], QUICK, copy=True)
+    infer(session, ["soft_gel[1]"])
+    good, bad = tmp_path / "published.csv", tmp_path / "bad.csv"
+    good.write_text("set,method,quantity,mean,std\nsoft_gel,IMR,G_kPa,6.44,1.64\n")
+    bad.write_text("set,method,quantity,mean,std\nsoft_gel,IMR,G_furlongs,6.44,1.64\n")
+    session.add_published([good])
+    (group,) = session.answers.document.groups
+    assert group.published["IMR"]["shear_modulus"].mean == pytest.approx(6440.0)
+    with pytest.raises(InputError) as error:
+        session.add_published([bad])
+    assert "bad.csv" in str(error.value)
+    assert str(session.folder) not in str(error.value)

@@ -169,7 +169,7 @@ def _add_line(
     values[quantity] = PublishedValue(mean=mean, std=std, source=line.source)
 
 
-def read_values(*paths: str) -> list[dict[str, Any]]:
+def read_values(_: object, *paths: str) -> list[dict[str, Any]]:
     """Read values by set, method and parameter, in the form that `published` takes: those of the files with sets, and
     those of the other files, which must hold sweeps of one material. A function for `Reader`.
 

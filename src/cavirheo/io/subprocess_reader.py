@@ -57,7 +57,7 @@ class Reader:
         return curves, answer.problems + answer.remarks + answer.hints
 
     def ask(self, paths: Sequence[Path], function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return function(*arguments) of a child, which works in the folder of these paths: no message names it.
+        """Return function(pipe, *arguments) of a child, which works in the folder of these paths: no message names it.
 
         Raises InputError: as `read`.
         """
@@ -118,7 +118,7 @@ def _serve(pipe: Connection) -> None:
             folder, module, function, *arguments = decode(pipe.recv_bytes(), KINDS)
             try:
                 os.chdir(folder)  # files have names without folders there
-                answer = encode(getattr(import_module(module), function)(*arguments))
+                answer = encode(getattr(import_module(module), function)(pipe, *arguments))
             except InputError as error:
                 answer = encode(error)
             except MemoryError:
@@ -129,5 +129,5 @@ def _serve(pipe: Connection) -> None:
             pipe.send_bytes(answer)
 
 
-def _read(files: list[str | RadiusCurve], options: dict[str, Any]) -> CurveSet:
+def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]) -> CurveSet:
     return read_shots(files, **options)
