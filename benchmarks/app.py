@@ -107,6 +107,7 @@ def main(repeats: int) -> None:
         sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=sandbox)
         page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.on("dialog", lambda dialog: dialog.accept())  # before all files are deleted
         page.goto(address)
         for turn in range(repeats):  # in turns, so that both see the same load
             few.append(click_to_answer(page, many(Path(name), turn, 5), 5))

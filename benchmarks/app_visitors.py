@@ -48,8 +48,9 @@ class Visitor:
         self.here.__exit__(None, None, None)
         self.web.close()
 
-    def event(self, source: str, *outputs: str) -> dict[str, Any]:
-        """That which `source` is the first input or the target of, and which changes these."""
+    def event(self, source: str, *outputs: str, most: bool = False) -> dict[str, Any]:
+        """That which `source` is the first input or the target of, and which changes these; of several the one with the
+        fewest inputs, or the most."""
         wanted, source_id = {self.ids[name] for name in outputs}, self.ids[source]
         found = [
             one
@@ -57,11 +58,11 @@ class Visitor:
             if one["inputs"][:1] == [source_id] or any(of == source_id for of, _ in one["targets"])
             if wanted <= set(one["outputs"])
         ]
-        return min(found, key=lambda one: len(one["outputs"]))
+        return sorted(found, key=lambda one: len(one["inputs"]))[-1 if most else 0]
 
-    def call(self, source: str, outputs: tuple[str, ...], **given: Any) -> list[Any]:
+    def call(self, source: str, outputs: tuple[str, ...], most: bool = False, **given: Any) -> list[Any]:
         """What the event gives; raises RuntimeError where it fails."""
-        event = self.event(source, *outputs)
+        event = self.event(source, *outputs, most=most)
         values = self.values | {self.ids[name.replace("_", "-")]: value for name, value in given.items()}
         asked = {"data": [values[k] for k in event["inputs"]], "fn_index": event["id"], "session_hash": self.name}
         asked |= {"event_data": None, "trigger_id": None}
@@ -83,14 +84,13 @@ class Visitor:
         """The shots of the file, which is uploaded."""
         (kept,) = self.web.post("upload", files={"files": (file.name, file.read_bytes())}).json()
         sent = [{"path": kept, "orig_name": file.name, "meta": {"_type": "gradio.FileData"}}]
-        self.call("upload", ("upload",), upload=sent)
-        answer = self.call("medium", ("shots-table", "chosen-shots"))
-        event = self.event("medium", "shots-table", "chosen-shots")
+        answer = self.call("upload", ("shots-table", "chosen-shots"), upload=sent)
+        event = self.event("upload", "shots-table", "chosen-shots")
         boxes = answer[event["outputs"].index(self.ids["chosen-shots"])]
         return [name for name, _ in boxes["choices"]]
 
     def infer(self, shots: list[str], material: str = "auto") -> None:
-        self.call("chosen-shots", ("answers", "steps"), chosen_shots=shots, material=material)
+        self.call("chosen-shots", ("answers", "steps"), most=True, chosen_shots=shots, material=material)
         self.call("chosen-shots", ("answers", "checked-shot"), chosen_shots=shots)
 
 
@@ -148,7 +148,7 @@ def main(visitors: int, after: int, idle: float, absent: float) -> None:
             one.leave()
             rows.append((f"{visitors} at once: load the same file", at_once(crowd, lambda one: one.load(OTHER))))
             rows.append((f"{visitors} at once: infer 5 shots", at_once(crowd, lambda one: one.infer(theirs))))
-            zipped = at_once(crowd, lambda one: one.call("make-zip", ("result-files", "download")))
+            zipped = at_once(crowd, lambda one: one.call("make-zip", ("download",)))
             rows.append((f"{visitors} at once: zip of 5 shots", zipped))
             with ThreadPoolExecutor(1) as pool:
                 run = pool.submit(crowd[0].infer, theirs)

@@ -247,7 +247,7 @@ def test_a_recording_is_measured_looked_at_and_answered_on_a_phone(visit, tmp_pa
     page.wait_for_selector("#exclude :text('numbers')")
     page.fill("#exclude input", "40-45")
     page.press("#exclude input", "Tab")
-    page.wait_for_selector("#shots-table td:text-is('70')")
+    page.wait_for_selector("#shots-table td:text('70 of 80')")
     page.click("#to-prepare")
     page.wait_for_selector("#prepared-curve img")
     assert page.evaluate(FITS)

@@ -273,8 +273,9 @@ class Page:
         return self._show_data(session) | self._show_settings(session)
 
     def _clear(self, session: Session, sure: str) -> _Updates:
-        if sure == _SURE:
-            session.clear()
+        if sure != _SURE:
+            return {}
+        session.clear()
         return self._show_data(session)
 
     def _show_settings(self, session: Session) -> _Updates:
@@ -287,7 +288,6 @@ class Page:
         names = session.names
         loaded = {
             self.welcome: gr.HTML(visible=not session.files),
-            self.overview: gr.HTML(words.overview(session), visible=bool(names)),
             self.chosen_shots: gr.CheckboxGroup(choices=names, value=names),
             self.shown_shot: gr.Dropdown(choices=names, value=next(iter(names), None)),
             self.link: f"?session={session.link}" if session.files else "",
@@ -295,8 +295,11 @@ class Page:
         return loaded | self._show_tables(session) | self._show_state(session, draw=True)
 
     def _show_tables(self, session: Session) -> _Updates:
-        errors = words.render("file_errors", session.problems)
-        return {self.file_errors: errors, self.shots_table: words.shots_table(session)}
+        return {
+            self.file_errors: words.render("file_errors", session.problems),
+            self.overview: gr.HTML(words.overview(session), visible=bool(session.curves)),
+            self.shots_table: words.shots_table(session),
+        }
 
     def _show_state(self, session: Session, *, draw: bool = False) -> _Updates:
         """Enable the steps that can be used; show the answers, marked if settings changed since. draw: groups, too."""
@@ -321,13 +324,14 @@ class Page:
         return {self.input_warnings: words.render("input_warnings", words.warnings(session.curves))}
 
     def _change_settings(self, session: Session, name: str | None, *settings: Any) -> _Updates:
-        before, names = session.settings, session.names
+        before, curves, names = session.settings, session.curves, session.names
         session.apply_settings(PageSettings(**_typed(settings)))
         if session.settings == before:
             return {}
         if session.names != names:  # a recording was measured
             return self._show_data(session)
-        return self._show_prepared(session, name) | self._show_tables(session) | self._show_state(session)
+        tables = {} if session.curves is curves else self._show_tables(session)
+        return self._show_prepared(session, name) | tables | self._show_state(session)
 
     def _begin_run(self, session: Session, chosen: list[str], *settings: Any) -> _Updates:
         session.apply_settings(PageSettings(**_typed(settings)))

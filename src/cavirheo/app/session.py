@@ -109,14 +109,19 @@ class PageSettings:
     @classmethod
     def errors(cls, typed: Mapping[str, Any]) -> dict[str, str]:
         """Why values that were typed into fields cannot be used, by field; "" for all of them together."""
-        errors = dict[str, str]()
-        vouch = {"trust_input": typed["trust_input"]}
-        for name, value in [*typed.items(), ("", None)]:
+
+        def problem(**values: Any) -> str:
             try:
-                if name or not errors:
-                    _ = cls(**(vouch | {name: value} if name else typed))
+                cls(**values)
             except InputError as error:
-                errors[name] = str(error)
+                return str(error)
+            return ""
+
+        vouch = {"trust_input": typed["trust_input"]}
+        single = {name: problem(**(vouch | {name: value})) for name, value in typed.items()}
+        errors = {name: text for name, text in single.items() if text}
+        if not errors and (text := problem(**typed)):
+            return {"": text}
         return errors
 
     @property
