@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from answers import same
 from conftest import refused, until
-from recordings import RATE, SCALE, film
+from recordings import RATE, SCALE, film, write_mraw
 
 from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.app import words
@@ -522,6 +522,15 @@ def test_a_recording_waits_for_its_rate_and_scale_and_is_measured_once(session, 
         session.apply_settings(replace(CAMERA, exclude="20"))
     session.clear()
     assert (session.files, session.names) == ([], [])
+
+
+def test_the_header_of_a_recording_stays_beside_it(session, tmp_path):
+    pytest.importorskip("av")
+    path = write_mraw(tmp_path / "shot.mraw", film(bits=12).frames, 12, rate=int(RATE))
+    session.add([path, path.with_suffix(".cihx")], CAMERA)
+    session.apply_settings(replace(CAMERA, exclude="20"))
+    assert (session.names, session.problems) == (["shot"], [])
+    assert np.isnan(session.curves[0].radius[19])
 
 
 def test_a_recording_that_cannot_be_measured_is_said_without_its_folder_and_not_kept(session, recording, tmp_path):

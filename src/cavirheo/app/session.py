@@ -21,7 +21,7 @@ from cavirheo.errors import InputError, parse_number, parse_number_list, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import check_stretch
 from cavirheo.inference.cards import shipped
-from cavirheo.io.files import without_headers
+from cavirheo.io.files import pixels_of, without_headers
 from cavirheo.io.shots import check_camera, check_max_radius
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.parallel import Stoppable
@@ -249,15 +249,15 @@ class Session:
             curves, problems = self._read(files, settings, self.densities)
             limits, frames = self.limits, sum(len(curve.time) for curve in curves)
             if len(curves) > limits.curves or frames > limits.frames:
-                message = (
-                    f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
-                )
-                remedy = "load fewer, or use the command line (cavirheo infer)"
-                raise InputError(f"{message} at once: {remedy}", "app.too_many_frames")
+                message = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and "
+                message += f"{limits.frames} at once: load fewer, or use the command line (cavirheo infer)"
+                raise InputError(message, "app.too_many_frames")
             read = {curve.source for curve in curves}
             waits = None in (settings.fps, settings.um_per_px)  # a recording that lacks them stays until they are typed
-            kept = [path for path in taken if path.name in read or (waits and is_video(path))]
-            self.files += kept
+            for path in taken:
+                recording = pixels_of(path) or path  # of a header, that whose header it is
+                if recording.name in read or (waits and is_video(path)):
+                    self.files.append(path)
             self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
         finally:
             for path in {*taken} - {*self.files}:

@@ -34,12 +34,7 @@ BUBBLES = [  # label and value of each choice of the page
     ("real: vapour condenses at a finite rate, damped by its surroundings", "real"),
     ("the field's: equilibrium contents, unbounded liquid", "field"),
 ]
-WINDOWS: list[tuple[str, str | int]] = [
-    ("the usual one", ""),
-    ("1 collapse", 1),
-    ("2 collapses", 2),
-    ("3 collapses", 3),
-]
+WINDOWS: list[Any] = [("the usual one", ""), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
 GROUPS = [
     ("those of one file; files of a single shot together", "auto"),
     ("those of one file", "file"),
