@@ -14,26 +14,25 @@ from dataclasses import fields, replace
 from multiprocessing import active_children
 from pathlib import Path
 from threading import Event, Thread
+from types import SimpleNamespace
 
 import httpx
 import numpy as np
 import pytest
 from answers import same
-from conftest import error_of, refused, until
-from recordings import RATE, SCALE, film
+from conftest import refused, until
+from recordings import RATE, SCALE, film, write_mraw
 
 from cavirheo import InputError, RadiusCurve, read_curves
-from cavirheo.app import steps as step
 from cavirheo.app import words
 from cavirheo.app.page import uploaded_paths
-from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
+from cavirheo.app.session import PageSettings, Run, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, sliders, what_if
 from cavirheo.app.words import shots_table
 from cavirheo.errors import require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
-from cavirheo.io.videos import Camera
 from cavirheo.workflow.store import Store
 
 SOFT = examples()["soft_gel.csv"]
@@ -79,7 +78,7 @@ def session(reader):
         yield one
 
 
-CAMERA, QUICK = Camera(RATE, SCALE), PageSettings(model="bdt-viscoelastic")
+CAMERA, QUICK = PageSettings(fps=RATE, um_per_px=SCALE), PageSettings(model="bdt-viscoelastic")
 DRAWS = PageSettings(material="nhkv", bubble="field")  # some seconds a shot
 
 
@@ -195,14 +194,13 @@ def test_answers_go_with_the_last_visitor_who_has_them():
             session = visitors.session_for(name)
             session.add([SOFT], QUICK, copy=True)
             infer(session, ["soft_gel[1]"])
-            export(session, print)
         keys = visitors.session_for("other").keys
 
         def kept():
-            return [key for key in keys if visitors.store.get(key, object) or visitors.zips.get(key, object)]
+            return [key for key in keys if visitors.store.get(key)]
 
         gone(visitors, "one")
-        assert len(kept()) == 2
+        assert len(kept()) == 1
         gone(visitors, "other")
         until(lambda: kept() == [])
         threads = threading.active_count()
@@ -228,7 +226,7 @@ def test_a_table_takes_the_frame_rate_and_the_scale_of_the_page(session, tmp_pat
     path.write_text("Slice,Area\n" + "".join(f"{k},{1e4 - 6 * (k - 20) ** 2}\n" for k in range(60)), encoding="utf-8")
     session.add([path], PageSettings(), copy=True)
     assert session.curves == []
-    assert "(step 1)" in words.page_text(session.problems[0])
+    assert "--fps" in session.problems[0]
     session.add([path], PageSettings(fps=5e5, um_per_px=3.2), copy=True)
     assert session.curves[0].max_radius == pytest.approx(3.2e-4 * np.pi**-0.5, rel=1e-3)
     session.apply_settings(PageSettings(fps=1e6, um_per_px=6.4))
@@ -255,7 +253,7 @@ def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
 def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(session):
     session.add([SOFT], QUICK, copy=True)
     with refused("app.no_answer"):
-        export(session, print)
+        export(session)
     with refused("app.no_shots"):
         infer(session, [])
     infer(session, ["soft_gel[2]"])
@@ -265,7 +263,7 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
     )
     session.apply_settings(PageSettings(window=2))
     assert session.stale
-    for asked in (lambda: export(session, print), lambda: session.find_answer("soft_gel[2]")):
+    for asked in (lambda: export(session), lambda: session.find_answer("soft_gel[2]")):
         with pytest.raises(InputError):
             asked()
     session.apply_settings(QUICK)
@@ -334,7 +332,7 @@ def test_a_shot_that_cannot_be_answered_fails_alone(session, tmp_path):
     (tmp_path / "short.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
     session.add([single(tmp_path / "one.csv"), tmp_path / "short.csv"], QUICK)
     one, short = infer(session, ["one", "short"]).document.curves
-    assert (one.verdict != "failed", short.verdict, session.so_far) == (True, "failed", {})
+    assert (one.verdict != "failed", short.verdict, session.run.ready) == (True, "failed", [])
 
 
 def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
@@ -361,6 +359,8 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
     ({"density": "1.05", "trust_input": True}, [], 1.05),
     ({"density": "1,050", "trust_input": True}, ["density"], None),
     ({"density": "1002,5"}, [], 1002.5),
+    ({"exclude": "12, 40-45", "exposure_us": "0.4"}, [], None),
+    ({"exclude": "x", "exposure_us": "0"}, ["exposure_us", "exclude"], None),
     ({"bubble": "auto"}, ["bubble"], None),
     ({"material": "auto", "model": "bdt-viscous"}, [], None),
     ({"material": "jelly", "model": "nobody"}, ["model", "material"], None),
@@ -370,9 +370,9 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
 @pytest.mark.parametrize(("typed", "wrong", "density"), TYPED)
 def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong, density):
     usual = {field.name: getattr(PageSettings, field.name) for field in fields(PageSettings)}
-    settings, problems = PageSettings.from_page([*(usual | {"density": "", "window": 0} | typed).values()])
-    assert list(problems) == wrong
-    assert wrong or settings.density == density
+    values = usual | {"density": "", "window": ""} | typed
+    assert sorted(PageSettings.errors(values)) == sorted(wrong)
+    assert wrong or PageSettings(**values).density == density
 
 
 @contextmanager
@@ -423,7 +423,7 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     """The values of an exported simulation, typed into the sliders, give the RMSE that is shown."""
     session.add([SOFT], PageSettings(material="nhkv"), copy=True)
     (record,) = infer(session, ["soft_gel[1]"]).document.curves
-    with zipfile.ZipFile(export(session, print)[0]) as archive:
+    with zipfile.ZipFile(export(session)) as archive:
         archive.extractall(tmp_path)
     folder = tmp_path / "cavirheo-result"
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
@@ -432,7 +432,7 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     head = path.read_text(encoding="utf-8").splitlines()[0]
     typed = [float(re.search(rf"{symbol} = ([\d.]+)", head)[1]) for symbol in ("G", "µ", "λ")]
     assert [one["value"] for one in sliders(session, "soft_gel[1]").values()] == pytest.approx(typed, rel=1e-2)
-    assert what_if(session, "soft_gel[1]", typed).rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
+    assert what_if(session, "soft_gel[1]", typed).rmse_over_rmax == pytest.approx(record.rmse_over_rmax, abs=1e-3)
     (processed,), (simulated,) = read_curves(folder / "processed" / "soft_gel_1.csv"), read_curves(path)
     frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
@@ -473,6 +473,7 @@ def test_nothing_is_left_when_the_server_ends(tmp_path):
     call = [sys.executable, "-m", "cavirheo", "app", "--no-browser", "--port", "0"]
     about = os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, env=about) as server:
+        assert "starting" in server.stderr.readline()
         address = re.search(r"http\S+", server.stderr.readline())[0]
         (kept,) = upload(address, SOFT.read_bytes()).json()
         assert Path(kept).is_relative_to(tmp_path)
@@ -482,90 +483,57 @@ def test_nothing_is_left_when_the_server_ends(tmp_path):
     assert [path for path in tmp_path.rglob("*") if "cavirheo" in path.name or path.is_file()] == []
 
 
-TEXTS = (str(RATE), str(SCALE), "")
-
-
 @pytest.fixture
-def filming(session, tmp_path):
-    """With shot.tif loaded."""
+def recording(tmp_path):
     pytest.importorskip("av")
     film().save(tmp_path / "shot.tif")
-    session.add([tmp_path / "shot.tif"], PageSettings(), copy=True)
-    return session
+    return tmp_path / "shot.tif"
 
 
-@pytest.fixture
-def seen(filming):
-    step.measure(filming, CAMERA, print)
-    return filming.current_clip
-
-
-def test_the_confirmed_curve_is_that_of_the_command_line(filming, tmp_path):
-    assert (filming.unconfirmed, filming.curves, filming.files) == (["shot.tif"], [], [])
-    with refused("app.not_measured"):
-        step.confirm(filming)
-    step.measure(filming, CAMERA, print)
-    filming.current_clip.set_excluded("6, 12-14")
-    step.confirm(filming)
-    (mine,) = filming.curves
-    (theirs,) = read_curves(tmp_path / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
+def test_a_recording_is_the_shot_of_the_command_line(session, recording, tmp_path):
+    settings = replace(CAMERA, exclude="6,12-14", exposure_us=0.5)
+    session.add([recording], settings, copy=True)
+    (mine,) = session.curves
+    camera = {"frame_rate_hz": RATE, "um_per_px": SCALE, "exposure": 0.5e-6}
+    (theirs,) = read_curves(recording, **camera, exclude="6,12-14")
     assert same([mine.time, mine.radius, mine.radius_std], [theirs.time, theirs.radius, theirs.radius_std])
-    assert mine.notes == theirs.notes
-    assert filming.unconfirmed == []
-    expected = f"cavirheo infer shot.tif --fps {RATE:g} --um-per-px 5.5 --exclude 6,12-14"
-    assert filming.command(filming.settings) == expected
+    assert (mine.notes, mine.exposure) == (theirs.notes, theirs.exposure)
+    expected = f"cavirheo infer shot.tif --fps {RATE} --um-per-px 5.5 --exposure-us 0.5 --exclude 6,12-14"
+    assert session.command(session.settings) == expected
+    assert "<img src=" in words.prepared_curve(mine, settings)
 
 
-def test_a_confirmed_curve_is_replaced_and_stands_beside_others(filming, seen, tmp_path):
+def test_a_recording_waits_for_its_rate_and_scale_and_is_measured_once(session, recording, tmp_path, monkeypatch):
     (tmp_path / "other.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(8)))
-    step.confirm(filming)
-    filming.add([tmp_path / "other.csv"], PageSettings())
-    filming.current_clip.set_excluded("20")
-    step.confirm(filming)
-    assert [one.name for one in filming.curves] == ["shot", "other"]
-    assert np.isnan(filming.curves[0].radius[19])
-    with pytest.raises(InputError):  # it is not that of the other shot
-        filming.apply_settings(PageSettings(rmax_um=150.0))
-    filming.clear()
-    assert (filming.films, filming.film_name, filming.files) == ({}, "", [])
+    session.add([recording, tmp_path / "other.csv"], PageSettings(), copy=True)
+    assert (session.names, "--fps" in session.problems[0]) == (["other"], True)
+    session.apply_settings(CAMERA)
+    assert (session.names, session.problems) == (["other", "shot"], [])
+    first = session.curves[1]
+    measurer = session.measurer
+    monkeypatch.setattr(session, "measurer", None)  # not needed again
+    session.apply_settings(replace(CAMERA, density=1050.0))
+    assert same([session.curves[1].radius], [first.radius])
+    monkeypatch.setattr(session, "measurer", measurer)
+    session.apply_settings(replace(CAMERA, exclude="20"))
+    assert np.isnan(session.curves[1].radius[19])
+    session.add([examples()["bubble.mp4"]], CAMERA, copy=True)
+    with refused("option.exclude"):
+        session.apply_settings(replace(CAMERA, exclude="20"))
+    session.clear()
+    assert (session.files, session.names) == ([], [])
 
 
-def test_frames_are_left_out_and_brought_back(seen):
-    seen.shown_frame = 12
-    seen.toggle_excluded()
-    assert seen.excluded_text == "12"
-    assert np.isnan(seen.history().radius[11])
-    assert seen.set_excluded("12, 3-5,") == [""]  # while it is typed
-    assert np.flatnonzero(seen.excluded).tolist() == [2, 3, 4, 11]
-    seen.toggle_excluded()
-    for wrong, why in (("3, 99", "1 to 34"), ("1-34", "all measured frames")):
-        assert why in seen.set_excluded(wrong)[0]
-        assert seen.excluded_text == "3-5"
-    assert seen.set_excluded("") == [""]
-    assert not seen.excluded.any()
+def test_the_header_of_a_recording_stays_beside_it(session, tmp_path):
+    pytest.importorskip("av")
+    path = write_mraw(tmp_path / "shot.mraw", film(bits=12).frames, 12, rate=int(RATE))
+    session.add([path, path.with_suffix(".cihx")], CAMERA)
+    session.apply_settings(replace(CAMERA, exclude="20"))
+    assert (session.names, session.problems) == (["shot"], [])
+    assert np.isnan(session.curves[0].radius[19])
 
 
-def test_what_is_missing_or_must_be_measured_again_is_said_at_its_field(filming, seen):
-    assert seen.read_camera(TEXTS) == (CAMERA, ["", "", ""])
-    for texts, field, why in (
-        (("500,000", "5.5", ""), 0, "two ways"),
-        (("5e5", "-1", ""), 1, "positive"),
-        (("5e5", "5.5", "x"), 2, "number"),
-    ):
-        wrong = seen.read_camera(texts)[1]
-        assert why in wrong[field]
-        assert [bool(one) for one in wrong] == [k == field for k in range(3)]
-    assert seen.confirm_errors(*TEXTS, "6") == ["", "", "", ""]
-    assert "measure again" in seen.confirm_errors(str(RATE), "6", "", "")[1]
-    assert "1 to 34" in seen.confirm_errors(*TEXTS, "0")[3]
-    assert seen.read_camera(("", "5.5", ""))[1] == [""] * 3  # a .tif may have a rate; this one has none
-    assert "(step 1)" in words.page_text(error_of(step.measure, filming, Camera(None, SCALE), print))
-    assert "missing" in replace(seen, path=Path("shot.mp4")).read_camera(("", "5.5", ""))[1][0]
-    step.measure(filming, Camera(RATE), print)  # a .tif may have a scale; this one has none
-    assert "missing" in filming.current_clip.confirm_errors(str(RATE), "", "", "")[1]
-
-
-def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(filming, tmp_path):
+def test_a_recording_that_cannot_be_measured_is_said_without_its_folder_and_not_kept(session, recording, tmp_path):
     import tifffile
 
     frames = film().frames
@@ -573,15 +541,50 @@ def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(filming,
     tifffile.imwrite(tmp_path / "one.tif", frames[0])
     (tmp_path / "empty.mp4").write_bytes(b"")
     (tmp_path / "damaged.mp4").write_bytes(b"no picture" * 99)
-    names = ("still.tif", "one.tif", "empty.mp4", "damaged.mp4")
-    filming.add([tmp_path / name for name in names], PageSettings())
-    for filming.film_name in names:
-        with pytest.raises(InputError) as error:
-            step.measure(filming, CAMERA, print)
-        assert str(filming.folder) not in words.page_text(error.value)
-    assert [path.suffix for path in filming.folder.iterdir() if path.is_file()] == []  # no frames are left behind
-    filming.film_name, filming.limits = "shot.tif", VisitorLimits(film_mb=0.01, files=5)
-    with refused("app.too_large"):
-        step.measure(filming, CAMERA, print)
-    with refused("app.too_many_files"):
-        filming.add([tmp_path / "more.mp4"], PageSettings())
+    for name in ("still.tif", "one.tif", "empty.mp4", "damaged.mp4"):
+        session.add([tmp_path / name], CAMERA)
+        assert name in session.problems[-1]
+        assert str(session.folder) not in str(session.problems)
+    assert (session.files, session.curves) == ([], [])
+    assert [path for path in session.folder.rglob("*") if path.is_file()] == []
+
+
+def test_a_run_says_how_much_time_is_left(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    run = Run(["a", "b", "c"])
+    now[0] = 104.0
+    assert run.seconds == (4.0, None)
+    run.add(SimpleNamespace(name="a"))
+    now[0] = 105.0
+    assert run.seconds == (5.0, 7.0)  # 4 s for each of two more, of which 1 s is over
+    now[0] = 120.0
+    assert run.seconds == (20.0, None)  # it takes longer than the first
+
+
+def test_a_gradio_without_the_private_names_serves_the_page(monkeypatch):
+    from gradio import blocks, processing_utils, route_utils
+
+    from cavirheo.app.server import running_server
+
+    monkeypatch.delattr(processing_utils, "async_ssrf_protected_download")
+    monkeypatch.delattr(route_utils, "GradioUploadFile")
+    monkeypatch.delattr(blocks.Blocks, "validate_inputs")
+    with running_server() as (address, visitors):
+        assert httpx.get(address).status_code == 200
+        visitors.on_forget("a page")
+
+
+def test_published_values_stand_beside_the_material_and_others_are_refused_without_a_folder(session, tmp_path):
+    session.add([SOFT], QUICK, copy=True)
+    infer(session, ["soft_gel[1]"])
+    good, bad = tmp_path / "published.csv", tmp_path / "bad.csv"
+    good.write_text("set,method,quantity,mean,std\nsoft_gel,IMR,G_kPa,6.44,1.64\n")
+    bad.write_text("set,method,quantity,mean,std\nsoft_gel,IMR,G_furlongs,6.44,1.64\n")
+    session.add_published([good])
+    (group,) = session.answers.document.groups
+    assert group.published["IMR"]["shear_modulus"].mean == pytest.approx(6440.0)
+    with pytest.raises(InputError) as error:
+        session.add_published([bad])
+    assert "bad.csv" in str(error.value)
+    assert str(session.folder) not in str(error.value)

@@ -220,7 +220,7 @@ def test_the_page_has_one_state(visit):
 
 def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
     _, visitors = served
-    kept = visitors.on_forget.__closure__[0].cell_contents.blocks.state_holder.session_data  # gradio's, with figures
+    kept = visitors.on_forget.__self__.blocks.state_holder.session_data  # gradio's, with figures
     before = {*kept}
     page = visit()
     example(page)
@@ -233,31 +233,25 @@ def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.needs("av")
-def test_a_recording_is_measured_looked_at_and_confirmed_on_a_phone(visit, tmp_path):
+def test_a_recording_is_measured_looked_at_and_answered_on_a_phone(visit, tmp_path):
     page = visit(PHONE)
     page.set_input_files(INPUT, examples()["bubble.mp4"])
-    page.click("#measure")
-    for field in ("film-rate", "film-scale"):
-        page.wait_for_selector(f"#{field} :text('missing')")
-    page.fill("#film-rate input", "500000")
-    page.fill("#film-scale input", "4")
-    page.press("#film-scale input", "Enter")
-    page.wait_for_selector("#film-frame img")
-    page.wait_for_selector("#film-plot svg")
-    slide(page, "#film-number", 0.5)
-    page.wait_for_selector("#film-frame :text('Frame 40 of 80')")
-    page.click("#film-toggle")
-    page.wait_for_selector("#film-frame .excluded")
-    assert page.input_value("#film-excluded input") == "40"
-    page.fill("#film-excluded input", "40-45")
-    page.wait_for_selector("#film-summary :text('70 of 80')")
-    assert page.evaluate(FITS)
-    page.fill("#film-scale input", "5")
-    page.click("#confirm")
-    page.wait_for_selector("#film-scale :text('measure again')")
-    page.fill("#film-scale input", "4")
-    page.click("#confirm")
+    page.wait_for_selector("#file-errors :text('--fps')")  # it waits for what the file does not state
+    page.fill("#fps input", "500000")
+    page.fill("#um-per-px input", "4")
+    page.press("#um-per-px input", "Enter")
     page.wait_for_selector("#shots-table tbody tr")
+    page.wait_for_selector("#file-errors .failed-message", state="detached")
+    page.fill("#exclude input", "x")
+    page.press("#exclude input", "Tab")
+    page.wait_for_selector("#exclude :text('numbers')")
+    page.fill("#exclude input", "40-45")
+    page.press("#exclude input", "Tab")
+    page.wait_for_selector("#shots-table td:text('70 of 80')")
+    page.click("#to-prepare")
+    page.wait_for_selector("#prepared-curve img")
+    assert page.evaluate(FITS)
+    page.get_by_role("tab", name="1 Data").click()
     page.click("#infer-now")
     answered(page, 1)
     (record,) = json.loads((take(page, tmp_path) / "result.json").read_text())["curves"]

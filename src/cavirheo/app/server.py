@@ -23,7 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from cavirheo.app import words
 from cavirheo.app.page import Page
 from cavirheo.app.session import VisitorLimits, Visitors
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.parallel import call_glibc
 from cavirheo.physics.simulate import load_solver
 from cavirheo.writing.terminal import say
@@ -31,8 +31,8 @@ from cavirheo.writing.terminal import say
 _THEME = gr.themes.Default(
     primary_hue=gr.themes.colors.blue,
     neutral_hue=gr.themes.colors.slate,
-    font=["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"],
-    font_mono=["ui-monospace", "Menlo", "Consolas", "DejaVu Sans Mono", "monospace"],
+    font=["system-ui", "sans-serif"],
+    font_mono=["ui-monospace", "monospace"],
 ).set(
     button_primary_background_fill="#0b4f7d",
     button_primary_background_fill_hover="#0072b2",
@@ -69,20 +69,19 @@ async def _refuse_url(url: str, cache_dir: str) -> str:
     raise gr.Error("files are uploaded, not fetched from an address")
 
 
-class _Upload(route_utils.GradioUploadFile):
+class _Upload(getattr(route_utils, "GradioUploadFile", object)):  # type: ignore[misc]
     """An upload into a new folder. Gradio names folders by the content alone: visitors with the same file share one."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self.sha.update(token_bytes(16))
+        if hasattr(self, "sha"):
+            self.sha.update(token_bytes(16))
 
 
-def _guard(module: ModuleType, name: str, guard: object) -> None:
-    """Replace the object that gradio calls by this name. Raises InputError: gradio has no such name, so that `guard`
-    would never be called."""
-    missing = f"gradio {gr.__version__} has no {module.__name__}.{name}, which guards the server"
-    require(hasattr(module, name), f"{missing}: install an older one", "app.gradio")
-    setattr(module, name, guard)
+def _replace(module: ModuleType, name: str, guard: object) -> None:
+    """Let gradio call `guard` by this private name, if this version of gradio has it."""
+    if hasattr(module, name):
+        setattr(module, name, guard)
 
 
 @contextmanager
@@ -90,9 +89,9 @@ def running_server(
     host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None
 ) -> Iterator[tuple[str, Visitors]]:
     """Serve the page; yield (its address, its visitors). At the end, all temporary files are removed. Raises
-    InputError: the port cannot be opened, or `_guard` fails with this version of gradio."""
-    _guard(processing_utils, "async_ssrf_protected_download", _refuse_url)  # clients must not make the server download
-    _guard(route_utils, "GradioUploadFile", _Upload)
+    InputError: the port cannot be opened."""
+    _replace(processing_utils, "async_ssrf_protected_download", _refuse_url)  # clients must not make it download
+    _replace(route_utils, "GradioUploadFile", _Upload)
     with (
         TemporaryDirectory(prefix="cavirheo-app-") as temporary,
         closing(Visitors(limits or VisitorLimits())) as visitors,

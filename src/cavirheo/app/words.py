@@ -7,18 +7,16 @@ from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
-import numpy as np
-
-from cavirheo.app.session import UPLOAD_FOLDER, Answers, Clip, PageSettings, Session
+from cavirheo.app.session import UPLOAD_FOLDER, Answers, PageSettings, Session, option_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.cards import card, shipped
 from cavirheo.inference.what_if import compared_window
 from cavirheo.reporting import group_pictures, html
-from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
+from cavirheo.reporting.answer import curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods_paragraph
-from cavirheo.reporting.panels import Axis, Layer, Panel, curve_panels, overview_panels, preview_panels
+from cavirheo.reporting.panels import curve_panels, overview_panels, preview_panels
 from cavirheo.reporting.pictures import curve_svg, overlay_svg
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.table import (
@@ -28,8 +26,6 @@ from cavirheo.reporting.table import (
     groups_with_mixed_files,
     summary_cells,
 )
-from cavirheo.video.picture import COLOURS, GREY, frame_url
-from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import names_by_message
 
@@ -38,24 +34,28 @@ BUBBLES = [  # label and value of each choice of the page
     ("real: vapour condenses at a finite rate, damped by its surroundings", "real"),
     ("the field's: equilibrium contents, unbounded liquid", "field"),
 ]
-WINDOWS = [("the usual one", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
+WINDOWS: list[Any] = [("the usual one", ""), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
 GROUPS = [
     ("those of one file; files of a single shot together", "auto"),
     ("those of one file", "file"),
     ("each by itself", "none"),
     ("those whose files have one name: soft_1, soft_2 | stiff_1", "name"),
 ]
-NUMBER_FIELDS = {  # label, and what an empty field means, of settings that need not be given
-    "density": ("Density (kg/m³)", "as the medium"),
-    "fps": ("Frames per second", "of tables that number their frames"),
-    "um_per_px": ("µm per pixel", "of tables in pixels"),
-    "rmax_um": ("True R_max (µm)", "as measured"),
+TEXT_FIELDS = {  # label, and what an empty field means
+    "fps": ("Frames per second", "as the camera was set"),
+    "um_per_px": ("µm per pixel", "of recordings, or tables in pixels"),
+    "exposure_us": ("Exposure, µs", "if known"),
+    "exclude": ("Frames to leave out", "none; 12,40-45"),
+    "density": ("Density, kg/m³", "as the medium"),
+    "rmax_um": ("True R_max, µm", "as measured"),
     "stretch": ("λ = R_max/R_0", "fitted; free: without the file's prior"),
-    "sound_speed": ("Sound speed (m/s)", "as the medium"),
-    "surface_tension": ("Surface tension (N/m)", "as the medium"),
-    "pressure": ("Pressure (Pa)", "as the medium"),
-    "temperature": ("Temperature (K)", "as the medium"),
+    "sound_speed": ("Sound speed, m/s", "as the medium"),
+    "surface_tension": ("Surface tension, N/m", "as the medium"),
+    "pressure": ("Pressure, Pa", "as the medium"),
+    "temperature": ("Temperature, K", "as the medium"),
 }
+VOUCH = "I vouch for scale, frame rate and medium, however odd they look"
+HYPHEN = "\u2011"  # at which no line is broken
 NO_ANSWERS = "No answers yet: press the button above."
 _MACROS = html.template("words.html", "cavirheo.app").module
 
@@ -65,11 +65,14 @@ def render(name: str, *content: Any) -> str:
     return str(getattr(_MACROS, name)(*content)).strip()
 
 
+def with_option(label: str, name: str) -> str:
+    """The label of a field with the option of the command line, which messages name; its hyphens do not break."""
+    return f"{label} ({option_of(name).replace('-', HYPHEN)})"
+
+
 def page_css() -> str:
-    """Return the CSS of the page: the report's CSS inside .report, app.css, and the colours of the flags."""
-    dots = "".join(f".picture path.flag-{flag} {{ stroke: {colour}; }}\n" for flag, colour in COLOURS.items())
-    words = "".join(f".picture tspan.flag-{flag} {{ fill: {colour}; }}\n" for flag, colour in COLOURS.items())
-    return f".report {{\n{html.template('report.css').render()}}}\n{read_file('app.css')}{dots}{words}"
+    """Return the CSS of the page: the report's CSS inside .report, and app.css."""
+    return f".report {{\n{html.template('report.css').render()}}}\n{read_file('app.css')}"
 
 
 def read_file(name: str) -> str:
@@ -79,45 +82,6 @@ def read_file(name: str) -> str:
 def welcome() -> str:
     """The first view: which data are needed, how to cite, and a picture of an answer."""
     return render("welcome", read_file("examples/answer.svg"), f"{TITLE}, version {VERSION}")
-
-
-_PAGE_WORDS = {  # text in messages (options of the command line or of Python): text on the page
-    "Medium(..., unusual=True), --trust-input": "vouch for it in step 2",
-    " (if it is meant: unusual=True)": "",
-    "add --trust-input": "vouch for it in step 2",
-    "(--rmax-um)": "(step 2)",
-    "--rmax-um": "R_max in step 2",
-    "(--fps)": "(step 1)",
-    "(--fps 1e6)": "(step 1)",
-    "(--fps; in Python frame_rate=)": "(step 1)",
-    "(--um-per-px)": "(step 1)",
-    "(--um-per-px 3.2)": "(step 1)",
-    "--roi": "cavirheo measure --roi",
-    "; give --um-per-px": ": type it",
-}
-
-
-def page_text(error: Exception | str) -> str:
-    """Return the message with fields of the page in place of options of the command line."""
-    message = str(error)
-    for option, field in _PAGE_WORDS.items():
-        message = message.replace(option, field)
-    return message
-
-
-def _page_rows(records: Sequence[CurveRecord]) -> list[CurveRecord]:
-    """Return the rows, with their messages through `page_text`."""
-
-    def messages(row: CurveRecord) -> list[Sentence]:
-        return [Sentence(code=message.code, text=page_text(message.text)) for message in row.messages]
-
-    return [row.model_copy(update={"messages": messages(row)}) for row in records]
-
-
-def clear_warning(session: Session) -> str:
-    """The warning that lists what starting over deletes."""
-    files = dict.fromkeys([*(path.name for path in session.files), *session.films])
-    return render("clear_warning", [*files], len(session.answers.pairs) if session.answers else 0)
 
 
 def model_choices() -> list[tuple[str, str]]:
@@ -146,48 +110,7 @@ def shots_table(session: Session) -> str:
         density_text = "" if density is None else f"{density:.10g}"
         rows.append((curve, digits.elide(curve.name, 36), material, density_text, summary_cells(curve)))
     pooled = sum(curve.group == UPLOAD_FOLDER for curve in curves)
-    return render(
-        "shots_table", rows, curves_by_note(curves), session.unconfirmed, pooled, f"{session.settings.liquid.density:g}"
-    )
-
-
-def film_summary(clip: Clip) -> str:
-    """A recording before measurement: what to do; afterwards: its warnings, R_max and remarks."""
-    if clip.measurement is None:
-        return render("film_summary", (), {}, {}, "")
-    curve = clip.history()
-    cut = f"{clip.measurement.cut_note}: the radius rests on that part alone" * bool(clip.measurement.cut_note)
-    by_text = names_by_message(
-        (clip.path.name, page_text(text)) for text in (cut, *(text for _, text in curve_warnings([curve])))
-    )
-    state = "" if clip.curve is None else "confirmed" if clip.confirmed_options == clip.options else "changed"
-    return render("film_summary", summary_cells(curve), by_text, curves_by_note([curve]), state)
-
-
-def film_plot(clip: Clip) -> str:
-    """The picture of R(t), coloured by flag, with missing radii drawn at zero; a line marks the shown frame."""
-    measurement = clip.measured
-    unit, scale = ("µm", measurement.um_per_px.value) if measurement.um_per_px.value else ("px", 1.0)
-    flags = np.where(clip.excluded, "excluded", measurement.track.flags)
-    time, radius = 1e6 * measurement.time, np.nan_to_num(scale * measurement.track.radius)
-    top, layers = 1.05 * float(radius.max()) or 1.0, list[Layer]()
-    for flag in dict.fromkeys(flags.tolist()):
-        layers.append(Layer("dots", f"flag-{flag}", time[flags == flag], radius[flags == flag], flag))
-    layers.append(Layer("line", "frame", np.full(2, time[clip.shown_index]), np.array([0.0, top])))
-    x = Axis("time (µs)", float(time[0]), float(time[-1]))
-    return render("pictures", [curve_svg([Panel(x, Axis(f"R ({unit})", 0.0, top), tuple(layers))])])
-
-
-def film_frame(clip: Clip) -> str:
-    """The shown frame of a recording with its circle, number, time, radius and flag."""
-    measurement, i = clip.measured, clip.shown_index
-    track, scale = measurement.track, measurement.um_per_px.value
-    radius, sigma = (f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1)))
-    size = f"R = {radius} ± {sigma} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
-    where = f"Frame {clip.shown_frame} of {measurement.last}, {1e6 * measurement.time[i]:.4g} µs"
-    flag = str(track.flags[i])
-    look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(clip.excluded[i])
-    return render("film_frame", frame_url(measurement, i, 560), where, size, *look)
+    return render("shots_table", rows, curves_by_note(curves), pooled, f"{session.settings.liquid.density:g}")
 
 
 def overview(session: Session) -> str:
@@ -212,7 +135,7 @@ def check_plot(session: Session, name: str) -> str:
 
 def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     """The warnings on these shots: names of the shots by warning."""
-    return names_by_message((name, page_text(text)) for name, text in curve_warnings(curves))
+    return names_by_message(curve_warnings(curves))
 
 
 def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
@@ -221,17 +144,17 @@ def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
-        remarks = {page_text(error): [curve.name]}
-    return render("prepared_curve", picture, remarks, curves_by_note([curve]))
+        remarks = {str(error): [curve.name]}
+    sheet = curve.meta.get("contact_sheet", "")
+    return render("prepared_curve", picture, remarks, curves_by_note([curve]), sheet)
 
 
 def answers(session: Session) -> str:
     """The answers: groups, shots, their messages, and whether settings changed since; during a run, the answers so
     far."""
-    current, chosen = session.answers, list(session.so_far.values())
-    ready = [row for row in chosen if row]
-    if chosen:
-        current = Answers([], result_of(ready, ""), [], session.request)
+    current, run = session.answers, session.run
+    if run.records:
+        current = Answers([], result_of(run.ready, ""), [], session.request)
     if current is None:
         return render("hint", NO_ANSWERS)
     document = current.document
@@ -240,20 +163,18 @@ def answers(session: Session) -> str:
     said = [html.render_macro("group_answer", *answer) for answer in html.group_answers(document)]
     said.append(html.render_macro("comparisons", document.groups, factor, unit))
     groups = "\n".join(said), differences
-    rows, models = _page_rows(document.curves), {row.model_title for row in document.curves if row.has_answer}
+    rows, models = document.curves, {row.model_title for row in document.curves if row.has_answer}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.render_macro("curves_table", rows, factor, unit, title, False)
     explanation = html.render_macro("reading"), *methods_paragraph(document)
-    progress = (len(ready), len(chosen)), len(document.curves), current.not_run, groups_with_mixed_files(document)
-    return render(
-        "answers", session.stale and not chosen, *progress, *groups, shots, curves_by_remark(rows), *explanation
-    )
+    stale = session.stale and not run.records
+    done = len(document.curves), current.not_run, groups_with_mixed_files(document)
+    return render("answers", stale, run, *done, *groups, shots, curves_by_remark(rows), *explanation)
 
 
 def facts(session: Session, name: str) -> str:
     """The answer and its conventional fit, if there is one, as rows of a table; then all facts of the answer."""
     answers, curve, answer, record = session.find_answer(name)
-    (record,) = _page_rows([record])
     factor, unit = answers.document.modulus_unit
     table, failed, frames = "", {}, list[int]()
     if posterior := answers.fits.get(name):

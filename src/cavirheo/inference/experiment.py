@@ -270,9 +270,9 @@ class Experiment:
         radius[order] = run.radius / (scale * self.max_radius)
         return np.asarray(radius.reshape(-1, len(offsets)) @ shares)
 
-    def emulated(self, x: Floats, emulator: Emulator) -> Floats:
-        """(k, n) simulated R over the measured R_max of the frames that count, at x (k, d), by the emulator; NaN where
-        the law does not hold."""
+    def emulated(self, x: Floats, emulator: Emulator, *, times: Floats | None = None) -> Floats:
+        """(k, n) simulated R over the measured R_max, at x (k, d), by the emulator, of the frames that count or at
+        other times since R_max (n,), s; NaN where the law does not hold."""
         natural, k = self.natural(x.T), len(x)
         size = {
             name: np.broadcast_to(natural[name], (k,)) for name in ("time_origin", "radius_scale", "max_radius_factor")
@@ -289,7 +289,8 @@ class Experiment:
             np.where(real, values["confinement_damping"], 0.0), values["damage_modulus"], values["damage_radius"],
         )  # fmt: skip
         nodes = exposure_nodes(self.exposure, QUICK_INSTANTS)
-        camera = Camera(self.time_since_max[self.counted], *nodes, np.ascontiguousarray(size["time_origin"]))
+        times = self.time_since_max[self.counted] if times is None else times
+        camera = Camera(times, *nodes, np.ascontiguousarray(size["time_origin"]))
         return factor[:, None] * emulator.radius(bubbles, camera)
 
     def _run(

@@ -22,6 +22,7 @@ def app(
     max_files: Annotated[int, option("largest number of files of one visitor", min=1)] = 50,
 ) -> None:
     """The same in the browser: upload files, look, infer, compare with the simulation, download everything as a zip."""
+    terminal.say("cavirheo app: starting, a few seconds ...")
     try:
         from cavirheo.app.server import serve
     except ModuleNotFoundError as error:
