@@ -165,6 +165,14 @@ def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
     return MISSING if value is None else significant(factor * value, count)
 
 
+def ends(values: Iterable[float | None], factor: float = 1.0, count: int = 3) -> str:
+    """The smallest and the largest of these values times the factor: '120 to 310', '120' if equal; "" for none."""
+    numbers = [value for value in values if value is not None]
+    if not numbers:
+        return ""
+    return " to ".join(dict.fromkeys(significant(factor * end, count) for end in (min(numbers), max(numbers))))
+
+
 def percent(value: float | None) -> str:
     return number(value, 100.0, 2)
 
