@@ -110,7 +110,9 @@ def _model(material: str, bubble: Bubble, to: _Keys) -> str:
         return f"{law}, with a polytropic gas of exponent {bubble.exponent:g}."
     law += f", with heat and mass transfer between gas, vapour and medium{to.cited('Estrada2018')}"
     if bubble.contents == "kinetic":
-        law += f" and vapour that condenses at a finite rate, whose diffusivity is that of Fuller{to.cited('Fuller1966')}"
+        law += (
+            f" and vapour that condenses at a finite rate, whose diffusivity is that of Fuller{to.cited('Fuller1966')}"
+        )
     return f"{law} ({bubble.title})."
 
 

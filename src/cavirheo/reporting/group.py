@@ -126,6 +126,12 @@ class GroupRecord(Record):
         return self.population if self.population and self.population.has_material else None
 
     @property
+    def heaps(self) -> dict[str, list[tuple[float | None, float | None, list[str]]]]:
+        """(low, high, shots) of each of two heaps into which the shots fall, by parameter in which they disagree."""
+        heaps = self.population.heaps if self.population else {}
+        return {name: [(heap.low, heap.high, heap.shots) for heap in parts] for name, parts in heaps.items()}
+
+    @property
     def doubts(self) -> list[Sentence]:
         """The messages because of which no line of this group is to be used without a second look."""
         return [message for message in self.messages if message.code.startswith("group.doubt.")]
