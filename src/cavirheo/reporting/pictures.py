@@ -34,17 +34,7 @@ _TONES = 12  # steps from the darkest to the lightest tone
 _SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
 _SYMBOLS |= {"outlier": "○", "region": "▰", "region-out": "▱", "material": "▣", "published": "▢"}  # or by look
 _LETTER, _CAPITAL = 6 * PX, 10 * PX  # width and height of a letter of the name of a shot
-_AROUND = (
-    (0.0, 0.0),
-    (1.0, 0.0),
-    (-1.0, 0.0),
-    (0.0, -1.0),
-    (0.0, 1.0),
-    (1.0, -1.0),
-    (-1.0, -1.0),
-    (1.0, 1.0),
-    (-1.0, 1.0),
-)
+_AROUND = ((0, 0), (1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))  # places of a name at a point
 
 
 @dataclass(frozen=True)
@@ -90,7 +80,7 @@ class Frame:
     def paths(self, points: int) -> Iterator[tuple[str, str, str]]:
         """Yield (look, path, colour) of each layer, and of each tone in a layer (_TONES steps). points: number of
         points of the picture, of which each layer has its share."""
-        for layer in self.panel.layers:
+        for layer in (layer for layer in self.panel.layers if layer.shape != "labels"):  # `names` writes these
             most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
             path: Any = getattr(self, f"_{layer.shape}")
             tones = style.tone_colours([] if layer.tones is None else np.rint(_TONES * layer.tones) / _TONES)
@@ -149,9 +139,6 @@ class Frame:
             path += f"L{b} {d}L{b + along + half[1]} {d + down - half[0]}"
         return path
 
-    def _labels(self, x: Floats, y: Floats, _: int) -> str:
-        return ""  # `names` writes them
-
     def names(self) -> list[Word]:
         """The names at points, each where it covers no other; one without such a place is left out."""
         words, taken = list[Word](), list[tuple[float, float, float, float]]()
@@ -163,7 +150,8 @@ class Frame:
                     x, y = across + aside * (half + 2 * PX), down + below * _CAPITAL * 1.2
                     box = (x - half, y - _CAPITAL / 2, x + half, y + _CAPITAL / 2)
                     within = left < box[0] and box[2] < left + width and top < box[1] and box[3] < top + height
-                    if within and not any(_overlap(box, other) for other in taken):
+                    free = all(box[2] <= a or c <= box[0] or box[3] <= b or d <= box[1] for a, b, c, d in taken)
+                    if within and free:
                         taken.append(box)
                         words.append((f"{layer.look} middle", round(x), round(y + 4 * PX), text))
                         break
@@ -197,7 +185,7 @@ def curve_svg(
     with_key: whether the looks are named."""
     radius, *residual = panels
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
-    key = _key(radius, omitted_look="outside" if width < WIDTH else "") if with_key else []  # a narrow one has no room
+    key = _key(radius, omitted_look="outside" if width <= WIDTH else "") if with_key else []  # a narrow one has no room
     key += [("failed", f"{radius.note}\u2003")] if radius.note else []
     return _picture(panels, f"measured radius over time{simulated}", key, points, (width, height))
 
@@ -237,7 +225,7 @@ def _picture(
     across, inner = view[0] - _LEFT - _RIGHT, view[1] - _BOTTOM - top
     below = PX * round(0.26 * (inner - _ROW) / PX) if len(panels) > 1 else 0
     begin = view[1] - _BOTTOM - below
-    between = _ROW + 4 * PX if below else 0
+    between = _ROW + 8 * PX if below else 0
     boxes = (_LEFT, top, across, inner - below - between), (_LEFT, begin, across, below)
     frames = [Frame(panel, box) for panel, box in zip(panels, boxes, strict=False)]  # one, or both
     axes, ticks, names = zip(*(frame.axes(along=frame is frames[-1]) for frame in frames), strict=True)
@@ -255,11 +243,6 @@ def _key(panel: Panel, *, omitted_look: str = "") -> Key:
         for layer in panel.layers
         if layer.name and layer.look != omitted_look
     ]
-
-
-def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:
-    """Whether two boxes (left, top, right, bottom) share a point."""
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from math import ceil, floor, isfinite, log10
@@ -44,6 +45,7 @@ METHOD_TITLES = {
 }
 _SIMULATION_NAMES = {"verified": "best draw", "least_squares": "best fit"}  # by method
 MISSING = "–"
+NO_BREAK = "\u00a0"
 _SIDES = {"upper": "below", "lower": "above"}  # by bound: on which side of the limit the value lies
 
 
@@ -208,6 +210,11 @@ def distinct_names(names: Sequence[str]) -> list[str]:
         begin = 1 + max(alike.rfind(mark) for mark in "_- /.")
     short = [name[begin:] for name in names]
     return short if all(short) and len(set(names)) > 1 else list(names)
+
+
+def together(text: str) -> str:
+    """The text with a no-break space after each number, so that it stays with its unit where lines are broken."""
+    return re.sub(r"(?<=\d) (?=\S)", NO_BREAK, text).replace("Pa s", f"Pa{NO_BREAK}s")
 
 
 def printable(text: str) -> str:

@@ -3,14 +3,13 @@ the package prints passes through `console`, `write` or `say`, which escape cont
 
 from __future__ import annotations
 
-import re
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.writing.digits import VERDICT_STYLES, elide, printable
+from cavirheo.writing.digits import NO_BREAK, VERDICT_STYLES, elide, printable, together
 
 _MAX_LINE = 1000  # most characters of one line
 RATE_PERIOD = 120.0  # s, period of the mean rate: an answer may take many s, and a cluster returns many answers at once
@@ -113,9 +112,8 @@ def names_by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]
 def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
     """The text in lines of `width` characters, `most` at most, broken between words, but not after a number: it stays
     with its unit."""
-    joined = re.sub(r"(?<=\d) (?=\S)", "\u00a0", text).replace("Pa s", "Pa\u00a0s")
     how: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False, "placeholder": " …"}
-    return [line.replace("\u00a0", " ") for line in textwrap.wrap(joined, width, max_lines=most, **how)]
+    return [line.replace(NO_BREAK, " ") for line in textwrap.wrap(together(text), width, max_lines=most, **how)]
 
 
 def print_text(to: Console, text: str, *, first: str = "", look: str = "", style: str = "") -> None:
