@@ -33,11 +33,9 @@ from cavirheo.writing.document import Spread, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
 
 WIDE_SCATTER = 0.4  # standard deviation of G from shot to shot over its mean; one batch of gel has less
-_WIDE_COMPARISON = 100  # columns; in a narrower terminal cells have two lines
 _ENDS = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}  # columns of a quantity in CSV
 
 
@@ -235,11 +233,11 @@ class ComparedParameter(NamedTuple):
         """|value - mean of the reference| / mean of the reference."""
         return self.group.errors.get(reference, {}).get(method, {}).get(self.name)
 
-    @property
-    def misfits(self) -> list[float | None]:
-        """Median, smallest and largest RMSE over R_max of the answered shots."""
-        misfits = [shot.rmse_over_rmax for shot in self.shots if shot.rmse_over_rmax is not None]
-        return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
+
+def misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
+    """Median, smallest and largest RMSE over R_max of the answered shots."""
+    numbers = [shot.rmse_over_rmax for shot in shots if shot.rmse_over_rmax is not None]
+    return [float(np.median(numbers)), min(numbers), max(numbers)] if numbers else [None] * 3
 
 
 def compared_parameters(result: Result) -> list[ComparedParameter]:
@@ -273,9 +271,9 @@ def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]
 
 
 def print_comparison(result: Result) -> None:
-    """Print a line for each group, parameter and method; then the key, remarks on each group, and notes."""
+    """Print a line for each parameter and method of each group; then the key, remarks on each group, and notes."""
     console = terminal.console()
-    console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
+    _print_comparison_tables(console, result)
     key = f"{OUR_METHOD}: the material of all shots that count, with its 90 % interval; others: mean ± deviation. "
     if references := " or ".join(_references(result)):
         key += f"Error to {references}: |value − its mean| / its mean, in %. "
@@ -292,36 +290,36 @@ def print_comparison_with_warning(result: Result, warning: str) -> None:
     """Print the comparison and a warning below the output of another method."""
     console = terminal.console()
     console.print()
-    console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
-    console.print(warning, style="yellow")
+    _print_comparison_tables(console, result)
+    terminal.print_text(console, warning, style="yellow")
 
 
-def comparison_table(result: Result, *, wide: bool) -> Table:
-    """The comparison with published values as a table for the terminal. wide: no cell needs two lines."""
+def _print_comparison_tables(console: Console, result: Result) -> None:
+    """Print the comparison of each group with published values below its name and its shots."""
     rows, references = compared_parameters(result), _references(result)
-    heads = ["", "method", "value", *(f"error to\n{reference}, %" for reference in references)]
-    heads += ["shots", "count", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
-    table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
+    heads = ["method", "value", *(f"error to\n{reference}, %" for reference in references)]
     moduli = [row.number(method) for row in rows if row.name == "shear_modulus" for method in row.methods]
-    modulus_unit, before = digits.modulus_unit([0.0, *moduli]), None  # one unit for all rows
-    for row in rows:
-        factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
-        if row.name in KEYS:
-            symbol, factor, unit = display_unit(row.name, modulus_unit)
-            label = f"{symbol} ({unit})"
-        head = ["" if row.group is before else row.group.name, label or digits.MISSING]
-        misfit, *ends = map(digits.percent, row.misfits)
-        if misfit != digits.MISSING:
-            misfit += f"{' ' if wide else chr(10)}({'–'.join(ends)})"
-        for method in row.methods:
-            errors = ["" if method == to else digits.percent(row.error(to, method)) for to in references]
-            ours = method == OUR_METHOD
-            counts = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_counted), misfit] if ours else ["", "", ""]
-            table.add_row(*head, method, row.words(method, factor), *errors, *counts, style="bold" if ours else None)
-            head = ["", ""]
-        before = row.group
-        table.add_section()
-    return table
+    modulus_unit = digits.modulus_unit([0.0, *moduli])  # one unit for all rows
+    for group, shots in result.rows_by_group():
+        table = terminal.table("", heads, left=heads[:1])
+        for row in (row for row in rows if row.group is group):
+            factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
+            if row.name in KEYS:
+                symbol, factor, unit = display_unit(row.name, modulus_unit)
+                label = f"{symbol} ({unit})"
+            for method in row.methods:
+                errors = ["" if method == to else digits.percent(row.error(to, method)) for to in references]
+                style = "bold" if method == OUR_METHOD else None
+                table.add_row(label or digits.MISSING, method, row.words(method, factor), *errors, style=style)
+                label = " "
+            table.add_section()
+        facts = ""
+        if shots:
+            misfit, *ends = map(digits.percent, misfits(shots))
+            counts = f"{group.n} of {digits.counted(len(shots), 'shot')} answered, {group.n_counted} in the material"
+            facts = f"  {counts}, RMSE {misfit} % ({'–'.join(ends)})"
+        terminal.print_text(console, facts, first=group.name, look="bold")
+        console.print(table)
 
 
 def write_comparison(path: Path, result: Result) -> None:
@@ -343,7 +341,7 @@ def write_comparison(path: Path, result: Result) -> None:
         line |= {"n_shots": len(row.shots), "n_answered": group.n}
         line |= {f"n_{verdict}": group.verdicts.get(verdict, 0) for verdict in digits.VERDICT_STYLES}
         names = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
-        line |= zip(names, row.misfits, strict=True)
+        line |= zip(names, misfits(row.shots), strict=True)
         line["model"] = group.population.model if group.population else ""
         line["message"] = "; ".join(group_remarks(group, row.shots))
         lines.append(line)
