@@ -249,19 +249,15 @@ def _model_in_words(model: Model) -> str:
     return f"{model['material']}, {model['bubble']} with {', '.join(words)}{interval}"
 
 
-def _rejected(this: Model, rival: Model, gain: float, rough: bool, **_: Any) -> str:
-    about = "about " if rough else ""
-    return f" by a factor of {about}e^{abs(gain):.0f}: {_model_in_words(rival)}, instead of {_model_in_words(this)}"
-
-
-def _possible(this: Model, rival: Model, gain: float | None, equal: bool, rough: bool) -> str:
+def _other_model(this: Model, rival: Model, gain: float | None, equal: bool, rough: bool) -> str:
     models = f": {_model_in_words(rival)}, instead of {_model_in_words(this)}"
     if gain is None:
         return models
+    if equal:
+        return f"{models} (equally likely)"
     preferred = "the other" if gain > 0 else "this answer"
     about = "about " if rough else ""
-    factor = f"the evidence prefers {preferred} by a factor of {about}e^{abs(gain):.0f}"
-    return f"{models} ({'equally likely' if equal else factor})"
+    return f"{models} (the evidence prefers {preferred} by a factor of {about}e^{abs(gain):.0f})"
 
 
 def _chosen(this: Model, rivals: Sequence[Model]) -> str:
@@ -295,8 +291,8 @@ _DETAILS: dict[str, Callable[..., str]] = {  # by code or its first part, of the
     "stated.replaced": lambda stated, used, **of: f": {_constant(used, **of)}, not {_constant(stated, **of)}",
     "misfit.rms": lambda rms, limit: f" by {100 * rms:.2g} % of R_max RMS (limit {100 * limit:.2g} %)",
     "misfit.systematic": _systematic,
-    "model.rejected": _rejected,
-    "model.possible": _possible,
+    "model.rejected": _other_model,
+    "model.possible": _other_model,
     "model.chosen": _chosen,
     "group.doubt.ends": _ends,
     "group.doubt.heaps": _heaps,
