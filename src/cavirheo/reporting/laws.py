@@ -111,14 +111,14 @@ def print_table(document: Laws) -> None:
     bubbles = ", ".join(dict.fromkeys(answer.bubble.title for answer in answers))
     title = f"{_TITLE}; {bubbles}" if bubbles else _TITLE
     table = terminal.table("curve", heads, left=("law", "verdict"), title=title)
-    rows = [(laws, laws.name, "") for laws in document.curves]
+    names = digits.distinct_names([laws.name for laws in document.curves])
+    rows = [(laws, name, "") for laws, name in zip(document.curves, names, strict=True)]
     rows += [(laws, f"{laws.name}: {laws.shots} shots", "bold") for laws in document.groups]
-    for (laws, _, style), name in zip(rows, digits.distinct_names([name for _, name, _ in rows]), strict=True):
+    for laws, name, style in rows:
         best = max((law.log_evidence for law in laws.laws.values() if law.log_evidence is not None), default=0.0)
         for law, entry in laws.laws.items():
             mark = ("→ " if law == laws.chosen else "") + law + ("*" if law in laws.contenders else "")
-            table.add_row(name, mark, *_law_cells(entry, best), style=style)
-            name = ""
+            table.add_row(name if law == next(iter(laws.laws)) else "", mark, *_law_cells(entry, best), style=style)
         table.add_section()
     console = terminal.console()
     console.print(table)

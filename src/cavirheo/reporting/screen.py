@@ -128,11 +128,12 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord
     if _table_width(rows) > _width():
         rows = [[*cells[:2], *cells[3:]] for cells in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    looks = ["dim", *(digits.VERDICT_STYLES[shot.verdict].terminal for shot in shown)]
-    for (name, *numbers, mark), look in zip(rows, looks, strict=False):
+    verdicts = [None, *(shot.verdict for shot in shown)]
+    for (name, *numbers, mark), verdict in zip(rows, verdicts, strict=False):
         cells = [name.ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(numbers, widths[1:-1], strict=True)]
-        _print([("  ".join(cells), "" if mark or look != "dim" else look), (f"  {mark}".rstrip(), look)])
+        look = digits.VERDICT_STYLES[verdict].terminal if verdict else ""
+        _print([("  ".join(cells), "" if verdict else "dim"), (f"  {mark}".rstrip(), look)])
     if len(shown) < len(shots):
         hidden = Counter(digits.VERDICT_WORDS[shot.verdict] for shot in shots if shot not in shown)
         counts = ", ".join(f"{count} {words}" for words, count in hidden.items())
