@@ -95,15 +95,14 @@ class Frame:
         """Path with a dot for each point, or for every k-th if there are more than `most`."""
         every = max(-(-len(x) // max(most, 1)), 1)
         across, down = self.place(x[::every], y[::every])
-        return "".join(f"m{step}z" for step in _steps(across, down)).replace("m", "M", 1)
+        return "M" + "m".join(f"{step}z" for step in _steps(across, down)) if len(across) else ""
 
     def _line(self, x: Floats, y: Floats, most: int) -> str:
         """Path of a line through the points, or through about `most` of them; NaN makes a gap."""
         finite, path = np.flatnonzero(np.isfinite(y)), ""
         for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else ():
             some = part[self._thin(x[part], y[part], max(most * len(part) // len(finite), 2))]
-            first, *steps = _steps(*self.place(x[some], y[some]))
-            path += f"M{first}l{' '.join(steps)}" if steps else f"M{first}z"
+            path += _path(*self.place(x[some], y[some])) if len(some) > 1 else self._dots(x[some], y[some], 1)
         return path
 
     def _band(self, x: Floats, y: Floats, _: int) -> str:
@@ -114,8 +113,7 @@ class Frame:
         """Path of the area between two lines, of each about `most` points or fewer."""
         some = self._thin(x, y[:, 1], most)
         ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
-        first, *steps = _steps(*self.place(x[np.concatenate([some, some[::-1]])], ends))
-        return f"M{first}l{' '.join(steps)}z"
+        return _path(*self.place(x[np.concatenate([some, some[::-1]])], ends)) + "z"
 
     def _bars(self, x: Floats, y: Floats, _: int) -> str:
         across, down = self.place(x, y)
@@ -125,8 +123,7 @@ class Frame:
         )
 
     def _region(self, x: Floats, y: Floats, _: int) -> str:
-        first, *steps = _steps(*self.place(x, y))
-        return f"M{first}l{' '.join(steps)}z"
+        return _path(*self.place(x, y)) + "z"
 
     def _arrows(self, x: Floats, y: Floats, _: int) -> str:
         """Path of arrows, of which each has two strokes as a head."""
@@ -243,6 +240,12 @@ def _key(panel: Panel, *, omitted_look: str = "") -> Key:
         for layer in panel.layers
         if layer.name and layer.look != omitted_look
     ]
+
+
+def _path(across: np.ndarray, down: np.ndarray) -> str:
+    """Path of lines from point to point."""
+    first, *steps = _steps(across, down)
+    return f"M{first}l{' '.join(steps)}"
 
 
 def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:

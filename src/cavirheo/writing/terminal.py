@@ -102,11 +102,11 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
 
 def names_by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """{message: names} of (name, message), each message once and in order; empty messages are left out."""
-    names: dict[str, list[str]] = {}
+    names: dict[str, dict[str, None]] = {}
     for name, message in messages:
         if message:
-            names.setdefault(message, []).append(name)
-    return names
+            names.setdefault(message, {})[name] = None
+    return {message: list(those) for message, those in names.items()}
 
 
 def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
