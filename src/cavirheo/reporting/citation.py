@@ -130,8 +130,9 @@ def _constants(medium: Medium, to: _Keys) -> str:
 def _inference(answers: Sequence[CurveRecord], to: _Keys) -> list[str]:
     """Sentences on windows, methods, compared models and priors of the stretch."""
     sentences = []
-    if collapses := digits.ends([curve.window.collapses for curve in answers], count=2):
-        sentences.append(f"Each recording was compared over {collapses} collapses.")
+    if collapses := sorted({curve.window.collapses for curve in answers if curve.window.collapses}):
+        fewest = f"{collapses[0]} to " if len(collapses) > 1 else ""
+        sentences.append(f"Each recording was compared over {fewest}{digits.counted(collapses[-1], 'collapse')}.")
     for method in dict.fromkeys(curve.method for curve in answers):
         if method in _NOISES:
             draws = f"Its posterior was sampled {_SAMPLED}{to.cited('Cornuet2012')}, with {_NOISES[method]}"

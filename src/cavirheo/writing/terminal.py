@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cavirheo.writing.digits import NO_BREAK, VERDICT_STYLES, elide, printable, together
 
+MOST_REMARKS = 20  # of one kind below a table
 _MAX_LINE = 1000  # most characters of one line
 RATE_PERIOD = 120.0  # s, period of the mean rate: an answer may take many s, and a cluster returns many answers at once
 
@@ -129,10 +130,13 @@ def print_text(to: Console, text: str, *, first: str = "", look: str = "", style
 def print_remarks(
     to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 5, mark: str = "•"
 ) -> None:
-    """Print each message after a mark and its names, `most` of them at most; then the notes."""
-    for message, names in remarks.items():
+    """Print each of the first MOST_REMARKS messages after a mark and its names, `most` of them at most; then the
+    notes."""
+    for message, names in list(remarks.items())[:MOST_REMARKS]:
         more = f" and {len(names) - most} more" if len(names) > most else ""
         print_text(to, f": {message}", first=f"{mark} {', '.join(names[:most])}{more}", look="bold")
+    if len(remarks) > MOST_REMARKS:
+        print_text(to, f"{mark} {len(remarks) - MOST_REMARKS} more such remarks")
     for note in notes:
         print_text(to, note, first="• ")
 
