@@ -255,9 +255,8 @@ def _other_model(this: Model, rival: Model, gain: float | None, equal: bool, rou
         return models
     if equal:
         return f"{models} (equally likely)"
-    preferred = "the other" if gain > 0 else "this answer"
     about = "about " if rough else ""
-    return f"{models} (the evidence prefers {preferred} by a factor of {about}e^{abs(gain):.0f})"
+    return f"{models} (evidence {about}e^{abs(gain):.0f} times {'larger' if gain > 0 else 'smaller'})"
 
 
 def _chosen(this: Model, rivals: Sequence[Model]) -> str:
