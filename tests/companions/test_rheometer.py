@@ -244,7 +244,7 @@ def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path, loss, modu
 
 def test_beside_bubbles(run, tmp_path):
     curves = [bubble(f"shot[{k}]", "gel", "gel.mat") for k in (1, 2, 3)]
-    write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k, draws=200)) for k, one in enumerate(curves)], "x", ())
+    write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k, draws=200)) for k, one in enumerate(curves)], "x")
     before = (tmp_path / "result.json").read_bytes()
     done(run("rheometer", *SWEEPS, "--beside", "result.json", "-o", "r", "--name", "soft gel"))
     assert (tmp_path / "result.json").read_bytes() == before
