@@ -64,7 +64,7 @@ def test_no_table_loses_a_column_or_a_name(verb, monkeypatch, capsys):
     assert max(map(len, texts[0].splitlines())) <= 80
     assert "…" not in texts[0]
     first = "".join(line.split(" ")[0] for line in texts[0].splitlines())
-    assert all(LONG.format(k) in first for k in range(20))
+    assert all(name in first for name in digits.distinct_names([LONG.format(k) for k in range(20)]))
     assert narrow <= wide
     assert narrow == wide
 

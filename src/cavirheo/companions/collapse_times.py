@@ -251,7 +251,7 @@ def print_table(document: CollapseTimes) -> None:
     factor, unit = document.modulus_unit
     heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
     table = terminal.table("material", heads, left=("model",))
-    names = digits.shorten_names([group.name for group in document.groups])
+    names = digits.distinct_names([group.name for group in document.groups])
     for who, group in zip(names, document.groups, strict=True):
         n = f"{group.n - group.unusable}/{group.n}" if group.unusable else f"{group.n}"
         value = group.estimate or CollapseEstimate()

@@ -90,16 +90,16 @@ def write_report(
 
 
 def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
-    """SVG of each curve, or the reason why there is none; only R(t), half as high, if there are too many."""
-    brief = len(pairs) > html.MAX_DETAILED_CURVES
+    """SVG of each curve, or the reason why there is none: large if alone; half as high, R(t) only, of too many."""
+    single, brief = len(pairs) == 1, len(pairs) > html.MAX_DETAILED_CURVES
     count = 1 if brief else 2
-    width, height = pictures.SHOT_SIZE
+    width, height = (pictures.WIDTH, pictures.HEIGHT) if single else pictures.SHOT_SIZE
     height = height / 2 if brief else height
     points, notes = min(pictures.POINTS, MAX_PAGE_POINTS // max(len(pairs), 1)), document.notes
 
     def draw(pair: tuple[RadiusCurve, Posterior], row: CurveRecord) -> str:
         panels = answer_panels(pair[0], pair[1].checks, row)
-        return pictures.curve_svg(panels[:count], width, height, points=points, with_key=False)
+        return pictures.curve_svg(panels[:count], width, height, points=points, with_key=single)
 
     rows = zip(pairs, document.curves, strict=True)
     return [try_to_draw(f"picture of {row.name}", notes, draw, pair, row) or notes[-1] for pair, row in rows]

@@ -1,22 +1,20 @@
-"""The paragraph on a result for the methods section of a paper, and the references to cite: the entries of
-references.bib whose keys are in the paragraph."""
+"""The paragraph on a result for the methods section of a paper, and the references that it cites, of references.bib."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
 
-from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.materials import LAWS
-from cavirheo.physics.media import MEDIA as MEDIUM_SETS
+from cavirheo.physics.media import MEDIA, Medium
 from cavirheo.reporting.answer import CurveRecord, display_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 
@@ -24,27 +22,15 @@ TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius histo
 MEDIUM_KEYS = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
 _DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
 _EQUATIONS = {
-    "keller-miksis": "Keller and Miksis [Keller1980]",
-    "rayleigh-plesset": "Rayleigh and Plesset [Plesset1949]",
-    "gilmore": "Gilmore [Gilmore1952]",
+    "keller-miksis": ("Keller and Miksis", "Keller1980"),
+    "rayleigh-plesset": ("Rayleigh and Plesset", "Plesset1949"),
+    "gilmore": ("Gilmore", "Gilmore1952"),
 }
-_METHODS = {  # the sentence with its citations, by method of the answer
-    "verified": (
-        "The posterior of the parameters was sampled by adaptive importance sampling [Cornuet2012] of a network that "
-        "was trained on simulations, and each draw was weighed by a full simulation, with noise of unknown size and a "
-        "discrepancy between law and bubble that was inferred along with them [Kennedy2001]."
-    ),
-    "least_squares": (
-        "The parameters were fitted to the simulation under white noise of unknown size: their posterior was sampled "
-        "by adaptive importance sampling [Cornuet2012] of a network that was trained on simulations, and each draw was "
-        "weighed by a full simulation."
-    ),
-    "bdt": "A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.",
+_SAMPLED = "by importance sampling of an emulator, each draw weighed by a full simulation"
+_NOISES = {
+    "verified": "noise of unknown size and a discrepancy between law and bubble",
+    "least_squares": "white noise of unknown size",
 }
-_POPULATION = (
-    "The material of a group is the centre of a population of its shots, which was inferred from their posteriors and "
-    "priors, together with the scatter of the shots about it [Hogg2010]."
-)
 
 
 class Source(NamedTuple):
@@ -57,6 +43,18 @@ class Source(NamedTuple):
     def fields(self) -> dict[str, str]:
         """Author, year, title, journal or note, and doi."""
         return dict(re.findall(r"^  (\w+) = \{(.+)\},?$", self.bibtex, re.MULTILINE))
+
+
+@dataclass
+class _Keys:
+    """The keys of the references that a text cites, in order."""
+
+    keys: dict[str, None] = field(default_factory=dict)
+
+    def cited(self, *keys: str) -> str:
+        """' [Key, Key]', and the keys are noted; "" for none."""
+        self.keys |= dict.fromkeys(keys)
+        return f" [{', '.join(keys)}]" if keys else ""
 
 
 @cache
@@ -79,121 +77,89 @@ def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
     if not answers:
         return "", []
     year = (result.date or "")[:4]
-    sentences = [*_experiment(answers, result), *_inference(answers, result)]
-    words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
-    sources = [references()[word] for word in words if word in references()]
-    sentences += [_group_sentence(group, shots, result) for group, shots in result.rows_by_group()]
-    verdicts = Counter("ok" if curve.trusted else curve.verdict for curve in result.curves)
-    failures = [f"{n} {digits.VERDICT_STYLES[verdict].words}" for verdict, n in verdicts.items() if verdict != "ok"]
-    wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)
-    count = digits.counted_shots(sum(curve.trusted for curve in result.curves), len(result.curves))
-    sentences += [
-        f"{verdicts['ok']} of {digits.counted(len(result.curves), 'curve')} passed the checks of the program "
-        f"(reconstruction error, bounds of the ranges, plausibility of the recording){wrong}. {count} in values of "
-        f"groups. Command: {result.command}"
+    program = f"@misc{{cavirheo{year},\n  author = {{{{The cavirheo developers}}}},\n  title = {{{TITLE}}},\n"
+    program += f"  year = {{{year}}},\n" if year else ""
+    program += f"  note = {{version {result.version}}}\n}}"
+    to = _Keys()
+    sizes = digits.ends([curve.max_radius_m for curve in answers], 1e6)
+    bubbles = f"{digits.counted(len(answers), 'bubble')}{f' of R_max {sizes} um' if sizes else ''}"
+    sentences = [
+        f"Radius histories of {bubbles} were analysed with cavirheo {result.version} [cavirheo{year}].",
+        *(_model(*model, to) for model in dict.fromkeys((curve.material, curve.bubble) for curve in answers)),
+        *(_constants(medium, to) for medium in dict.fromkeys(curve.medium for curve in answers if curve.medium)),
+        *_inference(answers, to),
     ]
-    entry = {"author": "{The cavirheo developers}", "year": year, "title": TITLE, "note": f"version {result.version}"}
-    fields = ",\n".join(f"  {name} = {{{text}}}" for name, text in entry.items() if text)
-    program = Source(f"cavirheo{year}", f"@misc{{cavirheo{year},\n{fields}\n}}")
-    return " ".join(filter(None, sentences)), [program, *sources]
-
-
-def _experiment(answers: list[CurveRecord], result: Result) -> Iterator[str]:
-    """Sentences on the shots, the equations of wall, gas and medium, and those constants that the result contains."""
-    sizes = [1e6 * curve.max_radius_m for curve in answers if curve.max_radius_m]
-    rates = [curve.strain_rate_per_s for curve in answers if curve.strain_rate_per_s]
-    files = ", ".join(f"{name}: {n}" for name, n in Counter(curve.group for curve in answers).items())
-    size = f", R_max {_range(sizes)} um" if sizes else ""
-    rate = f", strain rates {_range(rates)} 1/s" if rates else ""
-    of = f"{digits.counted(len(answers), 'bubble')} ({files}{size}{rate})"
-    year = (result.date or "")[:4]
-    yield f"Radius histories of {of} were analysed with cavirheo {result.version} [cavirheo{year}]."
-
-    for motion, exponent in dict.fromkeys((curve.bubble.motion, curve.bubble.exponent) for curve in answers):
-        gas = "with heat and mass transfer between gas, vapour and medium [Estrada2018]"
-        if exponent is not None:
-            gas = f"with a polytropic gas of exponent {exponent:g}"
-        yield f"The wall follows the equation of {_EQUATIONS[motion]}, {gas}."
-
-    for (material, bubble), count in Counter((curve.material, curve.bubble) for curve in answers).items():
-        cited = (source.key for part in material.split("+") for source in references_of_law(part.strip()))
-        keys, law = ", ".join(dict.fromkeys(cited)), digits.MATERIAL_TITLES.get(material, material).partition(" (")[0]
-        law += f" [{keys}]" if keys else ""
-        vapour = "vapour in equilibrium at the wall"
-        if bubble.contents == "kinetic":
-            vapour = "vapour that condenses at a finite rate, with its diffusivity by [Fuller1966]"
-        damped = "; the surroundings damp the motion (confinement damping)" * (bubble.confinement_damping != 0)
-        hurt = "" if bubble.damage == "none" else f", damaged ({bubble.damage})"
-        yield f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}{damped}."
-
-    media = dict.fromkeys(curve.medium for curve in answers if curve.medium)
-    for medium in media:
-        groups = dict.fromkeys(curve.group for curve in answers if curve.medium == medium)
-        name = medium.name.removesuffix(", changed")
-        of = f" of {', '.join(groups)}" if len(media) > 1 else ""
-        changed = " with changes" if replace(medium, name=name, unusual=True) != MEDIUM_SETS.get(name, medium) else ""
-        key = f" [{MEDIUM_KEYS[name]}]" if name in MEDIUM_KEYS else ""
-        yield (
-            f"Constants of the medium{of} are those of {name}{key}{changed}: density {medium.density:g} kg/m3, sound "
-            f"speed {medium.sound_speed:g} m/s, surface tension {medium.surface_tension:g} N/m, pressure "
-            f"{medium.pressure:g} Pa, temperature {medium.temperature:g} K."
-        )
-
-
-def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
-    """Sentences on the window, the methods, the compared models, the priors, and what the values are."""
-    windows = sorted({curve.window.collapses for curve in answers if curve.window.collapses})
-    if windows and (ends := [curve.window.t_star_end for curve in answers if curve.window.t_star_end]):
-        *few, last = windows
-        collapses = " or ".join([*map(str, few), digits.counted(last, "collapse")])
-        yield f"Simulations were compared with the recordings over {collapses} (t/t_c up to {_range(ends)})."
-    yield from (_METHODS[method] for method in dict.fromkeys(curve.method for curve in answers))
-
-    compared = [curve for curve in answers if curve.evidence]
-    models = {curve.model: curve.model_title for curve in compared}
-    alternatives = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
-    if rivals := {model.model_title for model in alternatives if model.model not in models}:
-        preferred = Counter(model.model_title for curve in compared if (model := curve.preferred_model))
-        count = digits.counted(len(compared), "curve")
-        verdicts = ", ".join(f"it prefers {model} in {n} of {count}" for model, n in preferred.items())
-        yield f"Values are those of {' or '.join(models.values())}."
-        verdicts = verdicts or "it prefers none of these to the given values"
-        yield f"The evidence [Kass1995] compares this with {', '.join(sorted(rivals))}: {verdicts}."
-
-    if any(curve.method in ("verified", "least_squares") for curve in answers):
-        names = [name for curve in answers for name in KEYS if curve.value(name).known]
-        names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
-        ranges = []
-        for symbol, unit, searched, *_ in map(PARAMETERS.__getitem__, dict.fromkeys(names)):
-            if searched:
-                low, high = (10.0**end for end in searched)
-                ranges.append(f"{symbol} {low:.3g} to {high:.3g}" + ("" if unit == "1" else f" {unit}"))
-        free = "time origin, radius scale and R_max were free within their priors"
-        yield f"Priors are uniform in the logarithm ({', '.join(ranges)}); {free}."
-    stated = Counter(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
-    yield from (f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in stated.items())
-
-    if any(value.q05 is not None for curve in answers for value in (curve.viscosity_Pa_s, curve.stretch)):
-        yield "Values are medians with central 90 % intervals."
     if any(group.material for group in result.groups):
-        yield _POPULATION
+        population = to.cited("Hogg2010")
+        sentences.append(f"The material of a group is the centre of a population of its shots{population}.")
+    sentences += [_group(group, shots, result) for group, shots in result.rows_by_group() if group.has_answer]
+    verdicts = Counter(digits.VERDICT_WORDS[curve.verdict] for curve in result.curves)
+    counts = ", ".join(f"{words} {count}" for words, count in verdicts.items())
+    sentences.append(f"Verdicts: {counts}. Command: {result.command}")
+    cited = [references()[key] for key in to.keys]
+    return " ".join(filter(None, sentences)), [Source(f"cavirheo{year}", program), *cited]
 
 
-def _group_sentence(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
-    """Sentence on a group: its material, or its only shot, and its doubts; "" without an answer."""
-    if not group.has_answer:
-        return ""
+def _model(material: str, bubble: Bubble, to: _Keys) -> str:
+    """A sentence on law, wall and contents of a bubble."""
+    keys = [source.key for part in material.split("+") for source in references_of_law(part.strip())]
+    title = digits.MATERIAL_TITLES.get(material, material).partition(" (")[0]
+    name, key = _EQUATIONS[bubble.motion]
+    law = f"The medium was {title}{to.cited(*dict.fromkeys(keys))}, the wall followed {name}{to.cited(key)}"
+    if bubble.exponent is not None:
+        return f"{law}, with a polytropic gas of exponent {bubble.exponent:g}."
+    law += f", with heat and mass transfer between gas, vapour and medium{to.cited('Estrada2018')}"
+    if bubble.contents == "kinetic":
+        law += (
+            f" and vapour that condenses at a finite rate, whose diffusivity is that of Fuller{to.cited('Fuller1966')}"
+        )
+    return f"{law} ({bubble.title})."
+
+
+def _constants(medium: Medium, to: _Keys) -> str:
+    name = medium.name.removesuffix(", changed")
+    changed = " with changes" if replace(medium, name=name, unusual=True) != MEDIA.get(name, medium) else ""
+    key = to.cited(MEDIUM_KEYS[name]) if name in MEDIUM_KEYS else ""
+    return (
+        f"Constants of the medium were those of {name}{key}{changed}: density {medium.density:g} kg/m3, sound speed "
+        f"{medium.sound_speed:g} m/s, surface tension {medium.surface_tension:g} N/m, pressure {medium.pressure:g} Pa, "
+        f"temperature {medium.temperature:g} K."
+    )
+
+
+def _inference(answers: Sequence[CurveRecord], to: _Keys) -> list[str]:
+    """Sentences on windows, methods, compared models and priors of the stretch."""
+    sentences = []
+    if collapses := sorted({curve.window.collapses for curve in answers if curve.window.collapses}):
+        fewest = f"{collapses[0]} to " if len(collapses) > 1 else ""
+        sentences.append(f"Each recording was compared over {fewest}{digits.counted(collapses[-1], 'collapse')}.")
+    for method in dict.fromkeys(curve.method for curve in answers):
+        if method in _NOISES:
+            draws = f"Its posterior was sampled {_SAMPLED}{to.cited('Cornuet2012')}, with {_NOISES[method]}"
+            sentences.append(f"{draws}{to.cited('Kennedy2001') if method == 'verified' else ''}; ")
+            sentences[-1] += "values are medians with central 90 % intervals."
+        else:
+            network = f"A Bubble Dynamics Transformer{to.cited('Bu2025')}"
+            sentences.append(f"{network} gave the values, at equal Cauchy and Reynolds numbers.")
+    models = {curve.model for curve in answers}
+    others = [model for curve in answers if curve.evidence for model in curve.other_models]
+    rivals = dict.fromkeys(m.model_title for m in others if m.log_evidence is not None and m.model not in models)
+    if rivals:
+        preferred = sum(curve.preferred_model is not None for curve in answers)
+        compared = f"The evidence{to.cited('Kass1995')} compares this with {', '.join(rivals)}"
+        sentences.append(f"{compared}, and prefers one of these for {preferred} of {len(answers)}.")
+    sources = dict.fromkeys(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
+    return sentences + [f"The stretch was {source}." for source in sources]
+
+
+def _group(group: GroupRecord, shots: Sequence[CurveRecord], result: Result) -> str:
+    """A sentence on a group: its doubts, and its material or its only shot."""
     doubts = "".join(f"{message.text}; " for message in group.doubts)
     if group.material:
         return f"{group.name}: {doubts}{group.material.line}."
     values = []
-    for name in parameters_of(members):
+    for name in parameters_of(shots):
         symbol, factor, unit = display_unit(name, result.modulus_unit)
-        text = digits.quantity(group.value(name), factor, unit=unit)
-        values += [f"{symbol} = {text}"] if digits.MISSING not in text else []
-    return f"{group.name}: {doubts}{', '.join(values)}." if values else ""
-
-
-def _range(values: list[float]) -> str:
-    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
-    return low if low == high else f"{low} to {high}"
+        if group.value(name).known:
+            values.append(f"{symbol} = {digits.quantity(group.value(name), factor, unit=unit)}")
+    return f"{group.name}: {doubts}{', '.join(values)}."

@@ -39,15 +39,15 @@ def answer_figure(answer: Posterior) -> Figure:
     figure = style.new_figure(_HEIGHT, _WIDTH)
     figure.set_layout_engine("constrained", h_pad=0.02, w_pad=0.02)
     figure.set_dpi(_SCREEN_DPI)
-    rows: Any = figure.subplots(len(panels), squeeze=False, sharex=True, height_ratios=[3, 1][: len(panels)])
+    rows: Any = figure.subplots(len(panels), squeeze=False, sharex=True, height_ratios=[2, 1][: len(panels)])
     for axes, panel in zip(rows[:, 0], panels, strict=True):
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=7)
         axes.set(xlim=(panel.x.low, panel.x.high), ylim=(panel.y.low, panel.y.high))
-        axes.set_ylabel(panel.y.label, fontsize=8)
+        axes.set_ylabel(panel.y.label, fontsize=7)
         for layer in panel.layers:
             _draw(axes, layer)
-    rows[-1, 0].set_xlabel(panels[0].x.label, fontsize=8)
+    rows[-1, 0].set_xlabel(panels[0].x.label, fontsize=7)
     legend = rows[0, 0].legend(loc="upper right", frameon=False, fontsize=7, title=digits.elide(answer.name, 30))
     legend.get_title().set(fontsize=7, fontweight="bold", parse_math=False)
     return figure

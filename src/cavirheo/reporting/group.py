@@ -126,6 +126,12 @@ class GroupRecord(Record):
         return self.population if self.population and self.population.has_material else None
 
     @property
+    def heaps(self) -> dict[str, list[tuple[float | None, float | None, list[str]]]]:
+        """(low, high, shots) of each of two heaps into which the shots fall, by parameter in which they disagree."""
+        heaps = self.population.heaps if self.population else {}
+        return {name: [(heap.low, heap.high, heap.shots) for heap in parts] for name, parts in heaps.items()}
+
+    @property
     def doubts(self) -> list[Sentence]:
         """The messages because of which no line of this group is to be used without a second look."""
         return [message for message in self.messages if message.code.startswith("group.doubt.")]
@@ -214,8 +220,10 @@ def slopes_in_words(slopes: Mapping[str, Slope]) -> str:
     clauses = [size_trend_in_words(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
     most = max(slopes.values(), key=lambda power: power.n)
     shots = f"{most.n} shots" + (f", {most.n_trusted} of which count" if most.n_trusted < most.n else "")
-    wrong = ", and a constant should not: the law or the bubble may be wrong (by chance so in 1 group of 10)"
-    return f"{', '.join(clauses)} over {shots}" + wrong * any(power.sign for power in slopes.values())
+    line = f"{', '.join(clauses)} over {shots}"
+    if any(power.sign for power in slopes.values()):
+        return f"{line}, and a constant should not: the law or the bubble may be wrong (by chance so in 1 group of 10)"
+    return line
 
 
 def group_record(

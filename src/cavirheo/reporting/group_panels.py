@@ -7,7 +7,8 @@ A bound is an arrow at its limit, never a point.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord, Unit, display_unit, parameters_of
 from cavirheo.reporting.group import MATERIAL_CONSTANTS, GroupRecord
-from cavirheo.reporting.panels import RMAX, Axis, Layer, Panel, predicted_radius, tones_of
+from cavirheo.reporting.panels import RMAX, Axis, Layer, Panel, predicted_radius, sizes_in_words, tones_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Spread
@@ -30,10 +31,10 @@ _ARROW = 0.09  # length of an arrow, of that of its axis
 _MARGIN = 0.07  # margin of an axis, of its length
 _LEAST_DECADES = 0.4  # least length of an axis
 _NAME = 14  # most letters of a name in a picture
+_KEY = {"region": "shot, 90 %", "region-out": "does not count", "estimate": "shot"}  # name of the first of each look
 
 
-@dataclass(frozen=True)
-class Ends:
+class Ends(NamedTuple):
     """A value on a logarithmic axis: ends and middle, log10 of the unit of the axis. side: -1, it is below `high`; 1,
     it is above `low`; 0, it lies between them."""
 
@@ -43,39 +44,91 @@ class Ends:
     side: int = 0
 
 
-@dataclass
-class _Drawn:
-    """What is collected of the shots for the plane."""
+class _Quantity(NamedTuple):
+    """What an axis of the plane shows: a parameter or _SIZE, its factor from SI, and its label."""
 
-    layers: list[Layer] = field(default_factory=list)
-    bounds: list[tuple[Ends, Ends, str, Floats | None]] = field(default_factory=list)  # x, y, look, tone
-    x: list[float] = field(default_factory=list)
-    y: list[float] = field(default_factory=list)
-    names: list[tuple[float, float, str, str]] = field(default_factory=list)  # x, y, text, look
+    name: str
+    factor: float
+    label: str
+
+    def of_shot(self, record: CurveRecord) -> Ends | None:
+        """The value of a shot."""
+        if self.name == _SIZE:
+            return ends_of(Quantity(median=record.max_radius_m), self.factor)
+        known = record.viscosity if self.name in ("viscosity", VISCOSITY_AT_RATE) else record.value(self.name)
+        return ends_of(known, self.factor)
+
+    def of_material(self, group: GroupRecord) -> Ends | None:
+        """The value of the material of a group."""
+        known = group.viscosity if self.name in ("viscosity", VISCOSITY_AT_RATE) else group.value(self.name)
+        return ends_of(known, self.factor)
+
+    def of_method(self, value: Spread) -> Ends | None:
+        """Mean and standard deviation by another method."""
+        if not value.mean or value.mean <= 0.0:
+            return None
+        std = value.std or 0.0
+        low = max(value.mean - std, 0.1 * value.mean)
+        return Ends(*np.log10(self.factor * np.array([low, value.mean, value.mean + std])).tolist())
+
+    def axis(self, values: Sequence[Ends | None], regions: Sequence[Floats]) -> Axis:
+        """A logarithmic axis around these values, and these places of the corners of regions."""
+        ends = [end for value in values if value for end in (value.low, value.high)]
+        ends += [end for places in regions for end in (places.min(), places.max())]
+        finite = [end for end in ends if np.isfinite(end)] or [0.0]
+        low, high = float(min(finite)), float(max(finite))
+        missing = 0.5 * max(_LEAST_DECADES - (high - low), 0.0)
+        margin = missing + (_MARGIN + _ARROW) * (high - low + 2.0 * missing)
+        return Axis(self.label, low - margin, high + margin, log=True)
 
 
 def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequence[int]) -> list[Panel]:
     """The plane of G and mu, and all curves, of the answered shots of a group. indices: of the group's curves in the
     result. A law without a modulus has R_max in its place."""
+    names = dict(zip(indices, digits.distinct_names([result.curves[i].name for i in indices]), strict=True))
     members = [i for i in indices if result.curves[i].has_answer]
     every = max(-(-len(members) // MAX_DRAWN), 1)
     members = members[::every]
     records = [result.curves[i] for i in members]
-    names = dict(zip(indices, digits.distinct_names([result.curves[i].name for i in indices]), strict=True))
+    sizes = np.array([record.max_radius_m or np.nan for record in records])
+    end = 1.1 * max([record.window.t_star_end or 1.0 for record in records])
+    x, y = axes = _axes(records, result.modulus_unit)
+    places, regions, curves = [], [], list[Layer]()
+    for i, record, tone in zip(members, records, tones_of(sizes), strict=True):
+        curve, answer = pairs[i]  # draws of thousands need not be in memory
+        places.append((x.of_shot(record), y.of_shot(record)))
+        regions.append(_region(answer, axes))
+        curves += _curve_layers(curve, answer.checks, end, tone[None], 0.5 / len(members))
+    boxes = _boxes(group, x, y)
+    of_x, of_y = zip(*places, *((box.x, box.y) for box in boxes), strict=True)
+    corners = [region for region in regions if region is not None]
+    across = x.axis(of_x, [region[:, 0] for region in corners])
+    up = y.axis(of_y, [region[:, 1] for region in corners])
+    layers, labels = list[Layer](), list[Layer]()
+    for i, record, tone, (a, b), region in zip(members, records, tones_of(sizes), places, regions, strict=True):
+        if a is not None and b is not None:
+            layers += _shot_layers(a, b, across, up, region, tone[None], record.trusted)
+            look = f"shot-name{'' if region is not None or a.side or b.side else ' beside'}"
+            at = np.clip([a.middle], across.low, across.high), np.clip([b.middle], up.low, up.high)
+            text = digits.elide(names[i], _NAME)
+            labels.append(Layer("labels", f"{look}{'' if record.trusted else ' outside'}", *at, texts=(text,)))
+    for box in boxes:
+        layers += _box_layers(box, across, up)
+    left = dict(_KEY)
+    layers = [layer if layer.name else replace(layer, name=left.pop(layer.look, "")) for layer in layers]
+    note = f", 1 of {every} shots is drawn" if every > 1 else ""
+    return [Panel(across, up, (*layers, *labels)), _all_curves(curves, sizes, end, note)]
+
+
+def _axes(records: Sequence[CurveRecord], unit: Unit) -> tuple[_Quantity, _Quantity]:
     of_laws = parameters_of(records)
     upper = next((name for name in MATERIAL_CONSTANTS if name in of_laws), of_laws[0])
-    across = "shear_modulus" if "shear_modulus" in of_laws and upper != "shear_modulus" else _SIZE
-    tones = tones_of(np.array([record.max_radius_m or np.nan for record in records]))
-    end = 1.1 * (max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0)
-    drawn = _Drawn()
-    curves = list[Layer]()
-    for i, record, tone in zip(members, records, tones, strict=True):  # draws of thousands need not be in memory
-        curve, answer = pairs[i]
-        _add_shot(drawn, answer, record, (across, upper), result.modulus_unit, tone[None], names[i])
-        curves += _curve_layers(curve, answer.checks, end, tone[None], 0.5 / len(members))
-    note = f", 1 of {every} shots is drawn" if every > 1 else ""
-    plane = _plane(drawn, group, (across, upper), result.modulus_unit)
-    return [plane, _all_curves(curves, records, end, note)]
+    made = []
+    for name in ("shear_modulus", upper):
+        symbol, factor, written = display_unit(name, unit)
+        made.append(_Quantity(name, factor, f"{symbol} ({written})" if written else symbol))
+    size = _Quantity(_SIZE, 1e6, f"{RMAX} (µm)")
+    return (made[0] if "shear_modulus" in of_laws and upper != "shear_modulus" else size), made[1]
 
 
 def ends_of(value: Quantity, factor: float = 1.0) -> Ends | None:
@@ -83,66 +136,28 @@ def ends_of(value: Quantity, factor: float = 1.0) -> Ends | None:
     if not value.known or value.bound == "undetermined":
         return None
     if value.bound in ("upper", "lower"):
-        limit = value.q95 if value.bound == "upper" else value.q05
-        place = float(np.log10(factor * limit)) if limit else -np.inf
+        place = float(np.log10(factor * value.largest)) if value.largest else -np.inf
         return Ends(place, place, place, -1 if value.bound == "upper" else 1)
-    numbers = [value.q05, value.median, value.q95]
-    known = [number for number in numbers if number]
+    known = [number for number in (value.q05, value.median, value.q95) if number]
     if not known or min(known) <= 0.0:
         return None
-    low, high = (np.log10(factor * end) for end in (min(known), max(known)))
-    middle = 0.5 * (low + high) if value.median is None else np.log10(factor * value.median)
-    return Ends(float(low), float(middle), float(high))
+    low, high = (float(np.log10(factor * end)) for end in (min(known), max(known)))
+    return Ends(low, 0.5 * (low + high) if value.median is None else float(np.log10(factor * value.median)), high)
 
 
-def _add_shot(
-    drawn: _Drawn, answer: Posterior, record: CurveRecord, axes: tuple[str, str], unit: Unit, tone: Floats, name: str
-) -> None:
-    """Add the region of a shot, or its arrows."""
-    x, y = (_of_shot(record, axis, unit) for axis in axes)
-    if x is None or y is None:
-        return
-    look = "region" if record.trusted else "region-out"
-    colour = tone if record.trusted else None
-    points = np.array([[x.low, y.low], [x.high, y.high]])
-    region = None if x.side or y.side else _region(answer, axes, unit)
-    beside = "beside" if region is None else ""
-    if x.side or y.side:
-        drawn.bounds.append((x, y, look, colour))
-    elif region is not None:
-        points = region
-        drawn.layers.append(Layer("region", look, region[:, 0], region[:, 1], tones=colour))
-    else:
-        across, up = (np.array([[ends.low, ends.middle, ends.high]]) for ends in (x, y))
-        drawn.layers.append(Layer("bars", "interval", across, up, tones=tone))
-        drawn.layers.append(Layer("dots", "estimate", across[:, 1], up[:, 1], tones=tone))
-    drawn.x += points[:, 0].tolist()
-    drawn.y += points[:, 1].tolist()
-    kind = " ".join(filter(None, ["shot-name", beside, "" if record.trusted else "outside"]))
-    drawn.names.append((x.middle, y.middle, digits.elide(name, _NAME), kind))
-
-
-def _of_shot(record: CurveRecord, name: str, unit: Unit) -> Ends | None:
-    if name == _SIZE:
-        return ends_of(Quantity(median=record.max_radius_m), 1e6)
-    if name in ("viscosity", VISCOSITY_AT_RATE):
-        return ends_of(record.viscosity)
-    return ends_of(record.value(name), display_unit(name, unit)[1])
-
-
-def _region(answer: Posterior, axes: tuple[str, str], unit: Unit) -> Floats | None:
+def _region(answer: Posterior, axes: Sequence[_Quantity]) -> Floats | None:
     """(n, 2) corners of the hull of the densest 90 % of the draws; None of a point answer, or of a value that is not
     among the draws."""
-    if len(answer.theta) < 2 or not set(axes) <= set(answer.parameters):
+    if len(answer.theta) < 2 or not {axis.name for axis in axes} <= set(answer.parameters):
         return None
-    values = np.stack([answer.draws(name) * display_unit(name, unit)[1] for name in axes], axis=-1)
+    values = np.stack([answer.draws(axis.name) * axis.factor for axis in axes], axis=-1)
     positive = np.all(values > 0.0, axis=1)
     weight = answer.weights[positive]
     if np.count_nonzero(positive) < 10 or not weight.sum() > 0.0:
         return None
     cumulated = np.cumsum(weight) / weight.sum()
-    places = (np.arange(_REGION_DRAWS) + 0.5) / _REGION_DRAWS
-    points = np.log10(values[positive])[np.minimum(np.searchsorted(cumulated, places), len(weight) - 1)]
+    levels = (np.arange(_REGION_DRAWS) + 0.5) / _REGION_DRAWS
+    points = np.log10(values[positive])[np.minimum(np.searchsorted(cumulated, levels), len(weight) - 1)]
     covariance = np.cov(points.T) + 1e-12 * np.eye(2)
     white = np.linalg.solve(np.linalg.cholesky(covariance), points.T) * _REGION_DRAWS ** (1 / 6)  # Scott's width is 1
     square = np.sum(white**2, axis=0)
@@ -169,100 +184,65 @@ def _turn(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> f
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-def _plane(drawn: _Drawn, group: GroupRecord, axes: tuple[str, str], unit: Unit) -> Panel:
-    """The panel of the plane, with the material and the values of other methods."""
-    of_group = _of_group(group, axes, unit)
-    boxes = [box for box in of_group if any(box[2:])]
-    for *_, x, y in boxes:
-        drawn.x += [end for end in (x.low, x.high) if np.isfinite(end)] if x else []
-        drawn.y += [end for end in (y.low, y.high) if np.isfinite(end)] if y else []
-    across, up = (_axis(name, ends, unit) for name, ends in zip(axes, (drawn.x, drawn.y), strict=True))
-    layers = [*drawn.layers]
-    for x, y, look, tone in drawn.bounds:
-        layers += _bound_layers(x, y, (across, up), look, tone)
-    for look, name, x, y in boxes:
-        open_x, open_y = (Ends(axis.low, 0.5 * (axis.low + axis.high), axis.high) for axis in (across, up))
-        layers += _box(x or open_x, y or open_y, (across, up), look, name)
-    for x_name, y_name, text, look in drawn.names:
-        at = np.clip([[x_name, y_name]], [across.low, up.low], [across.high, up.high])
-        layers.append(Layer("labels", look, at[:, 0], at[:, 1], texts=(text,)))
-    return Panel(across, up, _named([layer for layer in layers if len(layer.x)]))
-
-
-def _named(layers: Sequence[Layer]) -> tuple[Layer, ...]:
-    """The layers, the first of each look with its name in the key."""
-    names = {"region": "shot, 90 %", "region-out": "does not count", "estimate": "shot"}
-    named = list[Layer]()
-    for layer in layers:
-        name = layer.name or names.pop(layer.look, "")
-        named.append(Layer(layer.shape, layer.look, layer.x, layer.y, name, layer.tones, layer.share, layer.texts))
-    return tuple(named)
-
-
-def _of_group(group: GroupRecord, axes: tuple[str, str], unit: Unit) -> list[tuple[str, str, Ends | None, Ends | None]]:
-    """(look, name, x, y) of the material and of the values of other methods."""
-    boxes = list[tuple[str, str, Ends | None, Ends | None]]()
-    of_axes = [(name, 1.0 if name == _SIZE else display_unit(name, unit)[1]) for name in axes]
-    if group.material and not group.material.heaps:
-        x, y = (
-            None
-            if name == _SIZE
-            else ends_of(group.viscosity if name in ("viscosity", VISCOSITY_AT_RATE) else group.value(name), factor)
-            for name, factor in of_axes
-        )
-        boxes.append(("material", "material, 90 %", x, y))
-    for method, values in group.published.items():
-        x, y = (_of_spread(values.get(name, Spread()), factor) for name, factor in of_axes)
-        boxes.append(("published", digits.elide(method, _NAME), x, y))
-    return boxes
-
-
-def _of_spread(value: Spread, factor: float) -> Ends | None:
-    """Mean and standard deviation on an axis."""
-    if not value.mean or value.mean <= 0.0:
-        return None
-    std = value.std or 0.0
-    low = max(value.mean - std, 0.1 * value.mean)
-    first, middle, last = (float(np.log10(factor * number)) for number in (low, value.mean, value.mean + std))
-    return Ends(first, middle, last)
-
-
-def _axis(name: str, ends: Sequence[float], unit: Unit) -> Axis:
-    """A logarithmic axis around these ends."""
-    finite = [end for end in ends if np.isfinite(end)] or [0.0]
-    low, high = min(finite), max(finite)
-    missing = 0.5 * max(_LEAST_DECADES - (high - low), 0.0)
-    margin = missing + (_MARGIN + _ARROW) * (high - low + 2.0 * missing)
-    if name == _SIZE:
-        return Axis(f"{RMAX} (µm)", low - margin, high + margin, log=True)
-    symbol, _, written = display_unit(name, unit)
-    return Axis(f"{symbol} ({written})" if written else symbol, low - margin, high + margin, log=True)
-
-
-def _bound_layers(x: Ends, y: Ends, axes: tuple[Axis, Axis], look: str, tone: Floats | None) -> list[Layer]:
-    """Arrows from the limits of a bound into what it allows, and the interval of the other value at the limit."""
-    (left, middle, right), (bottom, centre, top) = (
-        np.clip([ends.low, ends.middle, ends.high], axis.low, axis.high)
-        for ends, axis in zip((x, y), axes, strict=True)
-    )
-    layers = []
-    along, up = (_ARROW * (axis.high - axis.low) for axis in axes)
-    starts = [(middle, centre, x.side * along, 0.0)] if x.side else []
-    starts += [(middle, centre, 0.0, y.side * up)] if y.side else []
-    begin = np.array(starts)
-    across, down = begin[:, [0]] + begin[:, 2:3] * [0.0, 1.0], begin[:, [1]] + begin[:, 3:4] * [0.0, 1.0]
-    layers.append(Layer("arrows", f"arrow {look}", across, down, tones=tone))
-    layers.append(Layer("line", f"limit {look}", np.array([left, right]), np.array([bottom, top]), tones=tone))
-    return layers
-
-
-def _box(x: Ends, y: Ends, axes: tuple[Axis, Axis], look: str, name: str) -> list[Layer]:
-    """The rectangle of two intervals; arrows where one of them is a bound."""
+def _shot_layers(
+    x: Ends, y: Ends, across: Axis, up: Axis, region: Floats | None, tone: Floats, trusted: bool
+) -> list[Layer]:
+    """The arrows of a shot, its region, or its intervals."""
+    look = "region" if trusted else "region-out"
     if x.side or y.side:
-        layers = _bound_layers(x, y, axes, look, None)
-        return [Layer("line", look, layers[1].x, layers[1].y, name), layers[0]]
+        return _bound_layers(x, y, across, up, look, tone if trusted else None)
+    if region is not None:
+        return [Layer("region", look, region[:, 0], region[:, 1], tones=tone if trusted else None)]
+    places = np.array([x[:3]]), np.array([y[:3]])
+    middle = places[0][:, 1], places[1][:, 1]
+    return [Layer("bars", "interval", *places, tones=tone), Layer("dots", "estimate", *middle, tones=tone)]
+
+
+class _Box(NamedTuple):
+    """The material, or the values of another method, in the plane; None for a value that is not known."""
+
+    look: str
+    name: str
+    x: Ends | None
+    y: Ends | None
+
+
+def _boxes(group: GroupRecord, x: _Quantity, y: _Quantity) -> list[_Box]:
+    """The material and the values of other methods, where one of two values is known."""
+    boxes = list[_Box]()
+    if group.material and not group.material.heaps:
+        boxes.append(_Box("material", "material, 90 %", x.of_material(group), y.of_material(group)))
+    for method, values in group.published.items():
+        a, b = (axis.of_method(values.get(axis.name, Spread())) for axis in (x, y))
+        boxes.append(_Box("published", digits.elide(method, _NAME), a, b))
+    return [box for box in boxes if box.x or box.y]
+
+
+def _bound_layers(x: Ends, y: Ends, across: Axis, up: Axis, look: str, tone: Floats | None) -> list[Layer]:
+    """Arrows from the limits of a bound into what it allows, and the interval of the other value at the limit."""
+    horizontal = np.clip(x[:3], across.low, across.high)
+    vertical = np.clip(y[:3], up.low, up.high)
+    arrows = [(x.side, 0), (0, y.side)]
+    length = _ARROW * np.array([across.high - across.low, up.high - up.low])
+    steps = np.array([arrow for arrow in arrows if any(arrow)]) * length
+    begin = np.array([horizontal[1], vertical[1]]) + 0.0 * steps
+    ends = np.stack([begin, begin + steps], axis=-1)
+    return [
+        Layer("arrows", f"arrow {look}", ends[:, 0], ends[:, 1], tones=tone),
+        Layer("line", f"limit {look}", horizontal[[0, 2]], vertical[[0, 2]], tones=tone),
+    ]
+
+
+def _box_layers(box: _Box, across: Axis, up: Axis) -> list[Layer]:
+    """The rectangle of two intervals, over a whole axis for a value that is not known; arrows where one is a bound."""
+    x, y = (
+        ends or Ends(axis.low, 0.5 * (axis.low + axis.high), axis.high) for ends, axis in ((box.x, across), (box.y, up))
+    )
+    if x.side or y.side:
+        arrows, limit = _bound_layers(x, y, across, up, box.look, None)
+        return [replace(limit, look=box.look, name=box.name), arrows]
     corners = np.array([[x.low, y.low], [x.high, y.low], [x.high, y.high], [x.low, y.high]])
-    return [Layer("region", look, corners[:, 0], corners[:, 1], name)]
+    return [Layer("region", box.look, corners[:, 0], corners[:, 1], box.name)]
 
 
 def _curve_layers(curve: RadiusCurve, checks: Checks, end: float, tone: Floats, share: float) -> list[Layer]:
@@ -283,12 +263,8 @@ def _curve_layers(curve: RadiusCurve, checks: Checks, end: float, tone: Floats, 
     return [layer for layer in layers if len(layer.x)]
 
 
-def _all_curves(layers: Sequence[Layer], records: Sequence[CurveRecord], end: float, note: str) -> Panel:
-    sizes = np.array([1e6 * (record.max_radius_m or np.nan) for record in records])
-    key = f"{RMAX} {np.nanmin(sizes):.0f} µm"
-    if np.ptp(sizes):
-        key += f" (dark) to {np.nanmax(sizes):.0f} µm (light)"
+def _all_curves(layers: Sequence[Layer], sizes: Floats, end: float, note: str) -> Panel:
     ordered = sorted(layers, key=lambda layer: layer.shape == "dots")  # areas below
     top = 1.06 * max([1.0, *(float(np.nanmax(layer.y)) for layer in ordered)])
     axes = Axis(f"t* = t √(p/ρ) / {RMAX}", -0.1, end), Axis(f"R / {RMAX}", 0.0, top)
-    return Panel(*axes, tuple(ordered), note=key + note)
+    return Panel(*axes, tuple(ordered), note=sizes_in_words(sizes) + note)

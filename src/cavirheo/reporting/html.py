@@ -19,7 +19,7 @@ from markupsafe import Markup
 from cavirheo.reporting.answer import CurveRecord, display_unit, meaning_of, parameter_key
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.screen import answer_lines, group_facts, value_parts
+from cavirheo.reporting.screen import answer_lines, group_facts, shot_cells, value_parts
 from cavirheo.reporting.table import model_rows
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
@@ -51,8 +51,11 @@ def write(
     groups = [group.name for group in result.groups]
     title = ", ".join(groups[:3]) + (f" and {len(groups) - 3} more" if len(groups) > 3 else "")
     content = {"result": result, "unit": result.modulus_unit, "shared": shared, "pictures": pictures}
+    content["drawn"] = bool(pictures)
     content |= {"sheets": sheets, "brief": len(curves) > MAX_DETAILED_CURVES, "title": title or "no curves"}
-    content |= {"answers": group_answers(result, group_pictures)}
+    if len(curves) == 1:  # its picture stands beside its answer
+        group_pictures, content["pictures"] = pictures, []
+    content["answers"] = group_answers(result, group_pictures)
     content["names"] = digits.distinct_names([curve.name for curve in curves])
     content["origin"] = _json_markup(_common([curve.provenance for curve in (answered if shared else curves)]))
     Path(path).write_text(template("report.html").render(**content), encoding="utf-8")
@@ -60,14 +63,15 @@ def write(
 
 def group_answers(result: Result, pictures: Sequence[str] = ()) -> list[tuple[GroupRecord, str, list[str], Any, str]]:
     """(group, heading, facts, lines, picture) of each group with an answer of its own: of those of several shots, and
-    of a shot that is alone in its run. pictures: of the groups of several answered shots."""
+    of a shot that is alone in its run. pictures: of the groups of several answered shots, or of that shot."""
     left = iter(pictures)
+    alone = len(result.curves) == 1
     answers = []
     for group, shots in result.rows_by_group():
-        picture = next(left, "") if group.n > 1 else ""
-        if len(shots) > 1 or (shots and len(result.curves) == 1):
+        if len(shots) > 1 or (shots and alone):
             heading = group.name if len(result.groups) > 1 else "Answer"
             lines = answer_lines(result, group, shots)
+            picture = next(left, "") if group.n > 1 or alone else ""
             answers.append((group, heading, group_facts(group, shots), lines, picture))
     return answers[:MAX_ANSWERS]
 
@@ -107,7 +111,7 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True, finalize=_printable
     )
-    functions = (facts, display_unit, meaning_of, parameter_key, model_rows, value_parts)
+    functions = (facts, display_unit, meaning_of, parameter_key, model_rows, shot_cells, value_parts)
     environment.globals.update({function.__name__: function for function in functions})
     environment.globals.update(MIN_SORTED=MIN_SORTED, MANY=MANY)
     environment.globals.update(digits=digits, VERDICT_STYLES=digits.VERDICT_STYLES, Quantity=Quantity)

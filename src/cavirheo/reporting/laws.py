@@ -9,6 +9,7 @@ from cavirheo.inference.which_law import Pair, Ranking
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import Slope, shots_for_slope, slopes, slopes_in_words
 from cavirheo.reporting.material import PopulationRecord, population_record
+from cavirheo.reporting.screen import value_parts
 from cavirheo.reporting.table import input_warnings
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record
@@ -110,14 +111,14 @@ def print_table(document: Laws) -> None:
     bubbles = ", ".join(dict.fromkeys(answer.bubble.title for answer in answers))
     title = f"{_TITLE}; {bubbles}" if bubbles else _TITLE
     table = terminal.table("curve", heads, left=("law", "verdict"), title=title)
-    rows = [(laws, laws.name, "") for laws in document.curves]
+    names = digits.distinct_names([laws.name for laws in document.curves])
+    rows = [(laws, name, "") for laws, name in zip(document.curves, names, strict=True)]
     rows += [(laws, f"{laws.name}: {laws.shots} shots", "bold") for laws in document.groups]
-    for (laws, _, style), name in zip(rows, digits.shorten_names([name for _, name, _ in rows]), strict=True):
+    for laws, name, style in rows:
         best = max((law.log_evidence for law in laws.laws.values() if law.log_evidence is not None), default=0.0)
         for law, entry in laws.laws.items():
             mark = ("→ " if law == laws.chosen else "") + law + ("*" if law in laws.contenders else "")
-            table.add_row(name, mark, *_law_cells(entry, best), style=style)
-            name = ""
+            table.add_row(name if law == next(iter(laws.laws)) else "", mark, *_law_cells(entry, best), style=style)
         table.add_section()
     console = terminal.console()
     console.print(table)
@@ -166,7 +167,8 @@ def _law_cells(law: WeighedLaw, best: float) -> list[str]:
         error = "" if law.standard_error is None else f" ± {law.standard_error:.1f}"
         texts = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
     if (answer := law.answer) is not None:
-        values = (answer.shear_modulus_Pa, answer.viscosity)
-        texts += [digits.quantity(value).partition(" [")[0] for value in values]
-        texts += [digits.percent(answer.rmse_over_rmax), digits.VERDICT_STYLES[answer.verdict].words]
+        for value in (answer.shear_modulus_Pa, answer.viscosity):
+            middle, bound = value_parts(value, 1.0)
+            texts.append(middle or bound)
+        texts += [digits.percent(answer.rmse_over_rmax), digits.VERDICT_WORDS[answer.verdict]]
     return texts

@@ -294,17 +294,19 @@ def _trends_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> 
     """The slopes in words: 'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
     from cavirheo.column import LOG_R_MAX
 
-    changes = [(digits.symbol_and_unit(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
+    clauses = []
+    for name, slope in slopes.items():
+        symbol, words = digits.symbol_and_unit(name)[0], digits.quantity(slope)
+        if column == LOG_R_MAX:
+            clauses.append(size_trend_in_words(symbol, slope, words))
+            continue
+        clause = f"{symbol} {_TREND_VERBS[slope.sign]}: {words} decades per unit"
+        factor = digits.significant(10.0 ** min(abs(slope.median or 0.0), 99.0), 2)
+        clauses.append(f"{clause}, a factor of {factor}" if slope.sign else clause)
     if column == LOG_R_MAX:
         size = digits.micrometres(1e-6 * 10.0**at)
-        clauses = "; ".join(size_trend_in_words(*change) for change in changes)
-        return f"the material over R_max: {clauses}; its values are those at R_max = {size} µm"
-    clauses = "; ".join(
-        f"{symbol} {_TREND_VERBS[slope.sign]}: {words} decades per unit"
-        + f", a factor of {digits.significant(10.0 ** min(abs(slope.median or 0.0), 99.0), 2)}" * bool(slope.sign)
-        for symbol, slope, words in changes
-    )
-    return f"with {column}: {clauses}; the material is that at {column} = {digits.significant(at)}"
+        return f"the material over R_max: {'; '.join(clauses)}; its values are those at R_max = {size} µm"
+    return f"with {column}: {'; '.join(clauses)}; the material is that at {column} = {digits.significant(at)}"
 
 
 def size_trend_in_words(symbol: str, power: Quantity, words: str) -> str:

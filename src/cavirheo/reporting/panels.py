@@ -1,6 +1,4 @@
-"""The content of pictures in the units of their axes: the same panels for the report, the live page, the app and figure
-files.
-"""
+"""The content of pictures in the units of their axes: the same panels for the report, the app and `Posterior.plot`."""
 
 from __future__ import annotations
 
@@ -25,8 +23,8 @@ _LOG_DIGITS = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 3.0, 5.0), (1.0, 
 
 @dataclass(frozen=True)
 class Axis:
-    """Name and ends of an axis, and a remark on it, which figure files leave out. log: places on it, and its ends, are
-    log10 of the values."""
+    """Name and ends of an axis, and a remark beside the name. log: places on it, and its ends, are log10 of the
+    values."""
 
     label: str
     low: float
@@ -38,7 +36,13 @@ class Axis:
         """Places of evenly spaced round numbers within the ends, at most `most` + 1; none if the axis has no finite
         length. On a logarithmic axis, those of a few digits in each decade."""
         if self.log:
-            return self._log_ticks(most)
+            decades = range(int(np.floor(self.low)), int(np.ceil(self.high)) + 1)
+            for numbers in _LOG_DIGITS:
+                places = [decade + float(np.log10(number)) for decade in decades for number in numbers]
+                places = [place for place in places if self.low <= place <= self.high]
+                if len(places) <= most + 1:
+                    break
+            return places[:: -(-len(places) // (most + 1)) or 1]
         rough = (self.high - self.low) / max(most, 1)
         if not np.isfinite(rough) or rough <= 0.0:
             return []
@@ -46,16 +50,6 @@ class Axis:
         step = next(factor * ten for factor in (1.0, 2.0, 5.0, 10.0) if factor * ten >= rough * (1.0 - 1e-9))
         first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
         return [float(f"{number * step:.10g}") + 0.0 for number in np.arange(first, last + 1.0)]
-
-    def _log_ticks(self, most: int) -> list[float]:
-        decades = range(int(np.floor(self.low)), int(np.ceil(self.high)) + 1)
-        places = list[float]()
-        for digits_of_decade in _LOG_DIGITS:
-            numbers = [decade + float(np.log10(digit)) for decade in decades for digit in digits_of_decade]
-            places = [place for place in numbers if self.low <= place <= self.high]
-            if len(places) <= most + 1:
-                break
-        return places[:: -(-len(places) // (most + 1)) or 1]
 
     def written(self, place: float) -> str:
         """The number at a place."""
@@ -126,44 +120,47 @@ def curve_panels(
     simulations of a conventional fit and of other values. Raises ValueError: a line has not as many times as values."""
     has_answer = checks.verdict != "failed"
     checks = checks if has_answer else Checks("failed")
-    units, rmse = _Units.from_curve(curve), 100.0 * (checks.rmse_over_rmax or 0.0)
+    units = _Units.from_curve(curve)
+    rmse = 100.0 * (checks.rmse_over_rmax or 0.0)
     time, radius = units.points(curve.time, curve.radius)
-    line, difference = units.simulation(checks, "simulated", simulation_name)
+    line, residual = units.simulation(checks, "simulated", simulation_name)
+    low, high = _time_ends(time, residual.x)
     compared = np.full(len(time), not has_answer)
-    if len(difference.x):
+    if len(residual.x):
         slack = 1e-6 * (time[-1] - time[0])
-        compared = (time >= difference.x[0] - slack) & (time <= difference.x[-1] + slack)
-    low, high = _time_ends(time, difference.x)
+        compared = (time >= residual.x[0] - slack) & (time <= residual.x[-1] + slack)
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
     share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # together as many points as the simulation
-    layers, differences = [], [difference]
-    predicted = units.predicted(checks, curve) if has_answer else []
-    layers += predicted[:1]
+    bands = units.predicted(checks, curve)
+    layers = bands[:1]
     for look, name, some in (("measured", "measured", compared), ("outside", "not compared", ~compared)):
         some = measured & some
         layers.append(Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some)))
     layers.append(line)
+    residuals = [residual]
     for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
         if simulation and simulation.reconstruction_time is not None:
-            line, left = units.simulation(simulation, look, name)
-            layers.append(line)
-            differences.append(replace(left, shape="line", look=look))
+            other, left = units.simulation(simulation, look, name)
+            layers.append(other)
+            residuals.append(replace(left, shape="line", look=look))
     layers = [layer for layer in layers if len(layer.y)]
     remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
     x, y = Axis(units.time, low, high, remark), Axis(units.radius, 0.0, 1.05 * _largest(layers, 0.0) or 1.05)
     t_c = (checks.time_scale or 0.0) * units.per_second
-    note = "no answer: no line is drawn" * (not has_answer) if measured.any() else "no measured radius"
+    note = "" if has_answer else "no answer: no line is drawn"
+    if not measured.any():
+        note = "no measured radius"
     panels = [Panel(x, y, tuple(layers), Axis("t*", low / t_c, high / t_c) if t_c else None, note)]
-    if len(difference.y):
+    if len(residual.y):
         ends = np.array([low, high])
-        zero = Layer("line", "zero", ends, np.zeros(2))
         note = f"RMSE {digits.significant(rmse, 2)} %" if rmse else ""
-        band = predicted[1:]
+        band = bands[1:]
         if rmse and not band:
             band = [Layer("band", "band", ends, np.array([-rmse, rmse]))]
             note = f"band: ± {note}"
-        largest = 1.15 * _largest([*differences, *band], 0.1)
-        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, *differences), note=note))
+        largest = 1.15 * _largest([*residuals, *band], 0.1)
+        zero = Layer("line", "zero", ends, np.zeros(2))
+        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, *residuals), note=note))
     return panels
 
 
@@ -273,33 +270,35 @@ def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> l
     usable = []
     for curve, medium in zip(curves, media, strict=True):
         with suppress(InputError):
-            usable.append((curve, medium.time_scale(curve.max_radius)))
+            usable.append((curve, curve.max_radius, medium.time_scale(curve.max_radius)))
     if not usable:
         return []
-    shots, units = zip(*usable, strict=True)
-    return [_overlay(shots, [1e-6] * len(shots), scaled=False), _overlay(shots, units, scaled=True)]
+    sizes = np.array([size for _, size, _ in usable])
+    plain, scaled = list[Layer](), list[Layer]()
+    for (curve, size, unit), tone in zip(usable, tones_of(sizes), strict=True):
+        time = curve.time - curve.time_of_max
+        some = time >= -1.1 * unit
+        plain.append(Layer("line", "shot", 1e6 * time, 1e6 * curve.radius, tones=tone[None]))
+        scaled.append(Layer("line", "shot", time[some] / unit, curve.radius[some] / size, tones=tone[None]))
+    key = sizes_in_words(sizes)
+    first = min(float(layer.x.min()) for layer in plain)
+    return [
+        _overlay(plain, f"time after {RMAX} (µs)", "R (µm)", first, key),
+        _overlay(scaled, f"t* = t √(p/ρ) / {RMAX}", f"R / {RMAX}", -1.1, key),
+    ]
 
 
-def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:
-    """One panel of all curves. units: unit of the time of each curve, s. scaled: radii are over R_max (else in µm), and
-    times are t*, up to `end`."""
-    sizes = np.array([curve.max_radius for curve in curves])
-    layers = []
-    for curve, unit, size, tone in zip(curves, units, sizes, tones_of(sizes), strict=True):
-        time = (curve.time - curve.time_of_max) / unit
-        some = (time >= -1.1) & (time <= end) if scaled else np.isfinite(time)
-        radius = curve.radius[some] / (size if scaled else 1e-6)
-        layers.append(Layer("line", "shot", time[some], radius, tones=tone[None]))
-    times = np.concatenate([layer.x for layer in layers])
-    radii = np.concatenate([layer.y for layer in layers])
-    low, high = (-1.1 if scaled else times.min(), end if np.isfinite(end) else times.max(initial=1.0))
-    smallest, largest = 1e6 * sizes.min(), 1e6 * sizes.max()
-    key = f"{RMAX} {smallest:.0f} µm" + f" (dark) to {largest:.0f} µm (light)" * bool(np.ptp(sizes))
-    labels = (f"t* = t √(p/ρ) / {RMAX}", f"R / {RMAX}") if scaled else (f"time after {RMAX} (µs)", "R (µm)")
-    top = 1.06 * float(np.nanmax(radii, initial=0.0)) or 1.06
-    return Panel(Axis(labels[0], float(low), float(high)), Axis(labels[1], 0.0, top), tuple(layers), note=key)
+def _overlay(layers: Sequence[Layer], x: str, y: str, low: float, key: str) -> Panel:
+    high = max(1.0, *(float(layer.x.max()) for layer in layers))
+    return Panel(Axis(x, low, high), Axis(y, 0.0, 1.06 * _largest(layers, 0.0) or 1.06), tuple(layers), note=key)
 
 
 def tones_of(sizes: Floats) -> Floats:
     """Tones from 0 (the smallest, dark) to 1 (the largest)."""
     return (sizes - sizes.min()) / (np.ptp(sizes) or 1.0)
+
+
+def sizes_in_words(sizes: Floats) -> str:
+    """'Rₘₐₓ 120 µm (dark) to 310 µm (light)' of the sizes (m) of shots in one picture."""
+    key = f"{RMAX} {1e6 * np.nanmin(sizes):.0f} µm"
+    return f"{key} (dark) to {1e6 * np.nanmax(sizes):.0f} µm (light)" if np.ptp(sizes) else key

@@ -34,17 +34,7 @@ _TONES = 12  # steps from the darkest to the lightest tone
 _SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
 _SYMBOLS |= {"outlier": "○", "region": "▰", "region-out": "▱", "material": "▣", "published": "▢"}  # or by look
 _LETTER, _CAPITAL = 6 * PX, 10 * PX  # width and height of a letter of the name of a shot
-_AROUND = (
-    (0.0, 0.0),
-    (1.0, 0.0),
-    (-1.0, 0.0),
-    (0.0, -1.0),
-    (0.0, 1.0),
-    (1.0, -1.0),
-    (-1.0, -1.0),
-    (1.0, 1.0),
-    (-1.0, 1.0),
-)
+_AROUND = ((0, 0), (1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))  # places of a name at a point
 
 
 @dataclass(frozen=True)
@@ -90,7 +80,7 @@ class Frame:
     def paths(self, points: int) -> Iterator[tuple[str, str, str]]:
         """Yield (look, path, colour) of each layer, and of each tone in a layer (_TONES steps). points: number of
         points of the picture, of which each layer has its share."""
-        for layer in self.panel.layers:
+        for layer in (layer for layer in self.panel.layers if layer.shape != "labels"):  # `names` writes these
             most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
             path: Any = getattr(self, f"_{layer.shape}")
             tones = style.tone_colours([] if layer.tones is None else np.rint(_TONES * layer.tones) / _TONES)
@@ -105,15 +95,14 @@ class Frame:
         """Path with a dot for each point, or for every k-th if there are more than `most`."""
         every = max(-(-len(x) // max(most, 1)), 1)
         across, down = self.place(x[::every], y[::every])
-        return "".join(f"m{step}z" for step in _steps(across, down)).replace("m", "M", 1)
+        return "M" + "m".join(f"{step}z" for step in _steps(across, down)) if len(across) else ""
 
     def _line(self, x: Floats, y: Floats, most: int) -> str:
         """Path of a line through the points, or through about `most` of them; NaN makes a gap."""
         finite, path = np.flatnonzero(np.isfinite(y)), ""
         for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else ():
             some = part[self._thin(x[part], y[part], max(most * len(part) // len(finite), 2))]
-            first, *steps = _steps(*self.place(x[some], y[some]))
-            path += f"M{first}l{' '.join(steps)}" if steps else f"M{first}z"
+            path += _path(*self.place(x[some], y[some])) if len(some) > 1 else self._dots(x[some], y[some], 1)
         return path
 
     def _band(self, x: Floats, y: Floats, _: int) -> str:
@@ -124,8 +113,7 @@ class Frame:
         """Path of the area between two lines, of each about `most` points or fewer."""
         some = self._thin(x, y[:, 1], most)
         ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
-        first, *steps = _steps(*self.place(x[np.concatenate([some, some[::-1]])], ends))
-        return f"M{first}l{' '.join(steps)}z"
+        return _path(*self.place(x[np.concatenate([some, some[::-1]])], ends)) + "z"
 
     def _bars(self, x: Floats, y: Floats, _: int) -> str:
         across, down = self.place(x, y)
@@ -135,8 +123,7 @@ class Frame:
         )
 
     def _region(self, x: Floats, y: Floats, _: int) -> str:
-        first, *steps = _steps(*self.place(x, y))
-        return f"M{first}l{' '.join(steps)}z"
+        return _path(*self.place(x, y)) + "z"
 
     def _arrows(self, x: Floats, y: Floats, _: int) -> str:
         """Path of arrows, of which each has two strokes as a head."""
@@ -149,9 +136,6 @@ class Frame:
             path += f"L{b} {d}L{b + along + half[1]} {d + down - half[0]}"
         return path
 
-    def _labels(self, x: Floats, y: Floats, _: int) -> str:
-        return ""  # `names` writes them
-
     def names(self) -> list[Word]:
         """The names at points, each where it covers no other; one without such a place is left out."""
         words, taken = list[Word](), list[tuple[float, float, float, float]]()
@@ -163,7 +147,8 @@ class Frame:
                     x, y = across + aside * (half + 2 * PX), down + below * _CAPITAL * 1.2
                     box = (x - half, y - _CAPITAL / 2, x + half, y + _CAPITAL / 2)
                     within = left < box[0] and box[2] < left + width and top < box[1] and box[3] < top + height
-                    if within and not any(_overlap(box, other) for other in taken):
+                    free = all(box[2] <= a or c <= box[0] or box[3] <= b or d <= box[1] for a, b, c, d in taken)
+                    if within and free:
                         taken.append(box)
                         words.append((f"{layer.look} middle", round(x), round(y + 4 * PX), text))
                         break
@@ -197,7 +182,7 @@ def curve_svg(
     with_key: whether the looks are named."""
     radius, *residual = panels
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
-    key = _key(radius, omitted_look="outside" if width < WIDTH else "") if with_key else []  # a narrow one has no room
+    key = _key(radius, omitted_look="outside" if width <= WIDTH else "") if with_key else []  # a narrow one has no room
     key += [("failed", f"{radius.note}\u2003")] if radius.note else []
     return _picture(panels, f"measured radius over time{simulated}", key, points, (width, height))
 
@@ -237,7 +222,7 @@ def _picture(
     across, inner = view[0] - _LEFT - _RIGHT, view[1] - _BOTTOM - top
     below = PX * round(0.26 * (inner - _ROW) / PX) if len(panels) > 1 else 0
     begin = view[1] - _BOTTOM - below
-    between = _ROW + 4 * PX if below else 0
+    between = _ROW + 8 * PX if below else 0
     boxes = (_LEFT, top, across, inner - below - between), (_LEFT, begin, across, below)
     frames = [Frame(panel, box) for panel, box in zip(panels, boxes, strict=False)]  # one, or both
     axes, ticks, names = zip(*(frame.axes(along=frame is frames[-1]) for frame in frames), strict=True)
@@ -257,9 +242,10 @@ def _key(panel: Panel, *, omitted_look: str = "") -> Key:
     ]
 
 
-def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:
-    """Whether two boxes (left, top, right, bottom) share a point."""
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+def _path(across: np.ndarray, down: np.ndarray) -> str:
+    """Path of lines from point to point."""
+    first, *steps = _steps(across, down)
+    return f"M{first}l{' '.join(steps)}"
 
 
 def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:

@@ -105,8 +105,9 @@ class Result(Document):
         if len(models) == 1:
             titles = {name: f" ({title})" for name, title in digits.MATERIAL_TITLES.items()}
             lines = [f"model: {material}{titles.get(material, '')}. {sentence}" for material, sentence in models]
-        at_rate = ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"]
-        return lines + at_rate * (VISCOSITY_AT_RATE in self.parameters)
+        if VISCOSITY_AT_RATE in self.parameters:
+            lines.append("µ of a law that thins or yields: at a shear rate of 1e5 1/s")
+        return lines
 
     def to_dataframe(self) -> Any:
         """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""

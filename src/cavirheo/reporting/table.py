@@ -1,6 +1,4 @@
-"""Tables of curves and their answers, with or without published values, for the terminal (rich) and for spreadsheets
-(CSV); and the remarks below them.
-"""
+"""Tables of curves and their answers for the terminal (rich) and for spreadsheets (CSV); and the remarks below them."""
 
 from __future__ import annotations
 
@@ -14,31 +12,31 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.io.shots import stem_of
-from cavirheo.messages import title
+from cavirheo.messages import Message, title
 from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, column_name, is_law_parameter
 from cavirheo.physics.media import WATER
 from cavirheo.reporting.answer import (
     CurveRecord,
     OtherModel,
+    Sentence,
     display_unit,
     log_evidence_key,
     parameter_key,
     parameters_of,
 )
-from cavirheo.reporting.group import OUR_METHOD, GroupRecord, PublishedValue, error_of
+from cavirheo.reporting.group import OUR_METHOD, GroupRecord
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.screen import print_result
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Quantity, Spread, write_rows
+from cavirheo.writing.document import Spread, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
 
 WIDE_SCATTER = 0.4  # standard deviation of G from shot to shot over its mean; one batch of gel has less
-_WIDE_COMPARISON = 100  # columns; in a narrower terminal cells have two lines
+_ENDS = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}  # columns of a quantity in CSV
 
 
 def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
@@ -55,8 +53,9 @@ def curve_warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
     """Yield (name, sentence) for each warning on scales and settings, and for each curve without R_max."""
     from cavirheo.inference import checks  # imports the solver, which is not needed to show a document
 
+    warnings = [(curve.name, warning) for curve in curves for warning in checks.curve_warnings(curve, WATER)]
+    yield from _common_sentences(warnings)
     for curve in curves:
-        yield from ((curve.name, warning.text) for warning in checks.curve_warnings(curve, WATER))
         try:
             _ = curve.max_radius
         except InputError as error:
@@ -70,28 +69,25 @@ def curves_by_note(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
 
 def input_warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
     """(name, sentence) for each input warning of these records."""
-    return ((record.name, warning.text) for record in records for warning in record.warnings)
+    return _common_sentences([(record.name, warning) for record in records for warning in record.warnings])
 
 
 def curves_by_remark(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
-    """The remarks of all answers, the most frequent first, each with the names of its curves. Different sentences with
-    the same code are replaced by what they have in common, if the code has such a title."""
-    by_code: dict[str, list[tuple[str, str]]] = {}
-    for record in records:
-        for message in record.remarks:
-            by_code.setdefault(message.code, []).append((record.name, message.text))
-    sentences: dict[str, list[str]] = {}
-    for code, mine in sorted(by_code.items(), key=lambda item: len(item[1]), reverse=True):
-        common = title(code) if len({text for _, text in mine}) > 1 else ""
-        sentences |= terminal.names_by_message((name, common or text) for name, text in mine)
-    return sentences
+    """The remarks of all answers, the most frequent first, each with the names of its curves."""
+    remarks = _common_sentences([(record.name, message) for record in records for message in record.remarks])
+    names = terminal.names_by_message(remarks)
+    return dict(sorted(names.items(), key=lambda item: len(item[1]), reverse=True))
 
 
-def count_unsuited(records: Sequence[CurveRecord]) -> int:
-    """Number of answers that suggest another law: their simulation does not fit, or G has no lower bound."""
-    bounds = [row.shear_modulus_Pa.bound for row in records if row.verdict == "bound"]
-    no_stiffness = sum(bound in ("upper", "undetermined") for bound in bounds)
-    return no_stiffness + sum(row.verdict == "does_not_fit" for row in records)
+def _common_sentences(messages: Sequence[tuple[str, Message | Sentence]]) -> Iterator[tuple[str, str]]:
+    """(name, sentence) of each (name, message). Different sentences with the same code are replaced by what they have
+    in common, if the code has such a title."""
+    texts: dict[str, set[str]] = {}
+    for _, message in messages:
+        texts.setdefault(message.code, set()).add(message.text)
+    for name, message in messages:
+        common = title(message.code) if len(texts[message.code]) > 1 else ""
+        yield name, common or message.text
 
 
 def groups_with_mixed_files(result: Result) -> list[tuple[str, str, list[str]]]:
@@ -115,13 +111,10 @@ def print_line(record: CurveRecord) -> None:
     [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
     from rich.text import Text
 
-    look, factor, unit = digits.VERDICT_STYLES[record.verdict], *digits.modulus_unit([record.shear_modulus_Pa.largest])
-    values = {"G": (record.shear_modulus_Pa, factor, unit), "µ": (record.viscosity, 1.0, "Pa s")}
-    values["λ"] = record.stretch, 1.0, ""
+    look, unit = digits.VERDICT_STYLES[record.verdict], digits.modulus_unit([record.shear_modulus_Pa.largest])
+    values = [("G", record.shear_modulus_Pa, *unit), ("µ", record.viscosity, 1.0, "Pa s"), ("λ", record.stretch, 1, "")]
     parts = [
-        f"{symbol} {digits.quantity(value, scale, unit=name)}"
-        for symbol, (value, scale, name) in values.items()
-        if value.known
+        f"{symbol} {digits.quantity(value, scale, unit=name)}" for symbol, value, scale, name in values if value.known
     ]
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
     line = f"{record.name}: {', '.join(parts) if record.has_answer else record.message}"
@@ -130,59 +123,64 @@ def print_line(record: CurveRecord) -> None:
 
 def print_all(result: Result) -> None:
     """Print all parameters, the remarks and the answers of other models; then the result, with a row for each shot, and
-    the comparison with published values."""
+    the comparison with published values. A shot is called by what distinguishes it."""
     console = terminal.console()
-    _print_parameters(console, result)
-    if result.model_key:
-        console.print("\n".join(result.model_key), style="dim")
-    terminal.print_warnings(console, input_warnings(result.curves))
-    terminal.print_remarks(console, curves_by_remark(result.curves))
+    names = digits.distinct_names([row.name for row in result.curves])
+    rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
+    _print_parameters(console, result, rows)
+    for line in result.model_key:
+        terminal.print_text(console, line, style="dim")
+    terminal.print_warnings(console, input_warnings(rows))
+    terminal.print_remarks(console, curves_by_remark(rows))
     for group in result.groups:
         terminal.print_remarks(console, {remark: [group.name] for remark in group.remarks})
     terminal.print_remarks(console, {}, [row.words for row in result.differences])
     factor, unit = result.modulus_unit
     heads = [f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
-    for record in [record for record in result.curves if record.other_models]:
-        words = f"{record.name}: the answer, then other models"
-        table = terminal.table("model", heads, title=words)
-        for row in model_rows(record, factor):
-            table.add_row(*(cell.replace(" [", "\n[").replace(" (", "\n(") for cell in row))
-        console.print(table)
+    for row in rows:
+        if row.other_models:
+            table = terminal.table("model", heads, title=f"{row.name}: the answer, then other models")
+            for cells in model_rows(row, factor, joint="\n"):
+                table.add_row(*cells)
+            console.print(table)
     print_result(result, every_shot=True)
     if any(group.published for group in result.groups):
         print_comparison(result)
 
 
-def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
-    """Rows of the answer and of other models, by evidence: model, G, µ, λ, RMSE, log evidence minus the answer's."""
-    log_evidence, rows = record.evidence.log if record.evidence else None, []
-    models: list[tuple[CurveRecord | OtherModel, float | None]] = [(record, log_evidence)]
-    models += [(model, model.log_evidence) for model in sorted(record.other_models, key=log_evidence_key, reverse=True)]
-    for model, log in models:
-        above = digits.MISSING if log is None or log_evidence is None else f"{log - log_evidence:+.1f}"
+def model_rows(record: CurveRecord, factor: float, joint: str = " ") -> list[list[str]]:
+    """Rows of the answer and of other models, by evidence: model, G, µ, λ, RMSE, log evidence minus the answer's.
+    joint: stands before the interval."""
+    own = record.evidence.log if record.evidence else None
+    rows = []
+    others = sorted(record.other_models, key=log_evidence_key, reverse=True)
+    models: list[CurveRecord | OtherModel] = [record, *others]
+    for model in models:
         values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
-        texts = [digits.quantity(value, scale) for value, scale in values]
-        rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), "0" if model is record else above])
+        above = digits.MISSING
+        if isinstance(model, CurveRecord):
+            above = "0"
+        elif model.log_evidence is not None and own is not None:
+            above = f"{model.log_evidence - own:+.1f}"
+        texts = [digits.quantity(value, scale, joint=joint) for value, scale in values]
+        rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), above])
     return rows
 
 
-def _print_parameters(console: Console, result: Result) -> None:
+def _print_parameters(console: Console, result: Result, rows: Sequence[CurveRecord]) -> None:
     """Print the parameters that were inferred or given, without G, µ, λ and those of the camera."""
-    of_laws, excluded = parameters_of(result.curves), (*CAMERA, VISCOSITY_AT_RATE)
+    of_laws, excluded = parameters_of(rows), (*CAMERA, VISCOSITY_AT_RATE)
     names = [name for name in result.parameters if name in of_laws or not is_law_parameter(name)]
     units = {name: display_unit(name) for name in names if name not in excluded}
     if not units:
         return
-    table = terminal.table("curve", [f"{symbol}\n{unit}".strip() for symbol, _, unit in units.values()])
-    rows = [
-        (row.name, [digits.quantity(row.value(name), factor) for name, (_, factor, _) in units.items()], "")
-        for row in result.curves
-        if any(name in row.other_parameters for name in units)
-    ]
-    terminal.add_rows(table, rows)
+    table = terminal.table("shot", [f"{symbol}\n{unit}".strip() for symbol, _, unit in units.values()])
+    for row in rows:
+        if any(name in row.other_parameters for name in units):
+            table.add_row(row.name, *(digits.quantity(row.value(n), factor) for n, (_, factor, _) in units.items()))
     console.print(table)
     for line in parameter_key(result.parameters):
-        console.print(line, style="dim")
+        terminal.print_text(console, line, style="dim")
 
 
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
@@ -190,57 +188,49 @@ def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     bound has no median, so that a mean of medians is one of values."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
     columns = {name: column_name(name, digits.symbol_and_unit(name)[1]) for name in (*first, *further)}
-    ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
     head = ["name", "group", "source", "material", "method", "max_radius_m"]
-    head += [columns[name] + end for name in first for end in ends.values()]
+    head += [columns[name] + end for name in first for end in _ENDS.values()]
     head += ["rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
-    head += [columns[name] + end for name in further for end in ends.values()]
+    head += [columns[name] + end for name in further for end in _ENDS.values()]
     rows = []
     for record in result.curves:
-        values = {column: record.value(name) for name, column in columns.items()}
-        numbers = {column + end: getattr(value, part) for column, value in values.items() for part, end in ends.items()}
-        words = {"message": record.message, "bubble": record.bubble.name}
-        rows.append(vars(record) | words | vars(record.window) | numbers)
+        row = vars(record) | {"message": record.message, "bubble": record.bubble.name} | vars(record.window)
+        for name, column in columns.items():
+            row |= {column + end: getattr(record.value(name), part) for part, end in _ENDS.items()}
+        rows.append(row)
     return head, rows
 
 
 class ComparedParameter(NamedTuple):
-    """A parameter of a group (natural name, or "" for a group without parameters), its published values by method, and
-    the group's answer."""
+    """A parameter of a group by its natural name ("" for a group without parameters), and the methods with a value of
+    it, ours last; none of ours without a recording."""
 
     group: GroupRecord
     shots: Sequence[CurveRecord]
     name: str
-    published: Mapping[str, PublishedValue]
-    ours: Quantity
-
-    @property
-    def methods(self) -> list[str]:
-        """The methods with a value, ours last; none of ours without a recording."""
-        ours = [OUR_METHOD] if self.shots and self.name in (*KEYS, "") else []
-        return [*self.published, *ours]
+    methods: list[str]
 
     def number(self, method: str) -> float | None:
         """The published mean, or the median of our answer."""
         if method == OUR_METHOD:
-            return self.ours.median
-        return self.published[method].mean if method in self.published else None
-
-    def error(self, reference: str, method: str) -> float | None:
-        """|value - mean of the reference| / mean of the reference."""
-        return error_of(self.number(method), self.number(reference))
+            return self.group.value(self.name).median
+        return self.group.published[method][self.name].mean
 
     def words(self, method: str, factor: float) -> str:
         """The value in words: a mean with its deviation, or our answer with its interval."""
         if method == OUR_METHOD:
-            return digits.quantity(self.ours, factor)
-        return digits.spread(self.published[method], factor)
+            return digits.quantity(self.group.value(self.name), factor)
+        return digits.spread(self.group.published[method][self.name], factor)
 
-    @property
-    def misfits(self) -> list[float | None]:
-        """Median, smallest and largest RMSE over R_max of the answered shots."""
-        misfits = [shot.rmse_over_rmax for shot in self.shots if shot.rmse_over_rmax is not None]
-        return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
+    def error(self, reference: str, method: str) -> float | None:
+        """|value - mean of the reference| / mean of the reference."""
+        return self.group.errors.get(reference, {}).get(method, {}).get(self.name)
+
+
+def misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
+    """Median, smallest and largest RMSE over R_max of the answered shots."""
+    numbers = [shot.rmse_over_rmax for shot in shots if shot.rmse_over_rmax is not None]
+    return [float(np.median(numbers)), min(numbers), max(numbers)] if numbers else [None] * 3
 
 
 def compared_parameters(result: Result) -> list[ComparedParameter]:
@@ -250,8 +240,9 @@ def compared_parameters(result: Result) -> list[ComparedParameter]:
         inferred = [name for name in KEYS if any(shot.value(name).known for shot in shots)]
         published = [name for values in group.published.values() for name in values]
         for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
-            values = {method: of[name] for method, of in group.published.items() if name in of}
-            rows.append(ComparedParameter(group, shots, name, values, group.value(name)))
+            methods = [method for method, values in group.published.items() if name in values]
+            methods += [OUR_METHOD] if shots and name in (*KEYS, "") else []
+            rows.append(ComparedParameter(group, shots, name, methods))
     return rows
 
 
@@ -263,80 +254,80 @@ def _references(result: Result) -> list[str]:
 def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """Lines on a group: its remarks, the counts of verdicts other than "ok", and why shots have no answer."""
     lines = [message.text for message in group.messages]
-    counted = {words: group.verdicts.get(verdict) for verdict, words in digits.VERDICT_WORDS.items() if verdict != "ok"}
-    if counts := [f"{words} {n}" for words, n in counted.items() if n]:
+    doubts = {
+        words: group.verdicts.get(verdict, 0) for verdict, words in digits.VERDICT_WORDS.items() if verdict != "ok"
+    }
+    if counts := [f"{words} {n}" for words, n in doubts.items() if n]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
     reasons = terminal.names_by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
     return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
 
 
 def print_comparison(result: Result) -> None:
-    """Print a line for each group, parameter and method; then the key, remarks on each group, and notes."""
+    """Print a line for each parameter and method of each group; then the key, remarks on each group, and notes."""
     console = terminal.console()
-    console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
-    ours = f"{OUR_METHOD}: the material of all shots that count, with its 90 % interval; others: mean ± deviation. "
-    references = " or ".join(_references(result))
-    errors = f"Error to {references}: |value − its mean| / its mean, in %. " if references else ""
-    misfits = "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
-    bubbles = ", ".join(dict.fromkeys(shot.bubble.title for shot in result.curves if shot.has_answer))
-    assumed = f" Our answers assume the {bubbles}." if bubbles else ""
-    console.print(ours + errors + misfits + assumed, style="dim")
+    print_comparison_tables(console, result)
+    key = f"{OUR_METHOD}: the material of all shots that count, with its 90 % interval; others: mean ± deviation. "
+    if references := " or ".join(_references(result)):
+        key += f"Error to {references}: |value − its mean| / its mean, in %. "
+    key += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
+    if bubbles := ", ".join(dict.fromkeys(shot.bubble.title for shot in result.curves if shot.has_answer)):
+        key += f" Our answers assume the {bubbles}."
+    terminal.print_text(console, key, style="dim")
     for group, shots in result.rows_by_group():
         terminal.print_remarks(console, {remark: [group.name] for remark in group_remarks(group, shots)})
     terminal.print_remarks(console, {}, result.notes)
 
 
-def comparison_table(result: Result, *, wide: bool) -> Table:
-    """The comparison with published values as a table for the terminal. wide: no cell needs two lines."""
+def print_comparison_tables(console: Console, result: Result) -> None:
+    """Print the comparison of each group with published values below its name and its shots."""
     rows, references = compared_parameters(result), _references(result)
-    heads = ["", "method", "value", *(f"error to\n{reference}, %" for reference in references)]
-    heads += ["shots", "count", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
-    table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
+    heads = ["method", "value", *(f"error to\n{reference}, %" for reference in references)]
     moduli = [row.number(method) for row in rows if row.name == "shear_modulus" for method in row.methods]
-    modulus_unit, before = digits.modulus_unit([0.0, *moduli]), None  # one unit for all rows
-    for row in rows:
-        factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
-        if row.name in KEYS:
-            symbol, factor, unit = display_unit(row.name, modulus_unit)
-            label = f"{symbol} ({unit})"
-        head = ["" if row.group is before else row.group.name, label or digits.MISSING]
-        middle, low, high = map(digits.percent, row.misfits)
-        misfit = middle if middle == digits.MISSING else f"{middle}{' ' if wide else chr(10)}({low}–{high})"
-        for method in row.methods:
-            errors = {to: digits.percent(row.error(to, method)) for to in references if to != method}
-            texts = [*head, method, row.words(method, factor)]
-            texts += [errors.get(to, "") for to in references]  # no method is its own reference
-            ours = method == OUR_METHOD
-            counts = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_counted), misfit] if ours else ["", "", ""]
-            table.add_row(*texts, *counts, style="bold" if ours else None)
-            head = ["", ""]
-        before = row.group
-        table.add_section()
-    return table
+    modulus_unit = digits.modulus_unit([0.0, *moduli])  # one unit for all rows
+    for group, shots in result.rows_by_group():
+        table = terminal.table("", heads, left=heads[:1])
+        for row in (row for row in rows if row.group is group):
+            factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
+            if row.name in KEYS:
+                symbol, factor, unit = display_unit(row.name, modulus_unit)
+                label = f"{symbol} ({unit})"
+            for method in row.methods:
+                errors = ["" if method == to else digits.percent(row.error(to, method)) for to in references]
+                style = "bold" if method == OUR_METHOD else None
+                table.add_row(label or digits.MISSING, method, row.words(method, factor), *errors, style=style)
+                label = " "
+            table.add_section()
+        facts = ""
+        if shots:
+            misfit, *ends = map(digits.percent, misfits(shots))
+            counts = f"{group.n} of {digits.counted(len(shots), 'shot')} answered, {group.n_counted} in the material"
+            facts = f"  {counts}, RMSE {misfit} % ({'–'.join(ends)})"
+        terminal.print_text(console, facts, first=group.name, look="bold")
+        console.print(table)
 
 
 def write_comparison(path: Path, result: Result) -> None:
     """Write CSV with a line for each group and parameter: SI, errors as fractions, empty cells for missing numbers."""
-    lines = list[dict[str, Any]]()
     methods = list(dict.fromkeys(method for group in result.groups for method in group.published))
+    lines = list[dict[str, Any]]()
     for row in compared_parameters(result):
-        line: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
+        group, ours = row.group, row.group.value(row.name)
+        line: dict[str, Any] = {"set": group.name, "quantity": KEYS.get(row.name, row.name)}
         for method in methods:
-            value = row.published.get(method, Spread())
-            line |= {f"{method}_mean": value.mean, f"{method}_std": value.std}
-        ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
-        line |= {OUR_METHOD + end: getattr(row.ours, part) for part, end in ends.items()}
-        line |= {"n_counted": row.group.n_counted, "verdict": row.group.verdict}
+            value: Mapping[str, Any] = vars(group.published.get(method, {}).get(row.name, Spread()))
+            line |= {f"{method}_{part}": value[part] for part in ("mean", "std")}
+        line |= {OUR_METHOD + end: getattr(ours, part) for part, end in _ENDS.items()}
+        line |= {"n_counted": group.n_counted, "verdict": group.verdict}
         for to in _references(result):
-            errors = {method: row.error(to, method) for method in (*methods, OUR_METHOD) if method != to}
-            line |= {f"{method}_error_to_{to}": error for method, error in errors.items()}
-        line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
-        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in digits.VERDICT_STYLES}
+            line |= {
+                f"{method}_error_to_{to}": row.error(to, method) for method in (*methods, OUR_METHOD) if method != to
+            }
+        line |= {"n_shots": len(row.shots), "n_answered": group.n}
+        line |= {f"n_{verdict}": group.verdicts.get(verdict, 0) for verdict in digits.VERDICT_STYLES}
         names = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
-        line |= zip(names, row.misfits, strict=True)
-        line |= {
-            "model": row.group.population.model if row.group.population else "",
-            "message": "; ".join(group_remarks(row.group, row.shots)),
-        }
+        line |= zip(names, misfits(row.shots), strict=True)
+        line["model"] = group.population.model if group.population else ""
+        line["message"] = "; ".join(group_remarks(group, row.shots))
         lines.append(line)
     write_rows(path, list(lines[0]) if lines else [], lines)

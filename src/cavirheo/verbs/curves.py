@@ -76,13 +76,12 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
 def _print_answers(result: Result, **how: Any) -> None:
     """Print the answers, then the values of other methods beside them, if there are any."""
     from cavirheo.reporting.screen import print_result
-    from cavirheo.reporting.table import comparison_table
+    from cavirheo.reporting.table import print_comparison_tables
     from cavirheo.writing import terminal
 
     print_result(result, **how)
     if any(group.published for group in result.groups):
-        console = terminal.console()
-        console.print(comparison_table(result, wide=console.width > WIDE))
+        print_comparison_tables(terminal.console(), result)
 
 
 @dataclass(kw_only=True)

@@ -104,7 +104,9 @@ def _show_curves(path: Path, **keywords: Any) -> None:
         raise InputError(problems[0], "show.unreadable")
     console = terminal.console()
     heads = ["R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
-    table = terminal.table("curve", heads)
+    table = terminal.table("shot", heads)
+    names = digits.distinct_names([curve.name for curve in curves])
+    curves = [curve.labelled(name=name) for curve, name in zip(curves, names, strict=True)]
     for curve in curves:
         table.add_row(curve.name, *summary_cells(curve))
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")

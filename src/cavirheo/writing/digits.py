@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from math import ceil, floor, isfinite, log10
@@ -42,11 +43,9 @@ METHOD_TITLES = {
     "verified": "posterior draws, weighted by the full physics",
     "least_squares": "posterior draws under white noise, weighted by the full physics",
 }
-SIMULATION_NAMES = {  # by method: which simulation is drawn over a measurement
-    "verified": "best draw",
-    "least_squares": "best fit",
-}
+_SIMULATION_NAMES = {"verified": "best draw", "least_squares": "best fit"}  # by method
 MISSING = "–"
+NO_BREAK = "\u00a0"
 _SIDES = {"upper": "below", "lower": "above"}  # by bound: on which side of the limit the value lies
 
 
@@ -60,25 +59,21 @@ def unit_for(unit: str, value: float | None) -> tuple[float, str]:
     return modulus_unit([value]) if unit == "Pa" else (1.0, "" if unit == "1" else unit)
 
 
-def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
-    """A quantity in words: '6.1 [5.4, 6.9]', with digits by the width of the interval; '6.44' without an interval;
-    'below 0.030 (95 %)', '0.010 to 0.15' or 'undetermined' for a bound. `unit` follows the number, `joint` stands
-    before brackets."""
-    unit = f" {unit}" if unit else ""
-    if not value.known:
-        return MISSING
+def value_parts(value: Quantity, factor: float = 1.0) -> tuple[str, list[str]]:
+    """(value, ends of its interval) with digits by the width: ('6.1', ['5.4', '6.9']); ('6.44', []) without an
+    interval; of a bound there is no value: ('', ['below 0.030']), ('', ['0.010', '0.15']) or ('', ['undetermined'])."""
     if value.bound == "undetermined":
-        return value.bound
+        return "", [value.bound]
     if value.bound == "upper" and value.q95 == 0.0:
-        return f"0{unit}{joint}(95 %)"
-    if value.bound == "wide" and value.q05 is not None and value.q95 is not None:
-        return f"{significant(value.q05 * factor, 2)} to {significant(value.q95 * factor, 2)}{unit}"
-    if value.bound and (end := value.q95 if value.bound == "upper" else value.q05) is not None:
-        return f"{_SIDES[value.bound]} {significant(end * factor, 2)}{unit}{joint}(95 %)"
+        return "", ["0"]
+    if value.bound == "wide":
+        return "", [number(end, factor, 2) for end in (value.q05, value.q95)]
+    if value.bound:
+        return "", [f"{_SIDES[value.bound]} {number(value.largest, factor, 2)}"]
     if value.median is None:
-        return MISSING
+        return MISSING, []
     if value.q05 is None or value.q95 is None or value.q05 == value.q95:
-        return significant(value.median * factor) + unit
+        return significant(value.median * factor), []
     half = (value.q95 - value.q05) / 2.0
     relative = half / abs(value.median) if value.median else 1.0
     count = min(max(ceil(-log10(min(relative, 1.0))) + 1, 2), 4) if relative > 0 else 4
@@ -87,7 +82,20 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
     places = len(middle.partition(".")[2])
     wide = "e" in middle or high > 100.0 * abs(value.median * factor)
     above = significant(high, count) if wide else f"{high:.{places}f}"
-    return f"{middle}{unit}{joint}[{significant(value.q05 * factor, count)}, {above}]"
+    return middle, [significant(value.q05 * factor, count), above]
+
+
+def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
+    """A quantity in words: '6.1 [5.4, 6.9]'; '6.44' without an interval; 'below 0.030 (95 %)', '0.010 to 0.15' or
+    'undetermined' for a bound. `unit` follows the number, `joint` stands before brackets."""
+    middle, ends = value_parts(value, factor)
+    unit = f" {unit}" if unit and value.known else ""
+    if value.bound == "undetermined":
+        return value.bound
+    if value.bound:
+        limits = f"{' to '.join(ends)}{unit}"
+        return limits if value.bound == "wide" else f"{limits}{joint}(95 %)"
+    return f"{middle}{unit}{joint}[{', '.join(ends)}]" if ends else middle + unit
 
 
 def quantity_with_unit(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
@@ -139,7 +147,7 @@ def counted(count: int, what: str) -> str:
 
 def counted_shots(count: int, total: int) -> str:
     """How many shots of a group count in its material or its means: '4 of 5 shots count'."""
-    return f"{count} of {counted(total, 'shot')} count{'s' * (total == 1)}"
+    return f"{count} of {counted(total, 'shot')} {'counts' if total == 1 else 'count'}"
 
 
 def p_value_in_words(predictive: Mapping[str, Any]) -> str:
@@ -157,12 +165,20 @@ def number_ranges(numbers: Sequence[int]) -> str:
 
 def simulation_name(method: str) -> str:
     """Which simulation is drawn over a measurement for an answer by this method: 'best draw'."""
-    return SIMULATION_NAMES.get(method, "answer")
+    return _SIMULATION_NAMES.get(method, "answer")
 
 
 def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
     """The value times the factor with `count` significant digits; MISSING for None."""
     return MISSING if value is None else significant(factor * value, count)
+
+
+def ends(values: Iterable[float | None], factor: float = 1.0, count: int = 3) -> str:
+    """The smallest and the largest of these values times the factor: '120 to 310', '120' if equal; "" for none."""
+    numbers = [value for value in values if value is not None]
+    if not numbers:
+        return ""
+    return " to ".join(dict.fromkeys(significant(factor * end, count) for end in (min(numbers), max(numbers))))
 
 
 def percent(value: float | None) -> str:
@@ -181,24 +197,24 @@ def elide(text: str, width: int) -> str:
     return text[: width - 1 - tail] + "…" + text[len(text) - tail :]
 
 
-def shorten_names(names: Sequence[str], width: int = 80) -> list[str]:
-    """The names, elided, and of a single file only the shot numbers ("[7]"); all in full if two would be equal."""
-    numbered = [name for name in names if name.endswith("]")]
-    files = {name.rpartition("[")[0] for name in numbered}
-    file = files.pop() if len(files) == 1 < len(numbered) else ""
-    short = [elide(name.removeprefix(file) if name.endswith("]") else name, width) for name in names]
-    return short if len(set(short)) == len(set(names)) else list(names)
-
-
 def distinct_names(names: Sequence[str]) -> list[str]:
-    """What distinguishes the names: of long ones without the words with which all of them begin."""
-    short = shorten_names(names)
-    if len(short) < 2 or max(map(len, short)) <= SHORT_NAME:
-        return short
-    least, largest = min(short), max(short)
-    alike = next((k for k, pair in enumerate(zip(least, largest, strict=False)) if pair[0] != pair[1]), len(least))
-    first = max(least[:alike].rfind(mark) for mark in "_- /.") + 1
-    return [name[first:] for name in short]
+    """What distinguishes the names: of the shots of one file their numbers, "[7]"; of long names what follows the words
+    with which all of them begin."""
+    alike = min(names, default="")
+    while not max(names, default="").startswith(alike):
+        alike = alike[:-1]
+    begin = 0
+    if "[" in alike:
+        begin = alike.rindex("[")
+    elif max(map(len, names), default=0) > SHORT_NAME:
+        begin = 1 + max(alike.rfind(mark) for mark in "_- /.")
+    short = [name[begin:] for name in names]
+    return short if all(short) and len(set(names)) > 1 else list(names)
+
+
+def together(text: str) -> str:
+    """The text with a no-break space after each number, so that it stays with its unit where lines are broken."""
+    return re.sub(r"(?<=\d) (?=\S)", NO_BREAK, text).replace("Pa s", f"Pa{NO_BREAK}s")
 
 
 def printable(text: str) -> str:

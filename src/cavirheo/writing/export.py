@@ -68,7 +68,8 @@ def corner_plot(draws: Mapping[str, Floats], weights: Floats) -> Figure:
         for column, (across, others, other_ends, _) in enumerate(shown[: row + 1]):
             corner = (0.7 + 2.1 * column) / size, (0.5 + 2.1 * (count - 1 - row)) / size
             place = (*corner, 1.8 / size, 1.75 / size)
-            axes = style.new_axes(figure, place, across * (row == count - 1), label * (column == 0 < row))
+            labels = across if row == count - 1 else "", label if column == 0 < row else ""
+            axes = style.new_axes(figure, place, *labels)
             axes.tick_params(labelbottom=row == count - 1, labelleft=column == 0 < row)
             axes.locator_params(axis="x", nbins=3)
             axes.set_xlim(*other_ends)

@@ -3,18 +3,17 @@ the package prints passes through `console`, `write` or `say`, which escape cont
 
 from __future__ import annotations
 
-import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.writing.digits import VERDICT_STYLES, elide, printable, shorten_names
+from cavirheo.writing.digits import NO_BREAK, VERDICT_STYLES, elide, printable, together
 
+MOST_REMARKS = 20  # of one kind below a table
 _MAX_LINE = 1000  # most characters of one line
 RATE_PERIOD = 120.0  # s, period of the mean rate: an answer may take many s, and a cluster returns many answers at once
-_NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-_UNIT = re.compile(r" ?(?:%|[kM]?Pa|[mnuµ]?[ms]|px|K|kg/m3|times|frames|shots|curves)(?!\w)")  # after a number
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
@@ -102,56 +101,46 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
     return grid
 
 
-def add_rows(to: Table, rows: Sequence[tuple[str, Sequence[Any], str]]) -> None:
-    """Add a row for each (name, cells, style); long names are shortened."""
-    for name, (_, entries, style) in zip(shorten_names([name for name, *_ in rows]), rows, strict=True):
-        to.add_row(name, *entries, style=style)
-
-
 def names_by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """{message: names} of (name, message), each message once and in order; empty messages are left out.
-
-    Messages that differ only in numbers are merged: numbers that differ become ranges, "6.5 to 12 %". If one of these
-    numbers has no unit, it may be a label or the end of an interval: then "…" replaces each of the numbers that
-    differ.
-    """
-    by_form: dict[str, list[tuple[str, list[str]]]] = {}
+    """{message: names} of (name, message), each message once and in order; empty messages are left out."""
+    names: dict[str, dict[str, None]] = {}
     for name, message in messages:
-        form = _NUMBER.sub("{}", re.sub("[{}]", "", message))
         if message:
-            by_form.setdefault(form, []).append((name, _NUMBER.findall(message)))
-    return {
-        _merge_numbers(form, list(zip(*(numbers for _, numbers in mine), strict=True))): [name for name, _ in mine]
-        for form, mine in by_form.items()
-    }
+            names.setdefault(message, {})[name] = None
+    return {message: list(those) for message, those in names.items()}
 
 
-def _merge_numbers(form: str, columns: Sequence[Sequence[str]]) -> str:
-    """The form of merged messages with its numbers. columns: for each number, its text in every message."""
-    parts = form.split("{}")[1:]
-    ends = [(min(column, key=float), max(column, key=float)) for column in columns]
-    alike = [float(low) == float(high) for low, high in ends]
-    amounts = all(same or _UNIT.match(part) for part, same in zip(parts, alike, strict=True))
-    ranges = (f"{low} to {high}" if amounts else "…" for low, high in ends)
-    return form.format(*(low if same else text for text, same, (low, _) in zip(ranges, alike, ends, strict=True)))
+def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
+    """The text in lines of `width` characters, `most` at most, broken between words, but not after a number: it stays
+    with its unit."""
+    how: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False, "placeholder": " …"}
+    return [line.replace(NO_BREAK, " ") for line in textwrap.wrap(together(text), width, max_lines=most, **how)]
+
+
+def print_text(to: Console, text: str, *, first: str = "", look: str = "", style: str = "") -> None:
+    """Print a text, broken into lines by `lines_of`. first: its beginning, in the style `look`."""
+    from rich.text import Text
+
+    for line in lines_of(printable(first + text), to.width):
+        head = line[: len(first)] if line.startswith(first) else ""
+        to.print(Text.assemble((head, look), (line[len(head) :], style)), soft_wrap=True)
+        first = ""
 
 
 def print_remarks(
-    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 10**9, mark: Any = "• "
+    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 5, mark: str = "•"
 ) -> None:
-    """Print a line for each message, after a mark (text, or text and style) and its names, `most` of them at most; then
-    the notes."""
-    from rich.text import Text
-
-    for message, names in remarks.items():
-        listed = printable(", ".join(names[:most])) + f" and {len(names) - most} more" * (len(names) > most)
-        to.print(Text.assemble(mark, (listed, "bold"), f": {printable(message)}"))
+    """Print each of the first MOST_REMARKS messages after a mark and its names, `most` of them at most; then the
+    notes."""
+    for message, names in list(remarks.items())[:MOST_REMARKS]:
+        more = f" and {len(names) - most} more" if len(names) > most else ""
+        print_text(to, f": {message}", first=f"{mark} {', '.join(names[:most])}{more}", look="bold")
+    if len(remarks) > MOST_REMARKS:
+        print_text(to, f"{mark} {len(remarks) - MOST_REMARKS} more such remarks")
     for note in notes:
-        to.print(Text(f"• {printable(note)}"))
+        print_text(to, note, first="• ")
 
 
 def print_warnings(to: Console, warnings: Iterable[tuple[str, str]]) -> None:
     """Print input warnings on recordings and settings, from (name, sentence): each sentence once, with its names."""
-    style, by_message = VERDICT_STYLES["check_input"], names_by_message(warnings)
-    unique = {text: [*dict.fromkeys(names)] for text, names in by_message.items()}
-    print_remarks(to, unique, most=2, mark=(f"{style.words}: ", style.terminal))
+    print_remarks(to, names_by_message(warnings), most=2, mark=f"{VERDICT_STYLES['check_input'].words}:")
