@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
@@ -203,8 +203,8 @@ def _tables(source: Source, camera: Camera) -> list[Table]:
         raise
 
 
-def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of a table with titles, or of named arrays. Raises InputError as `read`."""
+def read_table(table: Table, camera: Camera, **fields: Any) -> list[RadiusCurve]:
+    """Read the curves of a table with titles, or named arrays. fields: of each curve. Raises InputError as `read`."""
     shot, max_radius, *stretches = map(table.find, ("curve", "max_radius", "stretch", "stretch_std"))
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
     radii = _radii(table, camera, several=len(clocks) > 1)
@@ -249,7 +249,7 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
                     name.append(str(number))
                 if name:
                     meta["label"] = ", ".join(name)
-                curve = make_curve(seconds, radius.numbers[chosen], std[chosen], unit, radius.unit, meta)
+                curve = _curve(seconds, radius.numbers[chosen], std[chosen], unit, radius.unit, meta, **fields)
                 curve = curve.labelled(warnings=(*curve.warnings, *radius.warnings))
                 curves.append(_scaled_to_column(curve, max_radius, chosen) if max_radius else curve)
     return curves
@@ -497,26 +497,26 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
         raise InputError(f"{len(values)} columns and no header; {_ADVICE}", "table.header")
     numbers = np.column_stack(values)
     separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
+    limits.check(len(separators), limits.CURVES, "curves")
+    blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
+    blocks = [block for block in blocks if len(block)]
+    filled = [block for block in blocks if (block[:, 1] > 1e-9).any()] if len(separators) else blocks
+    require(bool(filled), "no curve between the rows of -1000 holds a radius", "table.empty")
+    note = "no header: columns taken as time and radius"
     if len(separators):
-        limits.check(len(separators), limits.CURVES, "curves")
-        blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
-        filled = [block for block in blocks if (block[:, 1] > 1e-9).any()]
-        without = sum(len(block) > 0 for block in blocks) - len(filled)
-        require(bool(filled), "no curve between the rows of -1000 holds a radius", "table.empty")
         note = "curves separated by rows of -1000, no header"
-        note += f"; {without} blocks of the file hold no radius and were left out" if without else ""
-        curves = (make_curve(block[:, 0], block[:, 1], meta={"notes": (note,)}) for block in filled)
-        return [curve.with_notes(*table.notes) for curve in curves]
-    shots = []
-    parts, lost = _parts(*values)
-    for part in parts:
-        note = "no header: columns taken as time and radius"
-        curve = make_curve(values[0][part], values[1][part], meta={"notes": (note, *lost, *table.notes)})
+        left = len(blocks) - len(filled)
+        note += f"; {left} blocks of the file hold no radius and were left out" if left else ""
+    curves = []
+    for block in filled:
+        columns = [(Name("time"), block[:, 0]), (Name("radius"), block[:, 1])]
+        of_block = Table(CURVES, [], [note, *table.notes], titles=["time", "radius"], arrays=columns)
+        curves += read_table(of_block, Camera())
+    for curve in [] if len(separators) else curves:
         ratio = curve.rayleigh_ratio(density, pressure)
         proven = ratio is not None and _RATIOS[0] <= ratio <= _RATIOS[1]
         require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
-        shots.append(curve)
-    return shots
+    return curves
 
 
 def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
@@ -556,32 +556,27 @@ def unusable_curve(reason: str, meta: Mapping[str, Any], **fields: Any) -> Radiu
     return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": notes}, **fields, unusable=reason)
 
 
-def make_curve(
-    time: ArrayLike,
-    radius: ArrayLike,
-    radius_std: ArrayLike | None = None,
-    time_unit: str | None = None,
-    radius_unit: str | None = None,
-    meta: Mapping[str, Any] | None = None,
+def _curve(
+    t: Floats,
+    r: Floats,
+    std: Floats,
+    time_unit: str | None,
+    radius_unit: str | None,
+    meta: Mapping[str, Any],
     **fields: Any,
 ) -> RadiusCurve:
-    """Clean one curve: (n,) times and radii (and their deviations) in their units; None: infer the unit from the size.
+    """Clean one curve: (n,) finite times and radii (and their deviations) in their units; None: infer the unit from the
+    size.
 
-    Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames without a time are left out.
-    Frames are sorted by time, and a few radii of one time are averaged; if many frames share times, the curve is
-    unusable. The notes count each of these cases, after the notes in `meta`; times out of order are also among the
-    curve's `warnings`. If the size contradicts the unit of the radius, the curve is unscaled. fields: other fields of
-    the curve.
+    Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames are sorted by time, and a few
+    radii of one time are averaged; if many frames share times, the curve is unusable. The notes count each of these
+    cases, after the notes in `meta`; times out of order are also among the curve's `warnings`. If the size contradicts
+    the unit of the radius, the curve is unscaled. fields: other fields of the curve.
 
     Raises InputError: the unit of time is not given and cannot be inferred.
     """
-    t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
-    std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
-    meta = dict(meta or {})
-    if len(t) != len(r) or len(std) != len(r):
-        return unusable_curve(f"{len(t)} times but {len(r)} radii", meta, **fields)
-    timed = np.abs(t) < _LARGEST_NUMBER
-    t, r, std = t[timed], np.where(np.abs(r) < _LARGEST_NUMBER, r, np.nan)[timed], std[timed]
+    meta = dict(meta)
+    r = np.where(np.abs(r) < _LARGEST_NUMBER, r, np.nan)
     n, missing, backwards = len(t), np.count_nonzero(np.isnan(r)), np.count_nonzero(np.diff(t) < 0)
     if 0 < backwards < n - 1 and np.all(np.diff(r) > 0):
         reason = f"the times go back in {backwards} of {n - 1} steps, and the radius always grows"
@@ -603,7 +598,6 @@ def make_curve(
         values = {"step": 1e6 * step, "interval": 1e6 * float(np.mean(np.diff(t)))}
         warnings += (Message("check_input.time_digits", values),)
     remarks = {
-        f"{len(timed) - n} of {len(timed)} frames without a time left out": n < len(timed),
         time_hint: time_hint,
         radius_hint: radius_hint,
         f"{missing} of {n} frames without a radius (NaN)": missing,
