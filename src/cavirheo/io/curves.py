@@ -130,13 +130,23 @@ _WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:], array_titles=("ra
 
 
 class Camera(NamedTuple):
-    """What is known of the camera beside times and radii. frame_rate: 1/s. um_per_px: micrometres per pixel. Who says
-    so: `rate_source`, `scale_source`."""
+    """What is known of the camera: frames per s, micrometres per pixel, exposure in us; None: not known. Who says so:
+    `rate_source`, `scale_source`."""
 
     frame_rate: float | None = None
     um_per_px: float | None = None
+    exposure_us: float | None = None
     rate_source: str = "as given"
     scale_source: str = "as given"
+
+    @property
+    def options(self) -> str:
+        """The numbers as options of `cavirheo infer`."""
+        values = zip(("fps", "um-per-px", "exposure-us"), self, strict=False)
+        return "".join(f" --{name} {value:.10g}" for name, value in values if value is not None)
+
+
+CAMERA_FIELDS = Camera._fields[:3]  # those with numbers
 
 
 class Form(NamedTuple):
