@@ -24,7 +24,8 @@ def within(text, at=30):
 
 
 def mixed(title):
-    rows = (f"{t},{gel},{r}\n" for t, r in zip(US, UM, strict=True) for gel in ("soft", "stiff"))
+    gels = {"soft": 1.0, "stiff": 1.5}
+    rows = (f"{t},{gel},{gels[gel] * r}\n" for t, r in zip(US, UM, strict=True) for gel in gels)
     return f"time_us,{title},radius_um\n" + "".join(rows)
 
 
@@ -92,7 +93,7 @@ def test_what_is_left_out_or_repaired_is_said(tmp_path, name):
 
 SQUARE = np.tile(RADIUS[:40], (40, 1))
 REFUSED = {  # content, what the message says
-    "a.csv": (mixed("variable"), "2 times, and the column 'variable' has 2 labels: 2 shots? name this column"),
+    "a.csv": (mixed("variable"), 'name the column of their labels "shot"'),
     "b.csv": (f"t_us,A (um),B (um)\n{TWO}", "'A (um)' and 'B (um)': two shots, or the half-axes"),
     "c.csv": (f"Time (us),Gel A (um),Gel B (um)\n{TWO}", "no column for radius among 'Time (us)', 'Gel A (um)'"),
     "d.mat": (saved(R=SQUARE, t=TIME[:40]), "R has the shape (40, 40), and 40 times: are the shots in rows"),

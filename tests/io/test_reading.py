@@ -78,6 +78,28 @@ def test_a_cell_without_real_numbers_is_unusable_alone(tmp_path, recwarn, kind):
     assert not recwarn.list
 
 
+def test_a_cell_that_is_no_shot_costs_the_others_nothing(tmp_path):
+    radii = files.cells(RADIUS, [], RADIUS[:90], 1.5 * RADIUS)
+    curves = read_curves(put(tmp_path / "a.mat", saved(R=radii, t=TIME)))
+    assert [curve.name for curve in curves] == [f"a[{k}]" for k in range(1, 5)]
+    assert [curve.max_radius for curve in curves[::3]] == pytest.approx([R_MAX, 1.5 * R_MAX], rel=0.01)
+    reasons = [str(error_of(lambda curve=curve: curve.max_radius)) for curve in curves[1:3]]
+    assert "cell 2 of 4 is empty" in reasons[0]
+    assert "different lengths: 90 of R and 180 of t" in reasons[1]
+
+
+def test_a_group_that_is_no_shot_costs_the_others_nothing(tmp_path):
+    shot = {"a/time": TIME, "a/radius": RADIUS}
+    for name, more in {"short": {"b/time": TIME, "b/radius": RADIUS[:90]}, "two": {"b/R": RADIUS}}.items():
+        both = {**shot, "b/time": TIME, "b/radius": RADIUS, **more}
+        sound, broken = read_curves(put(tmp_path / f"{name}.h5", hdf5(both)))
+        assert (sound.name, broken.name) == (f"{name}[a]", f"{name}[b]")
+        assert sound.max_radius == pytest.approx(R_MAX, rel=0.01)
+        assert "b/radius" in str(error_of(lambda curve=broken: curve.max_radius))
+        alone = {path: data for path, data in both.items() if path[0] == "b"}
+        assert "b/radius" in str(error_of(read_curves, put(tmp_path / f"{name}_alone.h5", hdf5(alone))))
+
+
 def test_bdt_without_maxima_waits_for_the_users(tmp_path):
     savemat(tmp_path / "gel.mat", {name: value for name, value in bdt_variables().items() if name != "RmaxList"})
     curve = read_curves(tmp_path / "gel.mat")[0]

@@ -35,7 +35,6 @@ from cavirheo.io.tables import (
     Table,
     Term,
     Vocabulary,
-    is_number,
     read_columns,
     unit_of,
 )
@@ -95,7 +94,6 @@ CURVES = Vocabulary(
             "mittlererradius rayon rayonbulle rayondebulle rayondelabulle rayonmoyen rayonequivalent radio "
             "radioburbuja radiodeburbuja radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
             _UNITS,
-            duplicate_advice="the shots of a file are R1_um, R2_um, or have a column `shot`",
         ),
         "max_radius": Term("rmax truermax maxradius maximumradius", _UNITS),
         "stretch": Term("stretch lambdamax lambdamaxmean"),
@@ -223,8 +221,6 @@ def read_table(table: Table, camera: Camera, **fields: Any) -> list[RadiusCurve]
         raise InputError(message, "table.twice")
     clock_of: list[Column | None] = [*_partners(radii, clocks)] or [table.at_most_one(clocks)] * len(radii)
     _ask_for(camera, clock_of[0], radii[0], scaled=max_radius is not None and max_radius.unit in LENGTH_UNITS)
-    if not shot and clock_of[0]:
-        _check_long_table(table, clock_of[0].numbers)
     deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
     deviations = _partners(radii, deviations) if radii[0].form.deviation else []
     of_radii = [column for radius in radii for column in radius.columns]
@@ -252,7 +248,9 @@ def read_table(table: Table, camera: Camera, **fields: Any) -> list[RadiusCurve]
                 chosen = [rows[at] for at in part]
                 meta = _stretch_meta(stretches, chosen, [*table.notes, *lost])
                 seconds, unit = _times(time[chosen], clock, camera, meta["notes"])
-                _check_units(f"the header {table.titles}", unit, radius.unit)
+                units = f"{table.titles} give time in {unit} and radius in {radius.unit}"
+                fine = unit in (None, *TIME_UNITS) and radius.unit in (None, *RADIUS_UNITS)
+                require(fine, f"{units}; expected units of time and of length", "table.units")
                 name = [label] if shot else [names[k]] if len(radii) > 1 else []
                 if len(parts) > 1:
                     meta["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
@@ -274,18 +272,6 @@ def _labels(shot: Column) -> list[str]:
     if blank:
         shot.table.notes.append(f"{len(blank)} blank cells of {shot.title!r} filled with the label above them")
     return labels
-
-
-def _check_long_table(table: Table, time: Floats) -> None:
-    """Raise InputError if each time occurs as often as a column without a known title has labels: mixed shots."""
-    counts = np.unique(time, return_counts=True)[1]
-    mixed = table.rows and counts.min() == counts.max() > 1 and np.any(np.diff(time) == 0.0)
-    known = {column.index for column in table.columns}
-    for k in {*range(len(table.titles))} - known if mixed else ():
-        labels = {row.texts[k] for row in table.rows if k < len(row.texts)}
-        if len(labels) == counts[0] and not any(map(is_number, labels)):
-            message = f"each time occurs {counts[0]} times, and the column {table.titles[k]!r} has {counts[0]} labels: "
-            raise InputError(f'{message}{counts[0]} shots? name this column "shot"', "table.twice")
 
 
 def _since_first(clock: Column, notes: list[str]) -> Floats:
@@ -403,16 +389,14 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> Ra
     if not sizes:
         return curve
     RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
+    hint = f"R_max of each shot as the column {column.title!r} has it"
+    notes = [note for note in curve.notes if note != curve.unscaled]  # it asks for a scale
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
-        if curve.unscaled:
-            hint = f"R_max of each shot as the column {column.title!r} has it"
-            notes = tuple(note for note in curve.notes if note != curve.unscaled)  # it asks for a scale
-            return curve.labelled(hints=(*curve.hints, hint), notes=notes).with_max_radius(size)
-        factor = size / curve.max_radius
-        off = abs(factor - 1.0) >= SCALE_TOLERANCE
-        scaled = f"radii of {curve.name} scaled by {factor:.3g}" if off else "radii scaled to it"
-        hint = f"R_max of each shot as the column {column.title!r} has it: {scaled}"
-        return curve.labelled(hints=(*curve.hints, hint)).with_max_radius(size)
+        if not curve.unscaled:
+            factor = size / curve.max_radius
+            off = abs(factor - 1.0) >= SCALE_TOLERANCE
+            hint += f": radii of {curve.name} scaled by {factor:.3g}" if off else ": radii scaled to it"
+        return curve.labelled(hints=(*curve.hints, hint), notes=notes).with_max_radius(size)
     return curve
 
 
@@ -445,15 +429,11 @@ def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
         titles = " and ".join(repr(column.title) for column in found[0])
         message = f"{titles}: two shots, or the half-axes of one bubble? name them R1_um and R2_um, or a_um and b_um"
         raise InputError(message, "table.twice")
-    if not several:
-        unnumbered = [column for column in firsts if not column.name.number]
-        if unnumbered and len(unnumbered) < len(firsts):
-            titles = " and ".join(repr(column.title) for column in firsts[:2])
-            message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
-            raise InputError(message, "table.twice")
-        table.at_most_one(unnumbered)
-        if len({column.title for column in firsts}) < len(firsts):
-            raise InputError(f"two columns {firsts[0].title!r}; number them", "table.twice")
+    numbers = {column.name.number for column in firsts}
+    if not several and len(firsts) > 1 and ("" in numbers or len(numbers) < len(firsts)):
+        titles = " and ".join(repr(column.title) for column in firsts[:2])
+        message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all: R1_um, R2_um"
+        raise InputError(message, "table.twice")
     if form.note:
         table.notes.append(form.note)
     if len(found) > 1:
@@ -553,13 +533,6 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     write_rows(path, list(columns), texts, remark)
 
 
-def _check_units(where: str, time: str | None, radius: str | None) -> None:
-    """Check the units. Raises InputError: one is of another quantity."""
-    fine = time in (None, *TIME_UNITS) and radius in (None, *RADIUS_UNITS)
-    message = f"{where} gives time in {time} and radius in {radius}; expected units of time and of length"
-    require(fine, message, "table.units")
-
-
 def unusable_curve(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
     """Return a curve without samples, with the reason. fields: other fields of the curve."""
     notes = (*meta.get("notes", ()), reason)
@@ -639,12 +612,11 @@ def _shared_times(t: Floats, r: Floats, first: NDArray[np.intp]) -> str:
     shared = int(np.sum(sizes[differ] - 1))
     if shared <= _SHARED_TIMES * len(t):
         return ""
+    advice = 'of several shots give each a file, or name the column of their labels "shot"'
     if np.count_nonzero(np.abs(np.diff(t)) <= _TIME_TOLERANCE) < shared / 2:
-        return (
-            f"{shared} frames have the times of other ones: two shots? give each one as a file or a column of its own"
-        )
+        return f"{shared} frames have the times of other ones; {advice}"
     few = f"times have too few digits: {len(t)} frames share {len(first)} times"
-    return f"{few}; write more digits, or of a table give the frame rate (--fps)"
+    return f"{few}; write more digits, or of a table give the frame rate (--fps); {advice}"
 
 
 def _rounding(t: Floats) -> float:

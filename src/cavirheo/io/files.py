@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
+from io import BufferedReader
 from os.path import exists, isdir  # these two also work for names that no file can have
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -63,7 +64,7 @@ class Source:
     path: Path
 
     @cached_property
-    def file(self) -> BinaryIO:
+    def file(self) -> BufferedReader:
         """The open file."""
         return self.path.open("rb")
 
@@ -103,7 +104,9 @@ class Source:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the content, in hexadecimal digits."""
+        """SHA-256 of the content, in hexadecimal digits: of what was read, if the file has changed since."""
+        if "content" in vars(self):
+            return hashlib.sha256(self.content).hexdigest()
         self.file.seek(0)
         return hashlib.file_digest(self.file, "sha256").hexdigest()
 

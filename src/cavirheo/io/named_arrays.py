@@ -28,7 +28,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, listed, require
 from cavirheo.io.curves import CURVES, FORMS, RADIUS_UNITS, Camera, Form, read_table, unusable_curve
 from cavirheo.io.tables import TIME_UNITS, Name, Table, Term, Vocabulary, unit_of
 from cavirheo.messages import Message
@@ -114,7 +114,7 @@ class _Stated(NamedTuple):
 
 def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, si: bool = False) -> list[RadiusCurve]:
     """Build the curves. si: times and radii without a unit are in s and m; else their sizes tell. density and pressure
-    make seconds of BDT's times. Raises InputError: no radius history, or two in a folder."""
+    make seconds of BDT's times. Raises InputError: no radius history, or none that can be used."""
     if arrays.keys() >= {*_CELL_ARRAYS}:
         return _normalised(arrays, camera, density, pressure)
     if arrays.keys() >= {*_ROWS}:
@@ -131,7 +131,7 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
                 folders[folder] += [one for one in folders.get(outer, []) if one.kind == "time"]
     shots = [folder for folder in with_radii if any(one.kind == "time" for one in folders[folder])] or with_radii
     if not shots:
-        raise _no_history(arrays, si)
+        raise _no_history(arrays)
     inside: dict[str, list[str]] = {folder: [] for folder in ["", *shots]}  # "": outside all others
     for path in arrays:
         folder = folder_of(path)
@@ -139,7 +139,7 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
             folder = folder_of(folder)
         inside[folder].append(path)
     outside = {one.path for one in folders.get("", [])} if "" in shots else set()
-    found = []
+    found, problems = list[RadiusCurve](), list[InputError]()
     for folder in shots:
         around = [path for path in inside[""] if path not in outside] if folder else []
         paths, members = inside[folder] + around, folders[folder]
@@ -149,7 +149,16 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
             others = {one.path for one in members if number and one.number not in ("", number)}
             mine = [one for one in members if one.path not in others]
             label = numbered[number] if number else folder
-            found += _shot(arrays, [path for path in paths if path not in others], mine, camera, label=label, si=si)
+            own = [path for path in paths if path not in others]
+            try:
+                found += _shot(arrays, own, mine, camera, label=label, si=si)
+            except InputError as error:
+                if error.code.startswith("limits."):
+                    raise
+                problems.append(error)
+                found.append(unusable_curve(error.message, {"label": label}))
+    if len(problems) == len(found):  # no shot can be used
+        raise problems[0]
     return found
 
 
@@ -189,25 +198,15 @@ def _several(leaf: Leaf) -> bool:
     return isinstance(leaf, Other) or leaf.size > 2
 
 
-def _no_history(arrays: Arrays, si: bool) -> InputError:
+def _no_history(arrays: Arrays) -> InputError:
     if "pIMR_array" in arrays:
         message = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): there is no "
         message += "curve in it to infer from; use cavirheo collapse-time"
         return InputError(message, "matlab.collapse_times")
     names = [f"{path} ({leaf.what})" if isinstance(leaf, Other) else path for path, leaf in arrays.items()]
-    if si:
-        expected = (
-            "expected datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
-        )
-        return InputError(f"no group holds a radius history; found: {_listed(names)}; {expected}", "hdf5.datasets")
-    expected = "expected Rnew and t (IMR), or R_nondim_All, t_nondim_All and RmaxList (BDT); in MATLAB: "
-    expected += "save('shot.mat', 'Rnew', 't') with Rnew in m and t in s"
-    return InputError(f"no radius history; variables found: {_listed(names)}; {expected}", "matlab.variables")
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return (", ".join(names[:_LISTED]) or "none") + more
+    expected = "expected R and t (m, s), or radius_um and time_us, alone or in a group per shot; in MATLAB: "
+    expected += "save('shot.mat', 'R', 't')"
+    return InputError(f"no radius history; found: {listed(names, _LISTED)}; {expected}", "matlab.variables")
 
 
 def _pick(members: Iterable[_Series], kind: str) -> _Series | None:
@@ -285,7 +284,7 @@ def _shot(
             labels = [text for text in (name, curve.meta.get("label", "")) if text]
             about = {**meta, "notes": curve.notes} | ({"label": ", ".join(labels)} if labels else {})
             curve, at_rest = _with_rest(curve.labelled(**about), stated.get("radius at rest"), first, shot[0])
-            made.append(curve.with_notes(*_left_out(path for path in left if path not in at_rest)))
+            made.append(curve.with_notes(*_left_out([path for path in left if path not in at_rest])))
     return made
 
 
@@ -316,11 +315,11 @@ def _with_rest(
 def _facts(stated: Mapping[str, _Stated], camera: Camera) -> tuple[Camera, dict[str, Any], set[str]]:
     """Return the camera as the user gives it, else as the file states it; the `meta` of a curve with what is stated of
     medium and stretch, and notes on it; and the paths of all that is taken from the file."""
-    meta: dict[str, Any] = {"medium": {}, "notes": []}
+    meta: dict[str, Any] = {"notes": []}
     used = set[str]()
     for kind, (path, value, _) in stated.items():
         if kind in CONSTANTS:
-            meta["medium"][kind] = value
+            meta.setdefault("medium", {})[kind] = value
         elif kind in ("stretch", "stretch_std"):
             meta[kind] = value
         else:
@@ -341,10 +340,9 @@ def _facts(stated: Mapping[str, _Stated], camera: Camera) -> tuple[Camera, dict[
     return camera, meta, used
 
 
-def _left_out(paths: Iterable[str]) -> list[str]:
+def _left_out(paths: Sequence[str]) -> list[str]:
     """Return a note, in a list, on arrays that are not used, if there are any."""
-    names = list(paths)
-    return [f"not used: {_listed(names)}"] if names else []
+    return [f"not used: {listed(paths, _LISTED)}"] if paths else []
 
 
 def _shape(leaf: Leaf) -> Any:

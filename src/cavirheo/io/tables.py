@@ -91,7 +91,6 @@ class Term:
     unit: str | None = None  # the unit of a title without one; None: the title must name a unit
     label: str = ""  # its name in messages
     hint: str = ""  # how to write a missing unit
-    duplicate_advice: str = "keep the one that counts"  # how to mend a table with two such columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +267,7 @@ class Table:
         """Return the only one of these columns of one kind, or None. Raises InputError: there are several."""
         if len(columns) > 1:
             two, term = " and ".join(repr(column.title) for column in columns[:2]), columns[0].term
-            message = f"two columns for {term.label or columns[0].name.kind}: {two}; {term.duplicate_advice}"
+            message = f"two columns for {term.label or columns[0].name.kind}: {two}; keep the one that counts"
             raise self.vocabulary.error("twice", message)
         return columns[0] if columns else None
 

@@ -81,4 +81,4 @@ def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -
                 values[k], errors[k] = value, "" if 0 < value < inf else "must be a positive number"
         except InputError as error:
             errors[k] = str(error)
-    return Camera(*values), errors
+    return Camera(values[0], values[1], values[2]), errors
