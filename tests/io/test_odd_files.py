@@ -73,7 +73,7 @@ READ = {  # content, options, R_max of each shot over that of the first, what ea
     "times around the groups": (hdf5({"t": TIME, "a/R": RADIUS, "b/R": 1.5 * RADIUS}), {}, [1, 1.5], ""),
     "comments in the data": (within("#7,100\n# focus"), {}, [1], "2 lines that begin with # left out"),
     "constants above": (CONSTANTS + HEAD + PLAIN, {}, [1], "2 lines above the titles left out: fps, Rmax_um"),
-    "rate in kHz": (saved(R_um=UM, FrameRate_kHz=1e3), {}, [1], "as FrameRate_kHz states"),
+    "rate in kHz": (saved(R_um=UM, FrameRate_kHz=1e3), {}, [1], "the frame rate: FrameRate_kHz = 1e+06"),
     "units behind exp": (saved(R_exp_um=UM, t_exp_us=US, R_sim=RADIUS), {}, [1], "not used: R_sim"),
     "since 1970": (since_1970("timestamp_us", 10**6, 1), {}, [1], "counted from the first one"),
     "field of text": (array(TEXTS), {}, [1], "not used: flag"),

@@ -104,6 +104,7 @@ def test_bdt_without_maxima_waits_for_the_users(tmp_path):
     savemat(tmp_path / "gel.mat", {name: value for name, value in bdt_variables().items() if name != "RmaxList"})
     curve = read_curves(tmp_path / "gel.mat")[0]
     assert code_of(lambda: curve.max_radius) == "curve.unscaled"
+    assert "no RmaxList" in "\n".join(curve.notes)
     scaled = curve.with_max_radius(R_MAX)
     assert np.allclose(scaled.time, TIME)
     assert scaled.collapse_times()[0] == pytest.approx(0.93 * T_C, rel=0.02)
@@ -234,7 +235,7 @@ MEASURED = {  # of frames or pixels: what is asked for, and what the notes say w
     "pixels": ("time_us,radius_px\n" + lines(",", FRAMES, UM / 3.2), ["um-per-px"], "in pixels of 3.2 um"),
     "diameters in pixels": ("time_us,D (px)\n" + lines(",", FRAMES, UM / 1.6), ["um-per-px"], "halved"),
     "frames": ("Frame,R_um\n" + lines(",", FRAMES, UM), ["fps"], "'Frame'"),
-    "time in frames": ("time (frames),R_um\n" + lines(",", FRAMES, UM), ["fps"], "as given"),
+    "time in frames": ("time (frames),R_um\n" + lines(",", FRAMES, UM), ["fps"], "1e+06 frames per second"),
     "rounded": ("time_ms,R_um\n" + lines(",", np.round(FRAMES / 1e3, 2), UM), ["too few digits", "fps"], "few digits"),
     "rounded a little": ("time_us,R_um\n" + lines(",", np.round(1.7 * FRAMES), UM), [], "few digits"),
     "ImageJ": (" ,Area,Slice\n" + lines(",", FRAMES, np.pi * (UM / 3.2) ** 2, FRAMES), ["fps", "um-per-px"], "sqrt"),

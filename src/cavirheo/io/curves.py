@@ -128,23 +128,17 @@ _WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:], array_titles=("ra
 
 
 class Camera(NamedTuple):
-    """What is known of the camera: frames per s, micrometres per pixel, exposure in us; None: not known. Who says so:
-    `rate_source`, `scale_source`."""
+    """What is known of the camera: frames per s, micrometres per pixel, exposure in us; None: not known."""
 
     frame_rate: float | None = None
     um_per_px: float | None = None
     exposure_us: float | None = None
-    rate_source: str = "as given"
-    scale_source: str = "as given"
 
     @property
     def options(self) -> str:
         """The numbers as options of `cavirheo infer`."""
-        values = zip(("fps", "um-per-px", "exposure-us"), self, strict=False)
+        values = zip(("fps", "um-per-px", "exposure-us"), self, strict=True)
         return "".join(f" --{name} {value:.10g}" for name, value in values if value is not None)
-
-
-CAMERA_FIELDS = Camera._fields[:3]  # those with numbers
 
 
 class Form(NamedTuple):
@@ -328,16 +322,14 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
     if clock is None or _counts_frames(clock):
         assert rate is not None  # it was asked for
         what = f"of the numbers in {clock.title!r}" if clock else "of the rows"
-        notes.append(f"times {what} at {rate:.6g} frames per second, {camera.rate_source}")
+        notes.append(f"times {what} at {rate:.6g} frames per second")
         return time / rate, "s"
     shared = np.count_nonzero(np.diff(time) == 0.0) > _SHARED_TIMES * len(time)
     if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
-        notes.append(
-            f"times in {clock.title!r} have too few digits: frames at {rate:.6g} per second, {camera.rate_source}"
-        )
+        notes.append(f"times in {clock.title!r} have too few digits: {rate:.6g} frames per second are used instead")
         return np.arange(len(time)) / rate, "s"
     if rate is not None:
-        notes.append(f"the frame rate, {camera.rate_source}, is not used: the file has times")
+        notes.append("the frame rate is not used: the file has times")
     return time, clock.unit
 
 
@@ -455,9 +447,9 @@ def _radius(table: Table, form: Form, columns: Sequence[Column], camera: Camera)
         unit = _AREA_UNITS.get(unit or "px")
     numbers = form.radius(*(column.numbers for column in columns))
     if camera.um_per_px is not None:
-        note = f"the scale, {camera.scale_source}, is not used"
+        note = "the scale is not used: the radii have a unit of length"
         if _is_in_pixels(numbers, unit):
-            note = f"radii in pixels of {camera.um_per_px:g} um, {camera.scale_source}"
+            note = f"radii in pixels of {camera.um_per_px:g} um"
             numbers, unit = numbers * camera.um_per_px, "um"
         table.notes.extend({note} - {*table.notes})
     warnings: tuple[Message, ...] = ()
@@ -566,6 +558,7 @@ def _curve(
         return unusable_curve(f"{reason}: are the columns exchanged?", meta, **fields)
     per_time, time_hint = _time_scale(t, time_unit)
     per_radius, radius_hint, unscaled = _radius_scale(r, radius_unit)
+    unscaled = fields.pop("unscaled", unscaled)
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _LEAST_RADIUS
     r[empty], std[~(std > 0)] = np.nan, np.nan
@@ -597,7 +590,7 @@ def _curve(
     if hints := (*meta.pop("hints", ()), *filter(None, (time_hint, radius_hint))):
         meta["hints"] = hints
     try:
-        return RadiusCurve(t, r, std, meta, **{"unscaled": unscaled, **fields}, warnings=warnings)
+        return RadiusCurve(t, r, std, meta, unscaled=unscaled, warnings=warnings, **fields)
     except InputError as error:  # not a bubble; the other curves of the file remain usable
         return unusable_curve(str(error), meta, **fields)
 

@@ -315,29 +315,34 @@ def _with_rest(
 def _facts(stated: Mapping[str, _Stated], camera: Camera) -> tuple[Camera, dict[str, Any], set[str]]:
     """Return the camera as the user gives it, else as the file states it; the `meta` of a curve with what is stated of
     medium and stretch, and notes on it; and the paths of all that is taken from the file."""
-    meta: dict[str, Any] = {"notes": []}
-    used = set[str]()
-    for kind, (path, value, _) in stated.items():
+    meta: dict[str, Any] = {}
+    taken: dict[str, tuple[_Stated, str]] = {}
+    for kind, one in stated.items():
         if kind in CONSTANTS:
-            meta.setdefault("medium", {})[kind] = value
+            meta.setdefault("medium", {})[kind] = one.value
+            taken[kind] = one, CONSTANTS[kind].unit
         elif kind in ("stretch", "stretch_std"):
-            meta[kind] = value
-        else:
-            continue
-        unit = CONSTANTS[kind].unit if kind in CONSTANTS else ""
-        meta["notes"].append(f"the file states the {kind.replace('_', ' ')}: {path} = {value:.6g} {unit}".rstrip())
-        used.add(path)
-    rate = stated.get("frame interval") or stated.get("frame rate")
-    if rate and camera.frame_rate is None:
-        per_second = 1.0 / rate.value if "frame interval" in stated else rate.value
-        camera = camera._replace(frame_rate=per_second, rate_source=f"as {rate.path} states")
-        used.add(rate.path)
-    scale = stated.get("pixel") or stated.get("um per pixel")
-    if scale and camera.um_per_px is None:
-        um = 1e6 * scale.value if "pixel" in stated else scale.value
-        camera = camera._replace(um_per_px=um, scale_source=f"as {scale.path} states")
-        used.add(scale.path)
-    return camera, meta, used
+            meta[kind] = one.value
+            taken[kind] = one, ""
+    interval, rate = stated.get("frame interval"), stated.get("frame rate")
+    if camera.frame_rate is None and interval:
+        camera = camera._replace(frame_rate=1.0 / interval.value)
+        taken["frame interval"] = interval, "s"
+    elif camera.frame_rate is None and rate:
+        camera = camera._replace(frame_rate=rate.value)
+        taken["frame rate"] = rate, "per second"
+    pixel, scale = stated.get("pixel"), stated.get("um per pixel")
+    if camera.um_per_px is None and pixel:
+        camera = camera._replace(um_per_px=1e6 * pixel.value)
+        taken["size of a pixel"] = pixel, "m"
+    elif camera.um_per_px is None and scale:
+        camera = camera._replace(um_per_px=scale.value)
+        taken["size of a pixel"] = scale, "um"
+    meta["notes"] = [
+        f"the file states the {kind.replace('_', ' ')}: {one.path} = {one.value:.6g} {unit}".rstrip()
+        for kind, (one, unit) in taken.items()
+    ]
+    return camera, meta, {one.path for one, _ in taken.values()}
 
 
 def _left_out(paths: Sequence[str]) -> list[str]:
@@ -372,7 +377,8 @@ def _histories(picked: Sequence[_Series]) -> list[list[Floats] | str]:
         else:
             shots.append([(leaf.read() if isinstance(leaf, Numbers) else leaf).ravel(order="F") for leaf in leaves])
     reasons = [shot for shot in shots if isinstance(shot, str)]
-    require(len(reasons) < count, f"{paths}: {reasons[:1]}; expected as many times as radii", "matlab.cells")
+    if len(reasons) == count:
+        raise InputError(f"{paths}: {reasons[0]}; expected numbers, as many times as radii", "matlab.cells")
     return shots
 
 
@@ -402,10 +408,8 @@ def _rows_of_matrices(picked: Sequence[_Series]) -> list[list[Floats]]:
 def _normalised(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
     """Read BDT's cells of R/R_max and t* = t/(R_max sqrt(rho/p)), with R_max of each in RmaxList."""
     stated = _read_stated(arrays, arrays)
-    density, pressure = (
-        stated[name].value if name in stated else given
-        for name, given in (("density", density), ("pressure", pressure))
-    )
+    density = stated["density"].value if "density" in stated else density
+    pressure = stated["pressure"].value if "pressure" in stated else pressure
     per_radius = float(np.sqrt(density / pressure))  # s/m: seconds per metre of R_max and unit of t*
     maxima = arrays["RmaxList"].read().ravel() if isinstance(arrays.get("RmaxList"), Numbers) else np.empty(0)
     fields: dict[str, Any] = {"stated_time_of_max": 0.0}

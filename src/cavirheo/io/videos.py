@@ -9,7 +9,7 @@ from typing import Unpack
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, parse_number, require, sha256
-from cavirheo.io.curves import CAMERA_FIELDS, Camera
+from cavirheo.io.curves import Camera
 from cavirheo.io.files import file_label, guarded
 from cavirheo.video.frames import CAMERA_ENDINGS, STACK_ENDINGS
 from cavirheo.video.measurement import Measurement, MeasureOptions
@@ -75,10 +75,10 @@ def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -
         "",
     ]
     values: list[float | None] = [None, None, None]
-    for k, (text, field) in enumerate(zip(texts, CAMERA_FIELDS, strict=True)):
+    for k, (text, field) in enumerate(zip(texts, Camera._fields, strict=True)):
         try:
             if (value := parse_number(text, field.replace("_", " "), _THOUSANDS.get(field, ","))) is not None:
                 values[k], errors[k] = value, "" if 0 < value < inf else "must be a positive number"
         except InputError as error:
             errors[k] = str(error)
-    return Camera(values[0], values[1], values[2]), errors
+    return Camera(*values), errors
