@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, listed, require
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
 
 R_MAX = "R_max"  # given instead of the path of a table
 LOG_R_MAX = "log10(R_max/µm)"  # title of the column that `R_MAX` stands for
-_LISTED = 5  # most names in a message
 _COLUMN_TABLE = Vocabulary(
     {"any": Term("")},
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
@@ -105,9 +104,3 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
             require(name not in values, f"line {line}: {name} is there twice", "column.twice")
             values[name] = float(value)
     return numbers.title, values
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return the first names, and how many more there are, for a message."""
-    unique = list(dict.fromkeys(names))
-    return (", ".join(unique[:_LISTED]) or "nothing") + f" and {len(unique) - _LISTED} more" * (len(unique) > _LISTED)

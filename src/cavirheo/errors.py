@@ -130,6 +130,13 @@ def parse_number(text: str | None, name: str, thousands: str = ",") -> float | N
         raise InputError(f"{name} must be a number, got {number!r}", "input.not_a_number") from None
 
 
+def listed(names: Iterable[str], most: int = 5) -> str:
+    """The first of the distinct names, and how many more there are."""
+    unique = list(dict.fromkeys(names))
+    more = f" and {len(unique) - most} more" if len(unique) > most else ""
+    return (", ".join(unique[:most]) or "nothing") + more
+
+
 def as_path(path: str | PathLike[str]) -> Path:
     """The path of one file or folder. Raises InputError: not a path."""
     message = f"expected the path of one file, as text; got {type(path).__name__} {brief(path)}"

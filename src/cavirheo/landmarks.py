@@ -94,7 +94,7 @@ def fit_maximum(time: Floats, radius: Floats, stated_time: float | None) -> tupl
 
 def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noise: float) -> tuple[float, float]:
     """(earliest, latest) time of the maximum (t_max, R_max), s, that the samples (n,) near it allow: at times outside,
-    the squared residuals of the series exceed the least ones by more than _SPAN variances. noise: of the radius, m."""
+    the squared residuals of the series exceed the least ones by more than _SPAN_VARIANCES. noise: of the radius, m."""
     start, top = maximum
     peak = int(np.argmin(np.abs(time - start)))
     first, last = _range_near_maximum(_median_of_three(radius), peak, top)
@@ -156,7 +156,7 @@ def repeated_samples(radius: Floats) -> tuple[int, int] | None:
 
 def frames_missed(time: Floats, radius: Floats, noise: float) -> float:
     """Number of frames from the maximum to the first of samples (n,) that fall from their start; 0 unless it is more
-    than one by the chi-square _EVIDENCE, and more than the shift _SKEW of real falls. noise: of the radius, m."""
+    than one by _LEAST_CHI_SQUARE, and more than the shift of real falls, _LEAST_SHIFT. noise: of the radius, m."""
     top = float(radius[:3].max())
     fallen = radius < _FALL_LEVEL * top
     count = int(np.argmax(fallen)) if fallen.any() else len(radius)

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cavirheo.column import is_r_max, listed, read_column, with_r_max, with_values
+from cavirheo.column import is_r_max, read_column, with_r_max, with_values
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, listed
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io.files import file_label, header_of, measurement_files, pixels_of
 from cavirheo.io.shots import CurveSet, read_shots, sample_hash

@@ -24,7 +24,8 @@ def within(text, at=30):
 
 
 def mixed(title):
-    rows = (f"{t},{gel},{r}\n" for t, r in zip(US, UM, strict=True) for gel in ("soft", "stiff"))
+    gels = {"soft": 1.0, "stiff": 1.5}
+    rows = (f"{t},{gel},{gels[gel] * r}\n" for t, r in zip(US, UM, strict=True) for gel in gels)
     return f"time_us,{title},radius_um\n" + "".join(rows)
 
 
@@ -72,7 +73,7 @@ READ = {  # content, options, R_max of each shot over that of the first, what ea
     "times around the groups": (hdf5({"t": TIME, "a/R": RADIUS, "b/R": 1.5 * RADIUS}), {}, [1, 1.5], ""),
     "comments in the data": (within("#7,100\n# focus"), {}, [1], "2 lines that begin with # left out"),
     "constants above": (CONSTANTS + HEAD + PLAIN, {}, [1], "2 lines above the titles left out: fps, Rmax_um"),
-    "rate in kHz": (saved(R_um=UM, FrameRate_kHz=1e3), {}, [1], "as FrameRate_kHz states"),
+    "rate in kHz": (saved(R_um=UM, FrameRate_kHz=1e3), {}, [1], "the frame rate: FrameRate_kHz = 1e+06"),
     "units behind exp": (saved(R_exp_um=UM, t_exp_us=US, R_sim=RADIUS), {}, [1], "not used: R_sim"),
     "since 1970": (since_1970("timestamp_us", 10**6, 1), {}, [1], "counted from the first one"),
     "field of text": (array(TEXTS), {}, [1], "not used: flag"),
@@ -92,7 +93,7 @@ def test_what_is_left_out_or_repaired_is_said(tmp_path, name):
 
 SQUARE = np.tile(RADIUS[:40], (40, 1))
 REFUSED = {  # content, what the message says
-    "a.csv": (mixed("variable"), "2 times, and the column 'variable' has 2 labels: 2 shots? name this column"),
+    "a.csv": (mixed("variable"), 'name the column of their labels "shot"'),
     "b.csv": (f"t_us,A (um),B (um)\n{TWO}", "'A (um)' and 'B (um)': two shots, or the half-axes"),
     "c.csv": (f"Time (us),Gel A (um),Gel B (um)\n{TWO}", "no column for radius among 'Time (us)', 'Gel A (um)'"),
     "d.mat": (saved(R=SQUARE, t=TIME[:40]), "R has the shape (40, 40), and 40 times: are the shots in rows"),

@@ -67,21 +67,44 @@ def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_pat
 
 
 @pytest.mark.parametrize("kind", [h5py.ref_dtype, np.dtype([("a", "f8")]), "c16", "S3"], ids=str)
-def test_a_cell_without_real_numbers_is_an_empty_one(tmp_path, recwarn, kind):
+def test_a_cell_without_real_numbers_is_unusable_alone(tmp_path, recwarn, kind):
     save_v73(tmp_path / "gel.mat", bdt_variables())
     with h5py.File(tmp_path / "gel.mat", "r+") as file:
         file["R_nondim_All"][1, 0] = file.create_dataset("other", (180, 1), kind).ref
         file["RmaxList"].attrs["MATLAB_empty"] = np.zeros(2, [("a", "f8")])
     curves = read_curves(tmp_path / "gel.mat")
     assert curves[2].max_radius == pytest.approx(3e-4, rel=0.01)
-    assert "cell 2 of 3 is empty" in str(error_of(lambda: curves[1].max_radius))
+    assert "cell 2 of 3 is" in str(error_of(lambda: curves[1].max_radius))
     assert not recwarn.list
+
+
+def test_a_cell_that_is_no_shot_costs_the_others_nothing(tmp_path):
+    radii = files.cells(RADIUS, [], RADIUS[:90], 1.5 * RADIUS)
+    curves = read_curves(put(tmp_path / "a.mat", saved(R=radii, t=TIME)))
+    assert [curve.name for curve in curves] == [f"a[{k}]" for k in range(1, 5)]
+    assert [curve.max_radius for curve in curves[::3]] == pytest.approx([R_MAX, 1.5 * R_MAX], rel=0.01)
+    reasons = [str(error_of(lambda curve=curve: curve.max_radius)) for curve in curves[1:3]]
+    assert "cell 2 of 4 is empty" in reasons[0]
+    assert "different lengths: 90 of R and 180 of t" in reasons[1]
+
+
+def test_a_group_that_is_no_shot_costs_the_others_nothing(tmp_path):
+    shot = {"a/time": TIME, "a/radius": RADIUS}
+    for name, more in {"short": {"b/time": TIME, "b/radius": RADIUS[:90]}, "two": {"b/R": RADIUS}}.items():
+        both = {**shot, "b/time": TIME, "b/radius": RADIUS, **more}
+        sound, broken = read_curves(put(tmp_path / f"{name}.h5", hdf5(both)))
+        assert (sound.name, broken.name) == (f"{name}[a]", f"{name}[b]")
+        assert sound.max_radius == pytest.approx(R_MAX, rel=0.01)
+        assert "b/radius" in str(error_of(lambda curve=broken: curve.max_radius))
+        alone = {path: data for path, data in both.items() if path[0] == "b"}
+        assert "b/radius" in str(error_of(read_curves, put(tmp_path / f"{name}_alone.h5", hdf5(alone))))
 
 
 def test_bdt_without_maxima_waits_for_the_users(tmp_path):
     savemat(tmp_path / "gel.mat", {name: value for name, value in bdt_variables().items() if name != "RmaxList"})
     curve = read_curves(tmp_path / "gel.mat")[0]
     assert code_of(lambda: curve.max_radius) == "curve.unscaled"
+    assert "no RmaxList" in "\n".join(curve.notes)
     scaled = curve.with_max_radius(R_MAX)
     assert np.allclose(scaled.time, TIME)
     assert scaled.collapse_times()[0] == pytest.approx(0.93 * T_C, rel=0.02)
@@ -212,7 +235,7 @@ MEASURED = {  # of frames or pixels: what is asked for, and what the notes say w
     "pixels": ("time_us,radius_px\n" + lines(",", FRAMES, UM / 3.2), ["um-per-px"], "in pixels of 3.2 um"),
     "diameters in pixels": ("time_us,D (px)\n" + lines(",", FRAMES, UM / 1.6), ["um-per-px"], "halved"),
     "frames": ("Frame,R_um\n" + lines(",", FRAMES, UM), ["fps"], "'Frame'"),
-    "time in frames": ("time (frames),R_um\n" + lines(",", FRAMES, UM), ["fps"], "as given"),
+    "time in frames": ("time (frames),R_um\n" + lines(",", FRAMES, UM), ["fps"], "1e+06 frames per second"),
     "rounded": ("time_ms,R_um\n" + lines(",", np.round(FRAMES / 1e3, 2), UM), ["too few digits", "fps"], "few digits"),
     "rounded a little": ("time_us,R_um\n" + lines(",", np.round(1.7 * FRAMES), UM), [], "few digits"),
     "ImageJ": (" ,Area,Slice\n" + lines(",", FRAMES, np.pi * (UM / 3.2) ** 2, FRAMES), ["fps", "um-per-px"], "sqrt"),

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
@@ -35,7 +35,6 @@ from cavirheo.io.tables import (
     Table,
     Term,
     Vocabulary,
-    is_number,
     read_columns,
     unit_of,
 )
@@ -95,7 +94,6 @@ CURVES = Vocabulary(
             "mittlererradius rayon rayonbulle rayondebulle rayondelabulle rayonmoyen rayonequivalent radio "
             "radioburbuja radiodeburbuja radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
             _UNITS,
-            duplicate_advice="the shots of a file are R1_um, R2_um, or have a column `shot`",
         ),
         "max_radius": Term("rmax truermax maxradius maximumradius", _UNITS),
         "stretch": Term("stretch lambdamax lambdamaxmean"),
@@ -130,13 +128,17 @@ _WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:], array_titles=("ra
 
 
 class Camera(NamedTuple):
-    """What is known of the camera beside times and radii. frame_rate: 1/s. um_per_px: micrometres per pixel. Who says
-    so: `rate_source`, `scale_source`."""
+    """What is known of the camera: frames per s, micrometres per pixel, exposure in us; None: not known."""
 
     frame_rate: float | None = None
     um_per_px: float | None = None
-    rate_source: str = "as given"
-    scale_source: str = "as given"
+    exposure_us: float | None = None
+
+    @property
+    def options(self) -> str:
+        """The numbers as options of `cavirheo infer`."""
+        values = zip(("fps", "um-per-px", "exposure-us"), self, strict=True)
+        return "".join(f" --{name} {value:.10g}" for name, value in values if value is not None)
 
 
 class Form(NamedTuple):
@@ -203,8 +205,8 @@ def _tables(source: Source, camera: Camera) -> list[Table]:
         raise
 
 
-def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of a table with titles, or of named arrays. Raises InputError as `read`."""
+def read_table(table: Table, camera: Camera, **fields: Any) -> list[RadiusCurve]:
+    """Read the curves of a table with titles, or named arrays. fields: of each curve. Raises InputError as `read`."""
     shot, max_radius, *stretches = map(table.find, ("curve", "max_radius", "stretch", "stretch_std"))
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
     radii = _radii(table, camera, several=len(clocks) > 1)
@@ -213,8 +215,6 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
         raise InputError(message, "table.twice")
     clock_of: list[Column | None] = [*_partners(radii, clocks)] or [table.at_most_one(clocks)] * len(radii)
     _ask_for(camera, clock_of[0], radii[0], scaled=max_radius is not None and max_radius.unit in LENGTH_UNITS)
-    if not shot and clock_of[0]:
-        _check_long_table(table, clock_of[0].numbers)
     deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
     deviations = _partners(radii, deviations) if radii[0].form.deviation else []
     of_radii = [column for radius in radii for column in radius.columns]
@@ -242,14 +242,16 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
                 chosen = [rows[at] for at in part]
                 meta = _stretch_meta(stretches, chosen, [*table.notes, *lost])
                 seconds, unit = _times(time[chosen], clock, camera, meta["notes"])
-                _check_units(f"the header {table.titles}", unit, radius.unit)
+                units = f"{table.titles} give time in {unit} and radius in {radius.unit}"
+                fine = unit in (None, *TIME_UNITS) and radius.unit in (None, *RADIUS_UNITS)
+                require(fine, f"{units}; expected units of time and of length", "table.units")
                 name = [label] if shot else [names[k]] if len(radii) > 1 else []
                 if len(parts) > 1:
                     meta["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
                     name.append(str(number))
                 if name:
                     meta["label"] = ", ".join(name)
-                curve = make_curve(seconds, radius.numbers[chosen], std[chosen], unit, radius.unit, meta)
+                curve = _curve(seconds, radius.numbers[chosen], std[chosen], unit, radius.unit, meta, **fields)
                 curve = curve.labelled(warnings=(*curve.warnings, *radius.warnings))
                 curves.append(_scaled_to_column(curve, max_radius, chosen) if max_radius else curve)
     return curves
@@ -264,18 +266,6 @@ def _labels(shot: Column) -> list[str]:
     if blank:
         shot.table.notes.append(f"{len(blank)} blank cells of {shot.title!r} filled with the label above them")
     return labels
-
-
-def _check_long_table(table: Table, time: Floats) -> None:
-    """Raise InputError if each time occurs as often as a column without a known title has labels: mixed shots."""
-    counts = np.unique(time, return_counts=True)[1]
-    mixed = table.rows and counts.min() == counts.max() > 1 and np.any(np.diff(time) == 0.0)
-    known = {column.index for column in table.columns}
-    for k in {*range(len(table.titles))} - known if mixed else ():
-        labels = {row.texts[k] for row in table.rows if k < len(row.texts)}
-        if len(labels) == counts[0] and not any(map(is_number, labels)):
-            message = f"each time occurs {counts[0]} times, and the column {table.titles[k]!r} has {counts[0]} labels: "
-            raise InputError(f'{message}{counts[0]} shots? name this column "shot"', "table.twice")
 
 
 def _since_first(clock: Column, notes: list[str]) -> Floats:
@@ -332,16 +322,14 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
     if clock is None or _counts_frames(clock):
         assert rate is not None  # it was asked for
         what = f"of the numbers in {clock.title!r}" if clock else "of the rows"
-        notes.append(f"times {what} at {rate:.6g} frames per second, {camera.rate_source}")
+        notes.append(f"times {what} at {rate:.6g} frames per second")
         return time / rate, "s"
     shared = np.count_nonzero(np.diff(time) == 0.0) > _SHARED_TIMES * len(time)
     if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
-        notes.append(
-            f"times in {clock.title!r} have too few digits: frames at {rate:.6g} per second, {camera.rate_source}"
-        )
+        notes.append(f"times in {clock.title!r} have too few digits: {rate:.6g} frames per second are used instead")
         return np.arange(len(time)) / rate, "s"
     if rate is not None:
-        notes.append(f"the frame rate, {camera.rate_source}, is not used: the file has times")
+        notes.append("the frame rate is not used: the file has times")
     return time, clock.unit
 
 
@@ -393,16 +381,14 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> Ra
     if not sizes:
         return curve
     RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
+    hint = f"R_max of each shot as the column {column.title!r} has it"
+    notes = [note for note in curve.notes if note != curve.unscaled]  # it asks for a scale
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
-        if curve.unscaled:
-            hint = f"R_max of each shot as the column {column.title!r} has it"
-            notes = tuple(note for note in curve.notes if note != curve.unscaled)  # it asks for a scale
-            return curve.labelled(hints=(*curve.hints, hint), notes=notes).with_max_radius(size)
-        factor = size / curve.max_radius
-        off = abs(factor - 1.0) >= SCALE_TOLERANCE
-        scaled = f"radii of {curve.name} scaled by {factor:.3g}" if off else "radii scaled to it"
-        hint = f"R_max of each shot as the column {column.title!r} has it: {scaled}"
-        return curve.labelled(hints=(*curve.hints, hint)).with_max_radius(size)
+        if not curve.unscaled:
+            factor = size / curve.max_radius
+            off = abs(factor - 1.0) >= SCALE_TOLERANCE
+            hint += f": radii of {curve.name} scaled by {factor:.3g}" if off else ": radii scaled to it"
+        return curve.labelled(hints=(*curve.hints, hint), notes=notes).with_max_radius(size)
     return curve
 
 
@@ -435,15 +421,11 @@ def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
         titles = " and ".join(repr(column.title) for column in found[0])
         message = f"{titles}: two shots, or the half-axes of one bubble? name them R1_um and R2_um, or a_um and b_um"
         raise InputError(message, "table.twice")
-    if not several:
-        unnumbered = [column for column in firsts if not column.name.number]
-        if unnumbered and len(unnumbered) < len(firsts):
-            titles = " and ".join(repr(column.title) for column in firsts[:2])
-            message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
-            raise InputError(message, "table.twice")
-        table.at_most_one(unnumbered)
-        if len({column.title for column in firsts}) < len(firsts):
-            raise InputError(f"two columns {firsts[0].title!r}; number them", "table.twice")
+    numbers = {column.name.number for column in firsts}
+    if not several and len(firsts) > 1 and ("" in numbers or len(numbers) < len(firsts)):
+        titles = " and ".join(repr(column.title) for column in firsts[:2])
+        message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all: R1_um, R2_um"
+        raise InputError(message, "table.twice")
     if form.note:
         table.notes.append(form.note)
     if len(found) > 1:
@@ -465,9 +447,9 @@ def _radius(table: Table, form: Form, columns: Sequence[Column], camera: Camera)
         unit = _AREA_UNITS.get(unit or "px")
     numbers = form.radius(*(column.numbers for column in columns))
     if camera.um_per_px is not None:
-        note = f"the scale, {camera.scale_source}, is not used"
+        note = "the scale is not used: the radii have a unit of length"
         if _is_in_pixels(numbers, unit):
-            note = f"radii in pixels of {camera.um_per_px:g} um, {camera.scale_source}"
+            note = f"radii in pixels of {camera.um_per_px:g} um"
             numbers, unit = numbers * camera.um_per_px, "um"
         table.notes.extend({note} - {*table.notes})
     warnings: tuple[Message, ...] = ()
@@ -497,26 +479,26 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
         raise InputError(f"{len(values)} columns and no header; {_ADVICE}", "table.header")
     numbers = np.column_stack(values)
     separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
+    limits.check(len(separators), limits.CURVES, "curves")
+    blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
+    blocks = [block for block in blocks if len(block)]
+    filled = [block for block in blocks if (block[:, 1] > 1e-9).any()] if len(separators) else blocks
+    require(bool(filled), "no curve between the rows of -1000 holds a radius", "table.empty")
+    note = "no header: columns taken as time and radius"
     if len(separators):
-        limits.check(len(separators), limits.CURVES, "curves")
-        blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
-        filled = [block for block in blocks if (block[:, 1] > 1e-9).any()]
-        without = sum(len(block) > 0 for block in blocks) - len(filled)
-        require(bool(filled), "no curve between the rows of -1000 holds a radius", "table.empty")
         note = "curves separated by rows of -1000, no header"
-        note += f"; {without} blocks of the file hold no radius and were left out" if without else ""
-        curves = (make_curve(block[:, 0], block[:, 1], meta={"notes": (note,)}) for block in filled)
-        return [curve.with_notes(*table.notes) for curve in curves]
-    shots = []
-    parts, lost = _parts(*values)
-    for part in parts:
-        note = "no header: columns taken as time and radius"
-        curve = make_curve(values[0][part], values[1][part], meta={"notes": (note, *lost, *table.notes)})
+        left = len(blocks) - len(filled)
+        note += f"; {left} blocks of the file hold no radius and were left out" if left else ""
+    curves = []
+    for block in filled:
+        columns = [(Name("time"), block[:, 0]), (Name("radius"), block[:, 1])]
+        of_block = Table(CURVES, [], [note, *table.notes], titles=["time", "radius"], arrays=columns)
+        curves += read_table(of_block, Camera())
+    for curve in [] if len(separators) else curves:
         ratio = curve.rayleigh_ratio(density, pressure)
         proven = ratio is not None and _RATIOS[0] <= ratio <= _RATIOS[1]
         require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
-        shots.append(curve)
-    return shots
+    return curves
 
 
 def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
@@ -543,51 +525,40 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     write_rows(path, list(columns), texts, remark)
 
 
-def _check_units(where: str, time: str | None, radius: str | None) -> None:
-    """Check the units. Raises InputError: one is of another quantity."""
-    fine = time in (None, *TIME_UNITS) and radius in (None, *RADIUS_UNITS)
-    message = f"{where} gives time in {time} and radius in {radius}; expected units of time and of length"
-    require(fine, message, "table.units")
-
-
 def unusable_curve(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
     """Return a curve without samples, with the reason. fields: other fields of the curve."""
     notes = (*meta.get("notes", ()), reason)
     return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": notes}, **fields, unusable=reason)
 
 
-def make_curve(
-    time: ArrayLike,
-    radius: ArrayLike,
-    radius_std: ArrayLike | None = None,
-    time_unit: str | None = None,
-    radius_unit: str | None = None,
-    meta: Mapping[str, Any] | None = None,
+def _curve(
+    t: Floats,
+    r: Floats,
+    std: Floats,
+    time_unit: str | None,
+    radius_unit: str | None,
+    meta: Mapping[str, Any],
     **fields: Any,
 ) -> RadiusCurve:
-    """Clean one curve: (n,) times and radii (and their deviations) in their units; None: infer the unit from the size.
+    """Clean one curve: (n,) finite times and radii (and their deviations) in their units; None: infer the unit from the
+    size.
 
-    Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames without a time are left out.
-    Frames are sorted by time, and a few radii of one time are averaged; if many frames share times, the curve is
-    unusable. The notes count each of these cases, after the notes in `meta`; times out of order are also among the
-    curve's `warnings`. If the size contradicts the unit of the radius, the curve is unscaled. fields: other fields of
-    the curve.
+    Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames are sorted by time, and a few
+    radii of one time are averaged; if many frames share times, the curve is unusable. The notes count each of these
+    cases, after the notes in `meta`; times out of order are also among the curve's `warnings`. If the size contradicts
+    the unit of the radius, the curve is unscaled. fields: other fields of the curve.
 
     Raises InputError: the unit of time is not given and cannot be inferred.
     """
-    t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
-    std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
-    meta = dict(meta or {})
-    if len(t) != len(r) or len(std) != len(r):
-        return unusable_curve(f"{len(t)} times but {len(r)} radii", meta, **fields)
-    timed = np.abs(t) < _LARGEST_NUMBER
-    t, r, std = t[timed], np.where(np.abs(r) < _LARGEST_NUMBER, r, np.nan)[timed], std[timed]
+    meta = dict(meta)
+    r = np.where(np.abs(r) < _LARGEST_NUMBER, r, np.nan)
     n, missing, backwards = len(t), np.count_nonzero(np.isnan(r)), np.count_nonzero(np.diff(t) < 0)
     if 0 < backwards < n - 1 and np.all(np.diff(r) > 0):
         reason = f"the times go back in {backwards} of {n - 1} steps, and the radius always grows"
         return unusable_curve(f"{reason}: are the columns exchanged?", meta, **fields)
     per_time, time_hint = _time_scale(t, time_unit)
     per_radius, radius_hint, unscaled = _radius_scale(r, radius_unit)
+    unscaled = fields.pop("unscaled", unscaled)
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _LEAST_RADIUS
     r[empty], std[~(std > 0)] = np.nan, np.nan
@@ -603,7 +574,6 @@ def make_curve(
         values = {"step": 1e6 * step, "interval": 1e6 * float(np.mean(np.diff(t)))}
         warnings += (Message("check_input.time_digits", values),)
     remarks = {
-        f"{len(timed) - n} of {len(timed)} frames without a time left out": n < len(timed),
         time_hint: time_hint,
         radius_hint: radius_hint,
         f"{missing} of {n} frames without a radius (NaN)": missing,
@@ -620,7 +590,7 @@ def make_curve(
     if hints := (*meta.pop("hints", ()), *filter(None, (time_hint, radius_hint))):
         meta["hints"] = hints
     try:
-        return RadiusCurve(t, r, std, meta, **{"unscaled": unscaled, **fields}, warnings=warnings)
+        return RadiusCurve(t, r, std, meta, unscaled=unscaled, warnings=warnings, **fields)
     except InputError as error:  # not a bubble; the other curves of the file remain usable
         return unusable_curve(str(error), meta, **fields)
 
@@ -635,12 +605,11 @@ def _shared_times(t: Floats, r: Floats, first: NDArray[np.intp]) -> str:
     shared = int(np.sum(sizes[differ] - 1))
     if shared <= _SHARED_TIMES * len(t):
         return ""
+    advice = 'of several shots give each a file, or name the column of their labels "shot"'
     if np.count_nonzero(np.abs(np.diff(t)) <= _TIME_TOLERANCE) < shared / 2:
-        return (
-            f"{shared} frames have the times of other ones: two shots? give each one as a file or a column of its own"
-        )
+        return f"{shared} frames have the times of other ones; {advice}"
     few = f"times have too few digits: {len(t)} frames share {len(first)} times"
-    return f"{few}; write more digits, or of a table give the frame rate (--fps)"
+    return f"{few}; write more digits, or of a table give the frame rate (--fps); {advice}"
 
 
 def _rounding(t: Floats) -> float:

@@ -15,13 +15,14 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
+from io import BufferedReader
 from os.path import exists, isdir  # these two also work for names that no file can have
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, printable, require, sha256
+from cavirheo.errors import InputError, printable, require
 from cavirheo.io import limits
 from cavirheo.video.frames import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
 
@@ -56,15 +57,26 @@ def file_label(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Source:
-    """A file that is read: what it is, its content, and its digest; nothing is read before it is asked for."""
+    """A file that is read: what it is, its content, and its digest. It is opened once, when the first of them is asked
+    for, and `guarded` closes it."""
 
     path: Path
 
     @cached_property
+    def file(self) -> BufferedReader:
+        """The open file."""
+        return self.path.open("rb")
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return self.file.seek(0, 2)
+
+    @cached_property
     def head(self) -> bytes:
         """Its first bytes."""
-        with self.path.open("rb") as file:
-            return file.read(1024)
+        self.file.seek(0)
+        return self.file.read(1024)
 
     @cached_property
     def kind(self) -> Kind:
@@ -86,12 +98,16 @@ class Source:
     @cached_property
     def content(self) -> bytes:
         """All of its bytes, for files whose size is limited."""
-        return self.path.read_bytes()
+        self.file.seek(0)
+        return self.file.read()
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the content, in hexadecimal digits."""
-        return hashlib.sha256(self.content).hexdigest() if "content" in vars(self) else sha256(self.path)
+        """SHA-256 of the content, in hexadecimal digits: of what was read, if the file has changed since."""
+        if "content" in vars(self):
+            return hashlib.sha256(self.content).hexdigest()
+        self.file.seek(0)
+        return hashlib.file_digest(self.file, "sha256").hexdigest()
 
 
 @contextmanager
@@ -105,9 +121,10 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     """
     name = file_label(path)
     _check(path, name, folder=folder)
+    source = Source(path)
     try:
         with np.errstate(all="ignore"):  # a damaged file may hold any number; the results are checked
-            yield Source(path)
+            yield source
     except InputError as error:
         raise error.within(name) from None
     except Exception as error:  # the libraries raise nearly any exception for damaged files
@@ -115,6 +132,9 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
             raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
         message = f"{name} cannot be read, it may be damaged ({type(error).__name__}: {str(error)[:300]})"
         raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from None
+    finally:
+        if "file" in vars(source):
+            source.file.close()
 
 
 def _check(path: Path, name: str, *, folder: bool) -> None:

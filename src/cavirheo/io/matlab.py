@@ -61,7 +61,7 @@ class _Version5:
     """A file of version 5 to 7; `left` bytes may still be unpacked."""
 
     def __init__(self, source: Source) -> None:
-        limits.check(source.path.stat().st_size, limits.INFLATED, "bytes")
+        limits.check(source.size, limits.INFLATED, "bytes")
         self.content, self.left = source.content, limits.INFLATED
         self.order = {b"IM": "<", b"MI": ">"}.get(self.content[126:128], "")
         require(self.order != "", "not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged", _DAMAGED)

@@ -19,6 +19,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from itertools import zip_longest
 from math import prod
 from typing import Any, NamedTuple
 
@@ -26,14 +28,15 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
-from cavirheo.io.curves import CURVES, FORMS, RADIUS_UNITS, Camera, Form, make_curve, read_table, unusable_curve
+from cavirheo.errors import InputError, listed, require
+from cavirheo.io.curves import CURVES, FORMS, RADIUS_UNITS, Camera, Form, read_table, unusable_curve
 from cavirheo.io.tables import TIME_UNITS, Name, Table, Term, Vocabulary, unit_of
 from cavirheo.messages import Message
 from cavirheo.physics.media import CONSTANTS
 
 KINDS = ("matlab", "matlab4", "matlab73", "hdf5")  # of files that hold them
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
+_ROWS = ("shift_normRnew", "Rmax", "t")
 _KINDS_OF_SERIES = {kind for form in FORMS for kind in form.kinds} | {"time", "radius_std"}
 _LARGEST_RADIUS = 0.01  # m, largest radius of a bubble
 _LONGEST_TIME = 0.1  # s, of a recording
@@ -111,11 +114,11 @@ class _Stated(NamedTuple):
 
 def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, si: bool = False) -> list[RadiusCurve]:
     """Build the curves. si: times and radii without a unit are in s and m; else their sizes tell. density and pressure
-    make seconds of BDT's times. Raises InputError: no radius history, or two in a folder."""
+    make seconds of BDT's times. Raises InputError: no radius history, or none that can be used."""
     if arrays.keys() >= {*_CELL_ARRAYS}:
-        return _bdt(arrays, density, pressure)
-    if arrays.keys() >= {"shift_normRnew", "Rmax", "t"}:
-        return _shifted(arrays)
+        return _normalised(arrays, camera, density, pressure)
+    if arrays.keys() >= {*_ROWS}:
+        return _shifted(arrays, camera)
     folders: dict[str, list[_Series]] = {}
     for one in filter(None, map(_series, arrays, arrays.values())):
         folders.setdefault(folder_of(one.path), []).append(one)
@@ -128,7 +131,7 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
                 folders[folder] += [one for one in folders.get(outer, []) if one.kind == "time"]
     shots = [folder for folder in with_radii if any(one.kind == "time" for one in folders[folder])] or with_radii
     if not shots:
-        raise _no_history(arrays, si)
+        raise _no_history(arrays)
     inside: dict[str, list[str]] = {folder: [] for folder in ["", *shots]}  # "": outside all others
     for path in arrays:
         folder = folder_of(path)
@@ -136,7 +139,7 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
             folder = folder_of(folder)
         inside[folder].append(path)
     outside = {one.path for one in folders.get("", [])} if "" in shots else set()
-    found = []
+    found, problems = list[RadiusCurve](), list[InputError]()
     for folder in shots:
         around = [path for path in inside[""] if path not in outside] if folder else []
         paths, members = inside[folder] + around, folders[folder]
@@ -146,7 +149,16 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
             others = {one.path for one in members if number and one.number not in ("", number)}
             mine = [one for one in members if one.path not in others]
             label = numbered[number] if number else folder
-            found += _shot(arrays, [path for path in paths if path not in others], mine, label, camera, si)
+            own = [path for path in paths if path not in others]
+            try:
+                found += _shot(arrays, own, mine, camera, label=label, si=si)
+            except InputError as error:
+                if error.code.startswith("limits."):
+                    raise
+                problems.append(error)
+                found.append(unusable_curve(error.message, {"label": label}))
+    if len(problems) == len(found):  # no shot can be used
+        raise problems[0]
     return found
 
 
@@ -186,25 +198,15 @@ def _several(leaf: Leaf) -> bool:
     return isinstance(leaf, Other) or leaf.size > 2
 
 
-def _no_history(arrays: Arrays, si: bool) -> InputError:
+def _no_history(arrays: Arrays) -> InputError:
     if "pIMR_array" in arrays:
         message = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): there is no "
         message += "curve in it to infer from; use cavirheo collapse-time"
         return InputError(message, "matlab.collapse_times")
     names = [f"{path} ({leaf.what})" if isinstance(leaf, Other) else path for path, leaf in arrays.items()]
-    if si:
-        expected = (
-            "expected datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
-        )
-        return InputError(f"no group holds a radius history; found: {_listed(names)}; {expected}", "hdf5.datasets")
-    expected = "expected Rnew and t (IMR), or R_nondim_All, t_nondim_All and RmaxList (BDT); in MATLAB: "
-    expected += "save('shot.mat', 'Rnew', 't') with Rnew in m and t in s"
-    return InputError(f"no radius history; variables found: {_listed(names)}; {expected}", "matlab.variables")
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return (", ".join(names[:_LISTED]) or "none") + more
+    expected = "expected R and t (m, s), or radius_um and time_us, alone or in a group per shot; in MATLAB: "
+    expected += "save('shot.mat', 'R', 't')"
+    return InputError(f"no radius history; found: {listed(names, _LISTED)}; {expected}", "matlab.variables")
 
 
 def _pick(members: Iterable[_Series], kind: str) -> _Series | None:
@@ -239,42 +241,50 @@ def _read_stated(arrays: Arrays, paths: Iterable[str]) -> dict[str, _Stated]:
 
 
 def _shot(
-    arrays: Arrays, paths: Sequence[str], members: Sequence[_Series], label: str, camera: Camera, si: bool
+    arrays: Arrays,
+    paths: Sequence[str],
+    members: Sequence[_Series],
+    camera: Camera,
+    *,
+    label: str = "",
+    si: bool = True,
+    notes: Sequence[str] = (),
+    **fields: Any,
 ) -> list[RadiusCurve]:
-    """Return the curves of the times and radii among `members`. paths: of all that is in the shot or around it."""
+    """Return the curves of the times and radii among `members`. paths: of all that is in the shot or around it. fields:
+    of each curve."""
     form = _form(members)
     assert form is not None  # it makes the folder a shot
     kinds = (*form.kinds, "time", "radius_std")
     picked = [one for kind in kinds if (one := _pick(members, kind))]
-    first = picked[0]
-    picked = [one for one in picked if one.kind == "time" or _shape(one.leaf) == _shape(first.leaf)]
+    first, *others = picked
+    picked = [first, *(one for one in others if one.kind == "time" or _shape(one.leaf) == _shape(first.leaf))]
     stated = _read_stated(arrays, paths)
-    camera, used = _camera(stated, camera)
-    meta, notes, paths_of_meta = _meta(stated)
-    used |= paths_of_meta | {one.path for one in picked}
-    rest = stated.get("radius at rest")
+    camera, meta, used = _facts(stated, camera)
+    meta["notes"] = [*notes, *meta["notes"]]
+    used |= {one.path for one in picked}
+    left = [path for path in paths if path not in used]
     shots = _histories(picked)
     plain = si or first.rank == 0  # in s and m if the numbers allow it
-    names = [_named(one, [shot[k] for shot in shots], plain) for k, one in enumerate(picked)]
+    read = [shot for shot in shots if not isinstance(shot, str)]
+    names = [_named(one, [shot[k] for shot in read], plain) for k, one in enumerate(picked)]
     titles = [one.path for one in picked]
     made = []
     for k, shot in enumerate(shots, 1):
         name = (f"{label}[{k}]" if label else str(k)) if len(shots) > 1 else label
-        if len({*map(len, shot)}) > 1:
-            lengths = ", ".join(f"{len(values)} of {title}" for title, values in zip(titles, shot, strict=True))
-            found = [unusable_curve(f"arrays of different lengths: {lengths}", {"notes": notes})]
-        else:
-            columns = list(zip(names, shot, strict=True))
-            try:
-                found = read_table(Table(CURVES, [], [*notes], titles=titles, arrays=columns), camera)
-            except InputError as error:
-                left = "; ".join(_left_out(path for path in paths if path not in used))
-                raise InputError(f"{error}; {left}" if left else str(error), error.code) from None
+        if isinstance(shot, str):
+            made.append(unusable_curve(shot, {**meta, "label": name}, **fields))
+            continue
+        table = Table(CURVES, [], [*meta["notes"]], titles=titles, arrays=list(zip(names, shot, strict=True)))
+        try:
+            found = read_table(table, camera, **fields)
+        except InputError as error:
+            raise InputError("; ".join([str(error), *_left_out(left)]), error.code) from None
         for curve in found:
             labels = [text for text in (name, curve.meta.get("label", "")) if text]
-            about = {**meta, "label": ", ".join(labels)} if labels else meta
-            curve, at_rest = _with_rest(curve.labelled(**about), rest, first, shot[0])
-            made.append(curve.with_notes(*_left_out(path for path in paths if path not in used | at_rest)))
+            about = {**meta, "notes": curve.notes} | ({"label": ", ".join(labels)} if labels else {})
+            curve, at_rest = _with_rest(curve.labelled(**about), stated.get("radius at rest"), first, shot[0])
+            made.append(curve.with_notes(*_left_out([path for path in left if path not in at_rest])))
     return made
 
 
@@ -302,40 +312,42 @@ def _with_rest(
     return curve, set()
 
 
-def _meta(stated: Mapping[str, _Stated]) -> tuple[dict[str, Any], list[str], set[str]]:
-    """Return the `meta` of a curve with what is stated of medium and stretch, notes on it, and who states it."""
-    units = {name: constant.unit for name, constant in CONSTANTS.items()} | {"stretch": "", "stretch_std": ""}
-    found = {name: one for name, one in stated.items() if name in units}
-    meta: dict[str, Any] = {name: one.value for name, one in found.items() if name not in CONSTANTS}
-    if medium := {name: one.value for name, one in found.items() if name in CONSTANTS}:
-        meta["medium"] = medium
-    notes = []
-    for name, one in found.items():
-        value = f"{one.value:.6g} {units[name]}".strip()
-        notes.append(f"the file states the {name.replace('_', ' ')}: {one.path} = {value}")
-    return meta, notes, {one.path for one in found.values()}
+def _facts(stated: Mapping[str, _Stated], camera: Camera) -> tuple[Camera, dict[str, Any], set[str]]:
+    """Return the camera as the user gives it, else as the file states it; the `meta` of a curve with what is stated of
+    medium and stretch, and notes on it; and the paths of all that is taken from the file."""
+    meta: dict[str, Any] = {}
+    taken: dict[str, tuple[_Stated, str]] = {}
+    for kind, one in stated.items():
+        if kind in CONSTANTS:
+            meta.setdefault("medium", {})[kind] = one.value
+            taken[kind] = one, CONSTANTS[kind].unit
+        elif kind in ("stretch", "stretch_std"):
+            meta[kind] = one.value
+            taken[kind] = one, ""
+    interval, rate = stated.get("frame interval"), stated.get("frame rate")
+    if camera.frame_rate is None and interval:
+        camera = camera._replace(frame_rate=1.0 / interval.value)
+        taken["frame interval"] = interval, "s"
+    elif camera.frame_rate is None and rate:
+        camera = camera._replace(frame_rate=rate.value)
+        taken["frame rate"] = rate, "per second"
+    pixel, scale = stated.get("pixel"), stated.get("um per pixel")
+    if camera.um_per_px is None and pixel:
+        camera = camera._replace(um_per_px=1e6 * pixel.value)
+        taken["size of a pixel"] = pixel, "m"
+    elif camera.um_per_px is None and scale:
+        camera = camera._replace(um_per_px=scale.value)
+        taken["size of a pixel"] = scale, "um"
+    meta["notes"] = [
+        f"the file states the {kind.replace('_', ' ')}: {one.path} = {one.value:.6g} {unit}".rstrip()
+        for kind, (one, unit) in taken.items()
+    ]
+    return camera, meta, {one.path for one, _ in taken.values()}
 
 
-def _left_out(paths: Iterable[str]) -> list[str]:
+def _left_out(paths: Sequence[str]) -> list[str]:
     """Return a note, in a list, on arrays that are not used, if there are any."""
-    names = list(paths)
-    return [f"not used: {_listed(names)}"] if names else []
-
-
-def _camera(stated: Mapping[str, _Stated], camera: Camera) -> tuple[Camera, set[str]]:
-    """Return the camera as the user gives it, else as the file states it; and the paths of what is taken from it."""
-    used = set[str]()
-    rate = stated.get("frame interval") or stated.get("frame rate")
-    if rate and camera.frame_rate is None:
-        per_second = 1.0 / rate.value if "frame interval" in stated else rate.value
-        camera = camera._replace(frame_rate=per_second, rate_source=f"as {rate.path} states")
-        used.add(rate.path)
-    scale = stated.get("pixel") or stated.get("um per pixel")
-    if scale and camera.um_per_px is None:
-        um = 1e6 * scale.value if "pixel" in stated else scale.value
-        camera = camera._replace(um_per_px=um, scale_source=f"as {scale.path} states")
-        used.add(scale.path)
-    return camera, used
+    return [f"not used: {listed(paths, _LISTED)}"] if paths else []
 
 
 def _shape(leaf: Leaf) -> Any:
@@ -343,24 +355,40 @@ def _shape(leaf: Leaf) -> Any:
     return list(map(_shape, leaf)) if isinstance(leaf, list) else leaf.size if isinstance(leaf, Numbers) else 0
 
 
-def _histories(picked: Sequence[_Series]) -> list[list[Floats]]:
-    """Return, for each shot, (n,) numbers of each array, the first of which has radii: the cells, or the rows (columns)
-    of a matrix as long as the times. Raises InputError: cells that do not match."""
-    if any(isinstance(one.leaf, list) for one in picked):
-        cells = [one.leaf if isinstance(one.leaf, list) else [one.leaf] for one in picked]
-        count = max(map(len, cells))
-        cells = [leaves * count if len(leaves) == 1 else leaves for leaves in cells]
-        leaves_of = list(zip(*cells, strict=False))
-        fits = all(len(leaves) == count for leaves in cells)
-        fits = fits and all(isinstance(leaf, Numbers) for leaves in cells for leaf in leaves)
-        fits = fits and all(len({leaf.size for leaf in leaves}) == 1 for leaves in leaves_of)
-        message = f"{' and '.join(one.path for one in picked)} are cells that do not match; expected as many times as "
-        require(fits, f"{message}radii in each, or arrays of numbers, as cell2mat makes them", "matlab.cells")
-        return [[leaf.read().ravel() for leaf in leaves] for leaves in leaves_of]
+def _histories(picked: Sequence[_Series]) -> list[list[Floats] | str]:
+    """Return, for each shot, (n,) numbers of each array, the first of which has radii, or why it has none. A shot is a
+    cell, or a row (column) of a matrix; a vector beside them is the same in each. Raises InputError: no shot has such
+    numbers."""
+    cells = [one.leaf if isinstance(one.leaf, list) else [one.leaf] for one in picked]
+    if not any(isinstance(one.leaf, list) for one in picked):
+        cells = _rows_of_matrices(picked)
+    count = max(map(len, cells))
+    cells = [leaves * count if len(leaves) == 1 else leaves for leaves in cells]
+    paths = " and ".join(one.path for one in picked)
+    message = f"{paths} have {' and '.join(str(len(leaves)) for leaves in cells)} cells: expected as many of each"
+    require(count > 0 and len({*map(len, cells)}) == 1, message, "matlab.cells")
+    shots: list[list[Floats] | str] = []
+    for k, leaves in enumerate(zip(*cells, strict=True), 1):
+        sizes = [0 if isinstance(leaf, Other) else leaf.size for leaf in leaves]
+        lacks = [leaf.what for leaf in leaves if isinstance(leaf, Other)] + ["empty"] * (0 in sizes)
+        if lacks or len({*sizes}) > 1:
+            of_each = " and ".join(f"{size} of {one.path}" for size, one in zip(sizes, picked, strict=True))
+            shots.append(f"cell {k} of {count} is {lacks[0]}" if lacks else f"arrays of different lengths: {of_each}")
+        else:
+            shots.append([(leaf.read() if isinstance(leaf, Numbers) else leaf).ravel(order="F") for leaf in leaves])
+    reasons = [shot for shot in shots if isinstance(shot, str)]
+    if len(reasons) == count:
+        raise InputError(f"{paths}: {reasons[0]}; expected numbers, as many times as radii", "matlab.cells")
+    return shots
+
+
+def _rows_of_matrices(picked: Sequence[_Series]) -> list[list[Floats]]:
+    """Return the shots of each array: the rows (columns) of a matrix as long as the times, or a vector. Raises
+    InputError: it is not clear which."""
     values = [one.leaf.read() for one in picked]
     radius = values[0]
     if radius.ndim != 2 or min(radius.shape) <= 1:
-        return [[numbers.ravel() for numbers in values]]
+        return [[numbers] for numbers in values]
     values = [numbers.T if numbers.shape != radius.shape == numbers.shape[::-1] else numbers for numbers in values]
     time = next((numbers for one, numbers in zip(picked, values, strict=True) if one.kind == "time"), None)
     if time is not None and time.shape == radius.shape:
@@ -373,59 +401,37 @@ def _histories(picked: Sequence[_Series]) -> list[list[Floats]]:
         advice = "are the shots in rows or in columns? give times of the same shape, as repmat(t(:), 1, n) makes them"
         require(radius.shape[0] != radius.shape[1], f"{shapes}: {advice}", "matlab.cells")
         in_rows = radius.shape[1] == length
-    count = radius.shape[0 if in_rows else 1]
-    shots = [
-        list(numbers if in_rows else numbers.T) if numbers.shape == radius.shape else [numbers.ravel()] * count
-        for numbers in values
-    ]
-    return [list(shot) for shot in zip(*shots, strict=True)]
+    matrices = [numbers if in_rows else numbers.T for numbers in values]
+    return [list(matrix) if matrix.size == radius.size else [matrix] for matrix in matrices]
 
 
-def _bdt(arrays: Arrays, density: float, pressure: float) -> list[RadiusCurve]:
-    radii, times = ([leaf] if isinstance(leaf, Numbers) else leaf for leaf in (arrays[name] for name in _CELL_ARRAYS))
-    lists = isinstance(radii, list) and isinstance(times, list)
-    fine = lists and all(not isinstance(leaf, Other) or leaf.code != "matlab.cells" for leaf in [*radii, *times])
-    require(fine, "R_nondim_All and t_nondim_All are no cells of arrays", "matlab.cells")
-    count, stated = len(radii), _read_stated(arrays, arrays)
-    require(count == len(times), f"R_nondim_All has {count} cells but t_nondim_All {len(times)}", "matlab.cells")
-    require(count > 0, "R_nondim_All has no cells: no curve", "matlab.cells")
-    pressure, density = (
-        stated[name].value if name in stated else given
-        for name, given in (("pressure", pressure), ("density", density))
-    )
-    list_of_maxima = arrays.get("RmaxList")
-    max_radii = list_of_maxima.read().ravel() if isinstance(list_of_maxima, Numbers) else np.empty(0)
-    meta, notes, used = _meta(stated)
-    used |= {*_CELL_ARRAYS, "RmaxList"}
-    notes += _left_out(path for path in arrays if path not in used)
+def _normalised(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
+    """Read BDT's cells of R/R_max and t* = t/(R_max sqrt(rho/p)), with R_max of each in RmaxList."""
+    stated = _read_stated(arrays, arrays)
+    density = stated["density"].value if "density" in stated else density
+    pressure = stated["pressure"].value if "pressure" in stated else pressure
     per_radius = float(np.sqrt(density / pressure))  # s/m: seconds per metre of R_max and unit of t*
-
-    def curve(k: int, radius: Floats, time: Floats) -> RadiusCurve:
-        cell, max_radius = f"cell {k + 1} of {count}", float(max_radii[k]) if k < len(max_radii) else np.nan
-        fields: dict[str, Any] = {"stated_time_of_max": 0.0}
-        if radius.size == 0 or time.size == 0:
-            return unusable_curve(f"{cell} is empty", meta, **fields)
-        si: dict[str, Any] = {"time_unit": "s", "radius_unit": "m"} | fields
-        if not len(max_radii):  # the user's R_max will scale both time and radius
-            reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
-            unscaled = make_curve(time * per_radius, radius, meta=meta, time_unscaled=True, unscaled=reason, **si)
-            return unscaled.labelled(notes=(*notes, reason))
-        if not max_radius > 0:
-            return unusable_curve(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", meta, **fields)
-        scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
-        with_notes = {**meta, "notes": (f"seconds from t* with {scale}", *notes)}
-        scaled = make_curve(time * (max_radius * per_radius), radius * max_radius, meta=with_notes, **si)
-        return scaled.labelled(warnings=(*scaled.warnings, *_density_warning(scaled.frame_rate, density)))
-
-    def numbers(leaf: Leaf) -> Floats:
-        return leaf.read().ravel(order="F") if isinstance(leaf, Numbers) else np.empty(0)
-
-    return [curve(k, numbers(r), numbers(t)) for k, (r, t) in enumerate(zip(radii, times, strict=True))]
+    maxima = arrays["RmaxList"].read().ravel() if isinstance(arrays.get("RmaxList"), Numbers) else np.empty(0)
+    fields: dict[str, Any] = {"stated_time_of_max": 0.0}
+    notes = [f"seconds from t* with R_max of RmaxList, density {density:.6g} kg/m3, {pressure:.6g} Pa"]
+    if not len(maxima):  # the user's R_max will scale both time and radius
+        reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
+        fields |= {"time_unscaled": True, "unscaled": reason}
+        notes = []
+    members = []
+    for path, kind, unit, scale in zip(_CELL_ARRAYS, ("radius", "time"), ("m", "s"), (1.0, per_radius), strict=True):
+        leaf = arrays[path]
+        require(isinstance(leaf, list), "R_nondim_All and t_nondim_All are no cells of arrays", "matlab.cells")
+        factors = scale * (maxima if len(maxima) else np.ones(len(leaf)))
+        members.append(_Series(path, kind, "", unit, 0, _times_each(leaf, factors, "no scale: RmaxList has no R_max")))
+    made = _shot(arrays, [path for path in arrays if path != "RmaxList"], members, camera, notes=notes, **fields)
+    return [curve.labelled(warnings=(*curve.warnings, *_density_warning(curve, density))) for curve in made]
 
 
-def _density_warning(rate: float | None, density: float) -> list[Message]:
+def _density_warning(curve: RadiusCurve, density: float) -> list[Message]:
     """Return a warning if the density seems wrong: the rate is slightly off a round one, at which cameras run."""
-    if rate is None:
+    rate = curve.frame_rate
+    if rate is None or curve.time_unscaled:
         return []
     rounds = np.array([1.0, 2.0, 5.0])[:, None] * 10.0 ** np.arange(4, 8)
     nearest = float(rounds.flat[np.argmin(np.abs(np.log(rounds / rate)))])
@@ -435,15 +441,25 @@ def _density_warning(rate: float | None, density: float) -> list[Message]:
     return [Message("check_input.density", {"density": density, "rate": rate, "usual": nearest, "meant": meant})]
 
 
-def _shifted(arrays: Arrays) -> list[RadiusCurve]:
+def _shifted(arrays: Arrays, camera: Camera) -> list[RadiusCurve]:
     """Read rows of R/R_max over the frame times t; shift_normTnew = t/(R_max sqrt(rho/p)), rho = 1060, is not used."""
-    names = ("shift_normRnew", "Rmax", "t")
-    numbers = all(isinstance(arrays[name], Numbers) for name in names)
-    require(numbers, f"{', '.join(names)} are no arrays of numbers", "matlab.variables")
-    normal, largest, time = (arrays[name].read() for name in names)
-    fits = normal.ndim == 2 and len(normal) == largest.size
+    fine = all(isinstance(arrays[name], Numbers) for name in _ROWS)
+    require(fine, f"{', '.join(_ROWS)} are no arrays of numbers", "matlab.variables")
+    normal, largest, time = (arrays[name] for name in _ROWS)
+    fits = len(normal.shape) == 2 and normal.shape[0] == largest.size
     require(fits, f"Rmax has {largest.size} values but shift_normRnew the shape {normal.shape}")
+    rows = [Numbers((normal.shape[1],), partial(np.array, row)) for row in normal.read()]
     note = "R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew"
-    meta = {"notes": (note, *_left_out(path for path in arrays if path not in names))}
-    radii = normal * largest.reshape(-1, 1)
-    return [make_curve(time.ravel(), row, time_unit="s", meta=meta) for row in radii]
+    radius = _Series(_ROWS[0], "radius", "", None, 2, _times_each(rows, largest.read().ravel(), "without Rmax"))
+    members = [radius, _Series("t", "time", "", "s", 2, time)]
+    return _shot(arrays, [path for path in arrays if path != "Rmax"], members, camera, si=False, notes=[note])
+
+
+def _times_each(leaves: Sequence[Leaf], factors: Floats, without: str) -> list[Leaf]:
+    """Return the cells times a number each; a cell with numbers that has no positive one is `without` it."""
+    made: list[Leaf] = []
+    for leaf, factor in zip_longest(leaves, factors[: len(leaves)], fillvalue=np.nan):
+        if isinstance(leaf, Numbers) and leaf.size:
+            leaf = Numbers(leaf.shape, partial(np.multiply, leaf.read(), factor)) if factor > 0 else Other(without)
+        made.append(leaf)
+    return made

@@ -26,7 +26,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import islice, takewhile
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -92,7 +91,6 @@ class Term:
     unit: str | None = None  # the unit of a title without one; None: the title must name a unit
     label: str = ""  # its name in messages
     hint: str = ""  # how to write a missing unit
-    duplicate_advice: str = "keep the one that counts"  # how to mend a table with two such columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +267,7 @@ class Table:
         """Return the only one of these columns of one kind, or None. Raises InputError: there are several."""
         if len(columns) > 1:
             two, term = " and ".join(repr(column.title) for column in columns[:2]), columns[0].term
-            message = f"two columns for {term.label or columns[0].name.kind}: {two}; {term.duplicate_advice}"
+            message = f"two columns for {term.label or columns[0].name.kind}: {two}; keep the one that counts"
             raise self.vocabulary.error("twice", message)
         return columns[0] if columns else None
 
@@ -437,18 +435,18 @@ def _is_row_of_words(titles: list[str], texts: list[str], vocabulary: Vocabulary
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     """Read the table of a text file or of an array, or the sheets of a workbook."""
     if source.kind in ("text", "empty"):
-        limits.check(source.path.stat().st_size, limits.TEXT, "bytes of text")
+        limits.check(source.size, limits.TEXT, "bytes of text")
         limits.check(source.content.count(b"\n") + 1, limits.ROWS, "lines")
         json = re.match(rb"\s*(\{|\[\s*[\[{])", source.content) is not None
         require(not json, f"JSON is not read: save it as CSV; {vocabulary.expected}", "tabular.json")
         sheets = [_text_table(_decoded(source.content), vocabulary)]
     elif source.kind == "numpy":
-        return [_array_table(source.path, vocabulary)]
+        return [_array_table(source, vocabulary)]
     else:
         require(source.kind == "workbook", "neither text nor a workbook", "tabular.binary")
         from cavirheo.io.workbook import read_workbook
 
-        books = read_workbook(source.path, whole=vocabulary.sections)
+        books = read_workbook(source.file, whole=vocabulary.sections)
         sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in books]
     for sheet in sheets:
         limits.check(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
@@ -456,16 +454,17 @@ def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     return sheets
 
 
-def _array_table(path: Path, vocabulary: Vocabulary) -> Table:
+def _array_table(source: Source, vocabulary: Vocabulary) -> Table:
     """Return the table in an array of numpy: (n, columns) or (columns, n), or (n,) records, whose fields name the
     columns."""
+    limits.check(source.size, limits.SHEET, "bytes of an array")
+    source.file.seek(0)
     try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)  # nothing is read yet
+        array = np.load(source.file, allow_pickle=False)
     except ValueError as error:
         message = f"the array cannot be read ({error}): save numbers alone, numpy.save(file, numpy.stack([t, R]))"
         raise InputError(message, "tabular.array") from None
     limits.check(array.size, limits.ROWS, "numbers of an array")
-    limits.check(array.nbytes, limits.SHEET, "bytes of an array")
     fields = array.dtype.names or ()
     titles = [name for name in fields or vocabulary.array_titles if not fields or array.dtype[name].kind in "fiu"]
     odd = [name for name in fields if name not in titles]

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf
 from pathlib import Path
-from typing import NamedTuple, Unpack
+from typing import Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number, require
-from cavirheo.io.files import Source, file_label, guarded
+from cavirheo.errors import InputError, as_path, parse_number, require, sha256
+from cavirheo.io.curves import Camera
+from cavirheo.io.files import file_label, guarded
 from cavirheo.video.frames import CAMERA_ENDINGS, STACK_ENDINGS
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
@@ -51,7 +52,7 @@ def examine(
 
 def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
     """Return the curve of a measurement, with its name and the file it comes from. Raises InputError."""
-    digest = None if path.is_dir() else Source(path).sha256
+    digest = None if path.is_dir() else sha256(path)
     origin = {"name": path.stem, "group": path.stem, "source": file_label(path), "source_sha256": digest}
     if sheet:
         from cavirheo.video.picture import contact_sheet, data_url
@@ -61,20 +62,6 @@ def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> Rad
 
 
 _THOUSANDS = {"frame_rate": ".,"}  # marks that may separate thousands, by field
-
-
-class Camera(NamedTuple):
-    """The settings of a camera: frames per s, um per pixel, exposure in us; None: not given."""
-
-    frame_rate: float | None = None
-    um_per_px: float | None = None
-    exposure_us: float | None = None
-
-    @property
-    def options(self) -> str:
-        """The same settings as options of `cavirheo infer`."""
-        values = zip(("fps", "um-per-px", "exposure-us"), self, strict=True)
-        return "".join(f" --{name} {value:.10g}" for name, value in values if value is not None)
 
 
 def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -> tuple[Camera, list[str]]:

@@ -13,7 +13,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from itertools import chain, islice
-from pathlib import Path
+from typing import BinaryIO
 
 MEMORY = 400_000_000  # bytes of address space of the child
 _SECONDS = 30.0
@@ -21,7 +21,7 @@ _TOO_LARGE, _NO_BOOK = 3, 4  # exit statuses of the child; after the first, its 
 _PARTS = ("[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml")  # a zipped workbook has one of them
 
 
-def read_workbook(path: Path, *, whole: bool = True) -> list[tuple[str, list[tuple[int, list[str]]]]]:
+def read_workbook(file: BinaryIO, *, whole: bool = True) -> list[tuple[str, list[tuple[int, list[str]]]]]:
     """Return (name, [(row number from 1, cells)]) for each sheet of cells, in the order of their tabs, without empty
     rows. A hidden sheet has no rows and is named as hidden, unless all are. Unless `whole`, the sheets before one that
     is beyond a limit are returned, too, and that one has no rows.
@@ -34,9 +34,9 @@ def read_workbook(path: Path, *, whole: bool = True) -> list[tuple[str, list[tup
     from cavirheo.io import limits
 
     arguments = (MEMORY, limits.SHEET, limits.UNPACKED, limits.WORKBOOK_CELLS, limits.TEXT)
-    command = [sys.executable, "-P", __file__, str(path), *map(str, arguments)]
+    command = [sys.executable, "-P", __file__, *map(str, arguments)]
     try:
-        child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
+        child = subprocess.run(command, stdin=file, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired:
         message = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
         raise InputError(message, "limits.time") from None
@@ -71,24 +71,25 @@ def _problem(child: subprocess.CompletedProcess[bytes]) -> tuple[str, str]:
     return f"the workbook cannot be read, it may be damaged ({answer[:300]})", "tabular.workbook"
 
 
-def _write_rows(path: str, max_bytes: int, max_unpacked: int, max_cells: int, max_text: int) -> None:
+def _write_rows(max_bytes: int, max_unpacked: int, max_cells: int, max_text: int) -> None:
     """Print the sheets, in the child: lines of JSON, each a list of (row number, cells); (0, [name]) begins a sheet."""
     import zipfile
 
     from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
 
-    with open(path, "rb") as file:  # given the path, calamine would decide by the ending
-        with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
-            names = archive.namelist()
-            if not set(names) & set(_PARTS):
-                listed = ascii(", ".join(names[:3])[:100])[1:-1] + ", ..." * (len(names) > 3)
-                print(f"{len(names)} file{'s' * (len(names) > 1)} ({listed})", file=sys.stderr)
-                sys.exit(_NO_BOOK)
-            declared = sum(part.file_size for part in archive.infolist())
-            _exit_above(declared, max_unpacked, "limits.unpacked unpacks to", "bytes")
-        _exit_above(file.seek(0, 2), max_bytes, "limits.bytes has", "bytes")
-        file.seek(0)
-        book = CalamineWorkbook.from_filelike(file)
+    file = sys.stdin.buffer
+    file.seek(0)
+    with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
+        names = archive.namelist()
+        if not set(names) & set(_PARTS):
+            listed = ascii(", ".join(names[:3])[:100])[1:-1] + ", ..." * (len(names) > 3)
+            print(f"{len(names)} file{'s' * (len(names) > 1)} ({listed})", file=sys.stderr)
+            sys.exit(_NO_BOOK)
+        declared = sum(part.file_size for part in archive.infolist())
+        _exit_above(declared, max_unpacked, "limits.unpacked unpacks to", "bytes")
+    _exit_above(file.seek(0, 2), max_bytes, "limits.bytes has", "bytes")
+    file.seek(0)
+    book = CalamineWorkbook.from_filelike(file)
     sheets = [sheet for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
     if not sheets:
         raise ValueError("no sheet of cells")
@@ -122,10 +123,10 @@ def _text(cell: object) -> str:
 
 
 if __name__ == "__main__":
-    _memory, *_limits = map(int, sys.argv[2:])
+    _memory, *_limits = map(int, sys.argv[1:])
     with suppress(ImportError, ValueError, OSError):  # no such limit on this system: only the time limit holds
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_AS, (_memory, _memory))
-    _write_rows(sys.argv[1], *_limits)
+    _write_rows(*_limits)

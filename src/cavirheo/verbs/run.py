@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 from typer.core import TyperCommand
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, require, sha256
 from cavirheo.verbs.options import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT, Verb
 from cavirheo.writing import terminal
 
@@ -76,7 +76,7 @@ class Run:
 
     def files(self, patterns: list[Path]) -> list[Path]:
         """Return the files of the folders, patterns and `-` (standard input); one without any file is refused alone."""
-        from cavirheo.io.files import Source, expand
+        from cavirheo.io.files import expand
         from cavirheo.writing.document import CLAIM
 
         files: list[Path] = []
@@ -84,7 +84,7 @@ class Run:
             try:
                 files += expand([pattern], self.say)
                 if str(pattern) == "-" and (claim := CLAIM.get()):
-                    claim.inputs.append(Source(files[-1]).sha256)
+                    claim.inputs.append(sha256(files[-1]))
             except InputError as error:
                 self.note_unreadable([str(error)])
         self.require_any(files, "file")
