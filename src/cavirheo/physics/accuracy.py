@@ -37,7 +37,7 @@ class Accuracy:
     """
 
     cells: int = 128
-    relative_error: float = field(default=3e-4, metadata=domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1))
+    relative_error: float = field(default=2e-4, metadata=domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1))
 
     def __post_init__(self) -> None:
         expect_whole(self.cells, "cells", 8, "physics.cells")

@@ -210,7 +210,7 @@ def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving
     """Raises InputError for arguments of `simulate` of a wrong type, or that exclude each other."""
     expect(material, Material, f"a material such as {_EXAMPLE}")
     expect(bubble, Bubble, "a Bubble such as Bubble(contents='kinetic', accommodation=0.07)")
-    expect(accuracy, Accuracy, "an Accuracy such as Accuracy(cells=128, relative_error=3e-4)")
+    expect(accuracy, Accuracy, "an Accuracy such as Accuracy(cells=128, relative_error=2e-4)")
     drives = driving is None or hasattr(driving, "table")
     require(drives, f"driving must be a Pulse or a Trace, got {brief(driving)}", "physics.driving")
     message = "a gas with an exponent has no fields: leave out fields, or the exponent of the bubble"
