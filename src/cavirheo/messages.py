@@ -176,7 +176,7 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
     return f": any value {limits}{f' {unit}' if unit else ''} follows it as well"
 
 
-def _constant(stated: float | str, name: str, unit: str) -> str:
+def _constant(stated: float | str, name: str, unit: str, used: object = None) -> str:
     value = stated if isinstance(stated, str) else f"{stated:.6g}"
     return f"{_spaced(name)} {value}{f' {unit}' if unit else ''}"
 

@@ -38,15 +38,9 @@ def test_verbs_answer_the_chosen_shots_alone_by_their_names(run):
     assert name in run("show", FILE, "--shots", 2)[1]
     Path("times.csv").write_text("rmax_um,stretch,t1_us\n200,8,18\n250,8,22\n300,8,27\n", encoding="utf-8")
     for file, shots, names in ((FILE, 2, [name]), ("times.csv", "1,3", ["1", "3"])):
-        words = ("collapse-time", file, "--shots", shots, "-o", f"out-{shots}", "--no-pictures", "--json")
+        words = ("collapse-time", file, "--shots", shots, "-o", f"out-{shots}", "--json")
         (group,) = json.loads(run(*words)[1])["groups"]
         assert [shot["name"] for shot in group["shots"]] == names
-    command = ["compare", FILE.parent, *BDT, "--references", "sets.csv", "-o", "out", "--no-pictures", "--json"]
-    for shots, status in (("2-3", 0), ("2x", 2)):
-        Path("sets.csv").write_text(f'set,files,shots\ngel,{FILE.name},"{shots}"\n', encoding="utf-8")
-        found, out, _ = run(*command)
-        assert found == status
-        assert status or [row["name"] for row in json.loads(out)["curves"]] == [one.name for one in every[1:3]]
 
 
 def test_a_frame_rate_that_can_be_two_numbers_is_refused(run):

@@ -156,7 +156,7 @@ PLANTED = (
     Planted("one recording in two files counts twice", "io/shots.py",
             "return list(first.values()), remarks", "return curves, remarks", ("test_watch", "test_outputs")),
     Planted("any file of the machine is uploaded", "app/page.py",
-            "path.is_relative_to(folder) and path.is_file()", "path.is_file()", ("test_app",)),
+            "not all(path.is_relative_to(folder) for path in paths)", "not paths", ("test_app",)),
     Planted("split of a training set leaves out curves", "training/dataset.py",
             "[round(0.8 * n), round(0.9 * n)]", "[round(0.8 * n), round(0.8 * n) + 1]", ("test_dataset",)),
 )  # fmt: skip

@@ -2,7 +2,7 @@
 for sums of them, and a clear word for every mistake of whoever simulates."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from inspect import signature
 from itertools import cycle
 from math import inf, nan
@@ -28,7 +28,11 @@ from cavirheo.physics.table import look_up
 class Own(Viscous):
     """The viscosity that a function gives."""
 
-    apparent: Callable[[np.ndarray], np.ndarray]
+    apparent: Callable[[np.ndarray], np.ndarray] = field(repr=False)
+
+
+def falling(rate: np.ndarray) -> np.ndarray:
+    return 0.01 + 0.4 * np.exp(-1e-5 * rate)
 
 
 ELASTIC: list[tuple[Elastic, float]] = [  # a law and its small-strain shear modulus, Pa
@@ -51,7 +55,7 @@ VISCOUS: list[Viscous] = [
     laws.CarreauYasuda(0.5, 0.01, 1e-4, 0.4, 0.7),
     laws.Cross(0.5, 0.01, 1e-4, 0.8),
     laws.PowellEyring(0.5, 0.01, 1e-4),
-    Own(lambda s: 0.01 + 0.4 * np.exp(-1e-5 * s)),
+    Own(falling),
 ]
 RATIOS = np.concatenate([np.geomspace(0.4, 0.98, 40), np.geomspace(1.02, 5.3, 40)])
 RATES = np.geomspace(1e-2, 1e8, 83)
