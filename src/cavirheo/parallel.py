@@ -231,6 +231,9 @@ def end_processes() -> None:
 def prepare_exit() -> None:
     """End all processes, and release what they shared. To be called before an exit that skips the exit handlers."""
     end_processes()
+    for thread in threading.enumerate():  # of loky: an exit while one of them releases a semaphore shows it as leaked
+        if thread.name in ("ExecutorManagerThread", "QueueFeederThread"):
+            thread.join(1.0)
     multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined]  # otherwise stderr shows leaked semaphores
 
 

@@ -25,6 +25,7 @@ import numpy as np
 from cavirheo.errors import InputError, printable, require
 from cavirheo.io import limits
 from cavirheo.video.frames import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
+from cavirheo.writing import digits
 
 _TEXT_ENDINGS = {".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"}
 FILE_ENDINGS = {".mat", ".npy", ".h5", ".hdf5", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", *_TEXT_ENDINGS, *ENDINGS}
@@ -218,7 +219,7 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
         return [folder]  # its images are the frames of one recording
     kinds = ", ".join(sorted(FILE_ENDINGS))
     require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
-    notify(f"{folder}: {len(taken)} files" + (f"; {left} others left out" if left else ""))
+    notify(f"{folder}: {digits.counted(len(taken), 'file')}" + (f"; {left} others left out" if left else ""))
     return taken
 
 

@@ -171,7 +171,7 @@ def group_facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """How many shots there are and count, their sizes and collapses."""
     facts = [digits.counted(len(shots), "shot")]
     if group.n_counted < len(shots):
-        facts.append(f"{group.n_counted} of them count")
+        facts.append(f"{group.n_counted} of them {'counts' if group.n_counted == 1 else 'count'}")
     if sizes := digits.ends([shot.max_radius_m for shot in shots], 1e6):
         facts.append(f"R_max {sizes} µm")
     return facts + _windows(shots)
