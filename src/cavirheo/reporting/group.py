@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.messages import Message
+from cavirheo.messages import Message, title
 from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, is_law_parameter, parameter_of
 from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord, OtherModel, Sentence, log_evidence_key
@@ -273,7 +273,8 @@ def _doubts(answered: Sequence[CurveRecord], population: PopulationRecord | None
     total = len(answered)
     doubted = [record for record in answered if record.verdict == "check_input"]
     if _most(len(doubted), total):
-        messages.append(Message("group.doubt.input", {"count": len(doubted), "total": total}))
+        counts = {"count": len(doubted), "total": total}
+        messages.append(Message("group.doubt.input", {**counts, "reason": _reason(doubted)}))
     pulled = [record for record in answered if {*CAMERA} & {*record.diagnostics.at_bound}]
     if total > 1 and _most(len(pulled), total):
         names = sorted({name for record in pulled for name in record.diagnostics.at_bound if name in CAMERA})
@@ -282,6 +283,15 @@ def _doubts(answered: Sequence[CurveRecord], population: PopulationRecord | None
         parts = [(heap.low, heap.high, heap.shots) for heap in heaps]
         messages.append(Message("group.doubt.heaps", {"name": name, "heaps": parts}))
     return messages
+
+
+def _reason(doubted: Sequence[CurveRecord]) -> str:
+    """The input warning that most of these shots have; what its sentences have in common, if they differ."""
+    warnings = [message for record in doubted for message in record.warnings or record.messages]
+    for code, _ in Counter(message.code for message in warnings).most_common(1):
+        texts = {message.text for message in warnings if message.code == code}
+        return title(code) if len(texts) > 1 else texts.pop()
+    return "see each shot"
 
 
 def _verdict(
@@ -324,10 +334,10 @@ def _jointly_preferred(records: Sequence[CurveRecord]) -> list[str]:
 
     gains: dict[str, list[float]] = {}
     for record in records:
-        for title, model in _by_model(record.other_models).items():
-            if record.evidence is not None and model.log_evidence is not None and title != record.model_title:
-                gains.setdefault(title, []).append(model.log_evidence - record.evidence.log)
-    return [title for title, mine in gains.items() if rejects(float(np.sum(mine)), [None] * len(mine))]
+        for name, model in _by_model(record.other_models).items():
+            if record.evidence is not None and model.log_evidence is not None and name != record.model_title:
+                gains.setdefault(name, []).append(model.log_evidence - record.evidence.log)
+    return [name for name, mine in gains.items() if rejects(float(np.sum(mine)), [None] * len(mine))]
 
 
 def _by_model(answers: Iterable[OtherModel]) -> dict[str, OtherModel]:

@@ -119,7 +119,7 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord
         exceptions = [shot for shot in shots if shot.verdict not in TRUSTED or shot.name in outliers]
         shown = exceptions[:MOST_EXCEPTIONS]
     factor, unit = result.modulus_unit
-    rows = [["shot", "R_max", "λ", f"G {unit}", "90 %", "µ Pa s", "90 %", "misfit", ""]] if shown else []
+    rows = [["shot", "R_max", "λ", f"G {unit}", "90 %", "µ Pa s", "90 %", "misfit %", ""]] if shown else []
     for shot in shown:
         mark = "" if shot.verdict == "ok" else digits.VERDICT_WORDS[shot.verdict]
         rows.append([digits.elide(names[shot.name], _NAME), *shot_cells(shot, factor), mark])
@@ -147,7 +147,7 @@ def _table_width(rows: Sequence[Sequence[str]]) -> int:
 def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
     for label, parts in answer_lines(result, group, shots, out):
         if label == "use":
-            _say(label, parts[0], style=digits.VERDICT_STYLES[group.verdict].terminal, most=2)
+            _say(label, parts[0], style=digits.VERDICT_STYLES[group.verdict].terminal, most=3)
         else:
             _say(label, "   ".join(parts), style="bold" if label in _VALUES.values() else "")
 
@@ -199,14 +199,14 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     disagreeing = list(group.heaps)
     if len(group.doubts) == len(disagreeing) == 1 and disagreeing[0] in _OTHERS:
         symbol, other = parameter_of(disagreeing[0]).symbol, parameter_of(_OTHERS[disagreeing[0]]).symbol
-        return f"{other} with care, {symbol} not: the shots disagree{moved}"
+        return f"{other} with care, not {symbol}, in which the shots disagree{moved}"
     if group.doubts:
-        more = f" (and {len(group.doubts) - 1} more)" if len(group.doubts) > 1 else ""
+        more = f"; {digits.counted(len(group.doubts) - 1, 'more doubt')} in the report" if len(group.doubts) > 1 else ""
         return f"nothing yet: {group.doubts[0].text}{more}"
     if group.verdict == "does_not_fit":
         count = sum(shot.verdict == "does_not_fit" for shot in shots)
-        recordings = "the recording" if len(shots) == 1 else f"{count} of {len(shots)} recordings"
-        return f"nothing: the law does not follow {recordings}"
+        recordings = "the recording does" if len(shots) == 1 else f"{count} of {len(shots)} recordings do"
+        return f"nothing: {recordings} not follow the law"
     if group.verdict == "check_input":
         return f"nothing yet: {'; '.join(message.text for message in shots[0].warnings)}"
     if group.verdict == "failed":
@@ -223,9 +223,9 @@ def _facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """Constants that were not given, and the switches; in one line if there is room."""
     values = {name: value for shot in shots for name, value in shot.provenance.get("assumed", {}).items()}
     switches = group.population.switches if group.population and group.has_answer else {}
-    facts = [f"{constants_in_words(values)}: not given"] if values else []
+    facts = [f"assumed, for not given: {constants_in_words(values)}"] if values else []
     if shares := [f"{_SWITCHES[name]} {100.0 * share:.0f} %" for name, share in switches.items() if name in _SWITCHES]:
-        facts.append(", ".join(shares))
+        facts.append(f"probabilities: {', '.join(shares)}")
     line = ".   ".join(facts)
     return [line] if line and len(line) + _LABEL <= WIDTH else facts
 
@@ -239,7 +239,7 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
     if "group.doubt.ends" in codes:
         return "the same command with the right --um-per-px (or --rmax-um) and --fps"
     if "group.doubt.heaps" in codes:
-        return f"cavirheo infer {_first_heap(group, shots)}   (each heap by itself)"
+        return f"cavirheo infer {_first_heap(group, shots)}   (each part by itself)"
     if group.verdict == "does_not_fit":
         return f"cavirheo which-law {_files(shots, 2)}"
     if group.verdict == "unverified":
