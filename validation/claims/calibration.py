@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import truncnorm
 
-from cavirheo import NeoHookeanKelvinVoigt, Newtonian, Posterior, RadiusCurve, fit, infer_many, simulate
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, Posterior, RadiusCurve, fit_many, infer_many, simulate
 from cavirheo.errors import SolverError
 from cavirheo.inference.answer import NEEDED
 from cavirheo.inference.assumptions import AUTO, Family, Options
@@ -144,7 +144,7 @@ def film(
 
 def answered(curve: RadiusCurve, way: str, seed: int) -> Posterior:
     if way == "fit":
-        return fit(curve, free=("t0", "scale", "rmax"), trust_input=True, seed=seed, workers=1)
+        return fit_many([curve], free=("t0", "scale", "rmax"), trust_input=True, seed=seed, workers=1)[0]
     law = None if way == "infer" else way
     return infer_many([curve], material=law, trust_input=True, seed=seed, workers=1)[0]
 

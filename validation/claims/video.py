@@ -130,7 +130,7 @@ def one(job: tuple[str, int]) -> dict:
     row = {"error": (found.track.radius - film.radius)[ok].tolist()}
     row["usual"] = usual[ok & np.isfinite(usual)].tolist()
     if kind in FITTED and seed == FIRST[kind]:
-        answer = cavirheo.fit(curve, bubble="field", workers=1)
+        answer = cavirheo.fit(curve, bubble="field")
         row["G"] = answer.median("shear_modulus") / shot.G - 1.0
         row["mu"] = answer.median("viscosity") / shot.mu - 1.0
     return row

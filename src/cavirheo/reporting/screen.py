@@ -223,7 +223,7 @@ def _facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """Constants that were not given, and the switches; in one line if there is room."""
     values = {name: value for shot in shots for name, value in shot.provenance.get("assumed", {}).items()}
     switches = group.population.switches if group.population and group.has_answer else {}
-    facts = [f"assumed, for not given: {constants_in_words(values)}"] if values else []
+    facts = [f"assumed, as none is given: {constants_in_words(values)}"] if values else []
     if shares := [f"{_SWITCHES[name]} {100.0 * share:.0f} %" for name, share in switches.items() if name in _SWITCHES]:
         facts.append(f"probabilities: {', '.join(shares)}")
     line = ".   ".join(facts)
