@@ -371,7 +371,7 @@ def switched(seed, liquid=0.0, stiffening=0.0, field=0.0, *, mu=0.03, draws=400)
 
 
 GROUPS = {  # switches of the shots, and law, viscosity and bubble of the material
-    "nearly all say liquid": ([dict(liquid=0.9)] * 4 + [dict(liquid=0.2)], "newtonian", 0.06, REAL),
+    "nearly all say liquid": ([dict(liquid=0.99)] * 4 + [dict(liquid=0.2)], "newtonian", 0.06, REAL),
     "each is unsure, all are not": ([dict(liquid=0.2)] * 6, "nhkv", 0.03, REAL),
     "a shot without a liquid outvotes": ([dict(liquid=0.8)] * 2 + [dict()] * 2, "nhkv", 0.03, REAL),
     "stiffening": ([dict(stiffening=0.8)] * 4, "fung + newtonian", 0.03, REAL),
@@ -385,7 +385,7 @@ def test_shots_of_one_material_share_its_switches(name):
     """Two heaps of draws, of a liquid and of a gel: the material has those of one of them alone."""
     shares, law, viscosity, bubble_model = GROUPS[name]
     answers = [switched(k, **share) for k, share in enumerate(shares)]
-    shared, _ = share_switches(answers, only_trusted=True)
+    shared = share_switches(answers, only_trusted=True).answers
     assert {one.material for one in shared} == {law}
     assert {one.bubble for one in shared} == {bubble_model}
     for one in shared:
@@ -402,11 +402,11 @@ def test_shots_of_one_material_share_its_switches(name):
 def test_a_doubtful_shot_has_no_vote_in_the_switches():
     liquids, gel = [switched(k, liquid=0.95) for k in range(2)], switched(9)
     wrong = replace(gel, checks=Checks("does_not_fit"))
-    assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True)[0]} == {"newtonian"}
+    assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True).answers} == {"newtonian"}
     plain = seen(CENTRE, 0.05)  # by another law
-    assert share_switches([plain], only_trusted=True)[0] == [plain]
+    assert share_switches([plain], only_trusted=True).answers == [plain]
     real = replace(plain, switches={"field_bubble": 0.2})  # another law has the switch of its bubble alone
-    assert share_switches([real, real], only_trusted=True)[0] == [real, real]
+    assert share_switches([real, real], only_trusted=True).answers == [real, real]
 
 
 @pytest.mark.parametrize(("change", "factor"), [("scale", 1.0), ("rate", 1.0), ("density", 0.5), ("pressure", -0.5)])
@@ -458,3 +458,23 @@ def test_a_bound_that_reaches_over_the_gap_does_not_hide_two_heaps():
     soft = replace(seen([3.6, -1.0], [0.05, 0.05], draws=500), traded={"shear_modulus": "lower"})
     first, second = two_heaps([soft, *low, *high], "abcde", "shear_modulus")
     assert (first.shots, second.shots) == (("b", "c"), ("d", "e"))
+
+
+def soft(seed, liquid, top) -> Posterior:
+    """A shot that tells of G only that it is below 10^top Pa: the draws of a gel are flat from 100 Pa up to there."""
+    one = switched(seed, liquid=liquid, stiffening=0.5 * (1.0 - liquid), draws=140)
+    theta = one.theta.copy()
+    gel = np.isfinite(theta[:, 0])
+    theta[gel, 0] = np.random.default_rng(seed).uniform(2.0, top, np.count_nonzero(gel))
+    return replace(one, theta=theta, prior=one.prior | {NAMES[0]: (2.0, 7.0)})
+
+
+def test_many_soft_gels_are_not_surely_a_liquid_and_their_modulus_is_bounded():
+    """Each shot holds a fifth of the prior of G, and says liquid with 5 : 1 of evidence; so do ten of one modulus."""
+    answers = [soft(k, 5.0 / 7.0, 3.0) for k in range(10)]
+    found = population(answers)
+    assert 0.5 < found.switches["liquid"] < 0.95
+    value = found.quantity("G")
+    assert (value.median, value.bound, value.q05) == (None, "upper", 0.0)
+    assert 300.0 < value.q95 < 2000.0
+    assert found.interval("G") == (0.0, value.q95)

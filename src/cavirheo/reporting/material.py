@@ -261,7 +261,7 @@ def population_record(
         fields["remarks"] = [_trends_in_words(column, population.along_at or 0.0, slopes), *fields["remarks"]]
     return PopulationRecord(
         **fields,
-        **PopulationRecord.fields_of({name: population.quantity(name) for name in population.names}),
+        **PopulationRecord.fields_of({name: population.quantity(name) for name in population.quantities}),
         spread_decades=Quantity.from_interval(*np.quantile(whole, [0.05, 0.5, 0.95]).tolist()),
         spreads_decades=each(population.scatter),
         common=each(population.if_common),

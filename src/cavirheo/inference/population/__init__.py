@@ -29,6 +29,7 @@ from cavirheo.parameters import (
     bound_of,
     column_name,
     is_law_parameter,
+    matching,
     named,
     natural_name,
     parameter_of,
@@ -102,6 +103,7 @@ class Population:
         shot_values: of each shot that counts: its own median, interval and bound of each parameter, by name.
         heaps: the two heaps, the lower one first, into which the shots fall in a parameter in which they disagree.
         switches: probability of each switch of the default family, by all shots together.
+        modulus_limit: 95 % limit of G, Pa, where the material may be a liquid but need not be one: G is then a bound.
         errors: relative standard deviations of the errors that all shots share.
         over_scale: relative change of each parameter per relative change of R_max; those that are known.
     """
@@ -128,6 +130,7 @@ class Population:
     shot_values: tuple[Mapping[str, Quantity], ...] = ()
     heaps: Mapping[str, tuple[Heap, Heap]] = field(default_factory=dict)
     switches: Mapping[str, float] = field(default_factory=dict)
+    modulus_limit: float | None = None
     errors: CommonErrors = field(default_factory=CommonErrors)
     over_scale: Mapping[str, float] = field(default_factory=dict)
 
@@ -148,10 +151,22 @@ class Population:
         InputError: no such parameter, or no draws."""
         return np.asarray(10.0 ** self.centre[:, self._column(name)])
 
+    @property
+    def quantities(self) -> list[str]:
+        """The law's parameters, and G where it has a limit alone."""
+        limited = ["shear_modulus"] if self.modulus_limit is not None else []
+        return [*dict.fromkeys([*limited, *self.names])]
+
+    def _is_limited(self, name: str) -> bool:
+        """Whether a parameter is G with a limit."""
+        return self.modulus_limit is not None and matching(name, ["shear_modulus"]) is not None
+
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
-        """Central interval of the material's parameter with the probability `level`, SI. Raises InputError: as `draws`,
-        or the level is not between 0 and 1."""
+        """Central interval of the material's parameter with the probability `level`, SI; of a G with a limit 0 and the
+        limit. Raises InputError: as `draws`, or the level is not between 0 and 1."""
         check_level(level)
+        if self._is_limited(name) and self.modulus_limit is not None:
+            return 0.0, self.modulus_limit
         low, _, high = self._ends(self.centre, name, level)
         return 10.0**low, 10.0**high
 
@@ -164,6 +179,8 @@ class Population:
         `Posterior.bound`. None if its interval is inside the range and no wider than a factor of 10, and at least three
         shots, or as many as bound it, determine it by themselves; "wide", if the shots disagree (`heaps`). Raises
         InputError: as `draws`."""
+        if self._is_limited(name):
+            return "upper"
         name = self.names[self._column(name)]
         if name in self.heaps:
             return "wide"
@@ -174,6 +191,8 @@ class Population:
     def quantity(self, name: str) -> Quantity:
         """Median, 90 % interval and bound of a parameter, SI; where the shots disagree, the ends of all of them. Raises
         InputError: as `draws`."""
+        if self._is_limited(name):
+            return Quantity(q05=0.0, q95=self.modulus_limit, bound="upper")
         name = self.names[self._column(name)]
         if name in self.heaps:
             first, second = self.heaps[name]
@@ -400,22 +419,23 @@ def population(
     for argument, values in (("names", shots), ("along", column)):
         message = f"{argument} must have one entry for each of the {len(own)} answers"
         require(np.shape(values) == (len(own),), message, f"population.{argument}")
-    shared, switches = share_switches(own, only_trusted=only_trusted)
-    likelihoods, excluded = _select_likelihoods(shared, column, only_trusted)
-    first = shared[next(iter(likelihoods), 0)]
+    shared = share_switches(own, only_trusted=only_trusted)
+    likelihoods, excluded = _select_likelihoods(shared.answers, column, only_trusted)
+    first = shared.answers[next(iter(likelihoods), 0)]
     empty = Population(
         names=tuple(natural_name(name) for name in first.names if is_law_parameter(name)),
         material=first.material,
         bubble=first.bubble,
         shots=tuple(shots[i] for i in likelihoods),
         left_out=excluded,
-        switches=switches,
+        switches=shared.switches,
+        modulus_limit=shared.modulus_limit,
         errors=errors or CommonErrors(),
     )
     if len(likelihoods) < MIN_SHOTS:
         count = digits.counted_shots(len(likelihoods), len(own))
         return replace(empty, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
-    pairs = [(own[i], shared[i]) for i in likelihoods]
+    pairs = [(own[i], shared.answers[i]) for i in likelihoods]
     return _with_material(
         empty, pairs, [*likelihoods.values()], None if along is None else column[[*likelihoods]], seed
     )
