@@ -168,7 +168,8 @@ class _Fit:
             gaussians = Gaussians(share / np.sum(share), mean, covariance, kinds)
             densities = gaussians.log_densities(theta, np.zeros((1, k, d)), np.zeros((1, d, d)))
             log_p = np.ascontiguousarray(densities.T)
-            log_p[0] -= np.log(self.volume(mean[0], covariance[0]))  # it then has the integral 1 over the prior's range
+            inside = max(self.volume(mean[0], covariance[0]), 1e-12)
+            log_p[0] -= np.log(inside)  # it then has the integral 1 over the prior's range
             log_p += np.log(gaussians.share)[:, None]
             total = np.logaddexp.reduce(log_p, axis=0)
             resp = np.exp(log_p - total)
