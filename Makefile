@@ -45,7 +45,7 @@ test-newest:
 	build/newest/bin/pip install --quiet --disable-pip-version-check . pytest
 	build/newest/bin/python -m pytest -m "not slow" tests/physics/test_materials.py tests/meta/test_golden.py
 
-# Ten claims as numbers with their standard errors, in ten minutes; FULL=1 takes all cases, DATA=folder the open sets.
+# The claims as numbers with their standard errors, in ten minutes; FULL=1 takes all cases, DATA=folder the open sets.
 # For a release: make validate FULL=1 DATA=folder RESULTS=validation/results.json pages
 RESULTS ?= build/validate.json
 validate: $(VENV)/test.done

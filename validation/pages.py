@@ -27,7 +27,7 @@ UNMEASURED = re.compile(  # what is measured only where it is named, or with a p
 )
 AT_BEGINNING = re.compile(r"^\s*(?:[-*>]|\d+\.)?\s*<!--[a-z_]+\.", re.MULTILINE)  # Markdown would end the paragraph
 
-HEAD = """# Ten claims
+HEAD = """# Claims
 `make validate` measures them again; they stand in [results.json](../validation/results.json).
 ± is the standard error over n cases.
 [Validation](validation.md) explains the tests, and says what was not reached.
@@ -70,6 +70,11 @@ CLAIMS = (
         "population",
         "90 % intervals of the material of many shots: its centre, and its spread",
         (("centre", "centre.90", ".0%", "%"), ("spread", "spread.90", ".0%", "%")),
+    ),
+    Claim(
+        "groups",
+        "90 % intervals of groups of simulated recordings with errors of scale, frame rate and density that all share",
+        (("G", "clean.shear_modulus", ".0%", "%"), ("µ", "clean.viscosity", ".0%", "%")),
     ),
     Claim(
         "design",

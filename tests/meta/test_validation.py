@@ -110,7 +110,7 @@ def test_a_page_has_the_numbers_of_the_results(page):
 @pytest.mark.repository
 def test_the_page_of_claims_is_that_of_the_results_and_headline_numbers_are_marked():
     assert pages.PAGE.read_text("utf-8") == pages.page(RESULTS), "run python -m validation --page"
-    assert len(RESULTS) == len(pages.CLAIMS) == 10
+    assert {claim.name for claim in pages.CLAIMS} == {*RESULTS}
     for page in ("README.md", "docs/how-far.md", "docs/validation.md"):
         assert pages.MARKED.search((ROOT / page).read_text("utf-8"))
         assert not pages.AT_BEGINNING.search((ROOT / page).read_text("utf-8"))
