@@ -115,6 +115,7 @@ class Threads:
                     try:
                         ended.put((index, function(jobs[index]), None))
                     except BaseException as error:  # raised again in the thread that waits
+                        waiting.clear()
                         ended.put((index, None, error))
 
         with one_blas_thread:
