@@ -182,7 +182,9 @@ def _value_line(result: Result, group: GroupRecord, name: str) -> list[str]:
         return [f"shots disagree: {heaps_in_words(name, heaps)}"]
     value = group.viscosity if name == "viscosity" else group.value(name)
     if not value.known:
-        return []
+        switches = group.population.switches if group.population else {}
+        is_liquid = name == "shear_modulus" and switches.get("liquid", 0.0) > 0.95
+        return ["none: the material is a liquid"] if is_liquid else []
     factor, unit = result.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
     middle, interval = value_parts(value, factor)
     line = [f"{middle} {unit}", interval] if middle else [f"{interval} {unit}"]
