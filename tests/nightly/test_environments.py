@@ -13,7 +13,7 @@ from valid import TEXTS
 pytestmark = pytest.mark.slow
 
 COMMANDS = {
-    "infer": "infer curve.csv --verify none -o out",
+    "infer": "infer curve.csv -o out",
     "fit": "fit curve.csv --window 1 -o out",
     "simulate": "simulate --rmax-um 250 --stretch 7 --material newtonian(0.05) --fields -o out",
     "rheometer": "rheometer frequency.csv -o out",

@@ -18,9 +18,9 @@ from cavirheo.workflow.store import Store
 from cavirheo.writing.document import LIST_FILE
 
 COMMANDS = {  # shots, kills, words
-    "infer": (50, 8, ["infer", "shots", "--verify", "none", "-o", "out"]),
+    "infer": (12, 8, ["infer", "shots", "-o", "out"]),
     "fit": (12, 4, ["fit", "shots", "--window", "2", "-o", "out"]),
-    "verify": (3, 5, ["infer", "shots", "--model", "bdt-viscoelastic", "--verify", "full", "-o", "out"]),
+    "network": (50, 5, ["infer", "shots", "--model", "bdt-viscoelastic", "-o", "out"]),
     "references": (12, 3, ["infer", "shots", "--references", "references.csv", "-o", "out"]),
 }
 

@@ -1,17 +1,13 @@
-"""Measure recordings as RadiusCurves, guarded like other files; and parse what a user types about the camera."""
+"""Measure recordings as RadiusCurves, guarded like other files."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import inf
 from pathlib import Path
 from typing import Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number, require, sha256
-from cavirheo.io.curves import Camera
+from cavirheo.errors import as_path, require, sha256
 from cavirheo.io.files import file_label, guarded
-from cavirheo.video.frames import CAMERA_ENDINGS, STACK_ENDINGS
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
 
@@ -59,26 +55,3 @@ def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> Rad
 
         origin["contact_sheet"] = data_url(contact_sheet(measurement))
     return measurement.curve(**origin)
-
-
-_THOUSANDS = {"frame_rate": ".,"}  # marks that may separate thousands, by field
-
-
-def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -> tuple[Camera, list[str]]:
-    """Return (the camera in these texts; for each field, why a recording with this ending cannot be measured with it,
-    or ""). unscaled: the file is known to state no scale."""
-    rate = "missing: type the rate of the camera; the file states only how fast it is played"
-    scale = "missing: type how many micrometres a pixel shows"
-    errors = [
-        "" if ending in (*CAMERA_ENDINGS, *STACK_ENDINGS) else rate,
-        scale if unscaled or ending not in STACK_ENDINGS else "",
-        "",
-    ]
-    values: list[float | None] = [None, None, None]
-    for k, (text, field) in enumerate(zip(texts, Camera._fields, strict=True)):
-        try:
-            if (value := parse_number(text, field.replace("_", " "), _THOUSANDS.get(field, ","))) is not None:
-                values[k], errors[k] = value, "" if 0 < value < inf else "must be a positive number"
-        except InputError as error:
-            errors[k] = str(error)
-    return Camera(*values), errors

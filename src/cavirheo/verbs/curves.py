@@ -16,7 +16,6 @@ from cavirheo.writing import digits
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
 
-WIDE = 110  # columns of a terminal in which no cell of the comparison needs two lines
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
