@@ -82,9 +82,15 @@ def of_kind(kind: str, rng: np.random.Generator) -> tuple[dict[str, float], Mate
         law = Viscoelastic(Fung(truth["shear_modulus"], truth["stiffening"]), Newtonian(truth["viscosity"]))
     if kind == "field":
         return truth, law, FIELD
-    truth["accommodation"] = float(10 ** rng.uniform(-2.0, 0.0))
-    truth[ADDED] = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
-    return truth, law, Bubble("kinetic", truth["accommodation"], confinement_damping=truth[ADDED])
+    bubble = real_bubble(rng)
+    truth |= {"accommodation": float(bubble.accommodation), ADDED: float(bubble.confinement_damping)}
+    return truth, law, bubble
+
+
+def real_bubble(rng: np.random.Generator) -> Bubble:
+    accommodation = float(10 ** rng.uniform(-2.0, 0.0))
+    damping = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
+    return Bubble("kinetic", accommodation, confinement_damping=damping)
 
 
 @cache

@@ -14,12 +14,9 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import savgol_filter
-from scipy.stats import truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, infer_many
 from cavirheo.errors import SolverError
-from cavirheo.inference.experiment import BOUND_SCALES, ZETA
-from cavirheo.physics.bubble import Bubble
 from cavirheo.reporting import result
 from validation.claims import calibration
 from validation.numbers import SEED, Number, Run, coverage, share, statistic
@@ -34,9 +31,7 @@ def shots(modulus: float, viscosity: float, count: int, rng: np.random.Generator
     """Recordings of one gel by a camera of 1 % noise."""
     made = list[RadiusCurve]()
     while len(made) < count:
-        accommodation = float(10 ** rng.uniform(-2.0, 0.0))
-        damping = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
-        bubble = Bubble("kinetic", accommodation, confinement_damping=damping)
+        bubble = calibration.real_bubble(rng)
         stretch, top = float(rng.uniform(4.0, 11.0)), float(rng.uniform(100e-6, 400e-6))
         gel, name = NeoHookeanKelvinVoigt(modulus, viscosity), f"shot {len(made) + 1}"
         try:

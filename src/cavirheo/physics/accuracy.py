@@ -44,7 +44,7 @@ class Accuracy:
         check(self)
 
 
-DEFAULT = Accuracy()  # median error 4e-5 of R_max, up to 4e-4 in the most violent collapses
+DEFAULT = Accuracy()  # median error 4e-5 of R_max, up to 1e-3 in the most violent collapses
 PRECISE = Accuracy(384, 1e-5)  # ten times as accurate as the default, and five times as slow
 ROUGH = Accuracy(64, 3e-4)  # inside a search: 2 ms, error up to 1 % of R_max, mostly 0.04 %
 BRISK = Accuracy(64, 1e-3)  # for draws, corrected by its difference from the default, which hardly changes

@@ -288,10 +288,11 @@ def _doubts(answered: Sequence[CurveRecord], population: PopulationRecord | None
 def _reason(doubted: Sequence[CurveRecord]) -> str:
     """The input warning that most of these shots have; what its sentences have in common, if they differ."""
     warnings = [message for record in doubted for message in record.warnings or record.messages]
-    for code, _ in Counter(message.code for message in warnings).most_common(1):
-        texts = {message.text for message in warnings if message.code == code}
-        return title(code) if len(texts) > 1 else texts.pop()
-    return "see each shot"
+    if not warnings:
+        return "see each shot"
+    code = Counter(message.code for message in warnings).most_common(1)[0][0]
+    texts = {message.text for message in warnings if message.code == code}
+    return title(code) if len(texts) > 1 else texts.pop()
 
 
 def _verdict(

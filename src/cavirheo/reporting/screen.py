@@ -183,7 +183,7 @@ def _value_line(result: Result, group: GroupRecord, name: str) -> list[str]:
     value = group.viscosity if name == "viscosity" else group.value(name)
     if not value.known:
         switches = group.population.switches if group.population else {}
-        is_liquid = name == "shear_modulus" and switches.get("liquid", 0.0) > 0.95
+        is_liquid = name == "shear_modulus" and switches.get("liquid", 0.0) > 0.5
         return ["none: the material is a liquid"] if is_liquid else []
     factor, unit = result.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
     middle, interval = value_parts(value, factor)

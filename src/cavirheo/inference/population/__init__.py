@@ -157,16 +157,16 @@ class Population:
         limited = ["shear_modulus"] if self.modulus_limit is not None else []
         return [*dict.fromkeys([*limited, *self.names])]
 
-    def _is_limited(self, name: str) -> bool:
-        """Whether a parameter is G with a limit."""
-        return self.modulus_limit is not None and matching(name, ["shear_modulus"]) is not None
+    def _limit_of(self, name: str) -> float | None:
+        """`modulus_limit`, if the parameter is G."""
+        return None if matching(name, ["shear_modulus"]) is None else self.modulus_limit
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """Central interval of the material's parameter with the probability `level`, SI; of a G with a limit 0 and the
         limit. Raises InputError: as `draws`, or the level is not between 0 and 1."""
         check_level(level)
-        if self._is_limited(name) and self.modulus_limit is not None:
-            return 0.0, self.modulus_limit
+        if (limit := self._limit_of(name)) is not None:
+            return 0.0, limit
         low, _, high = self._ends(self.centre, name, level)
         return 10.0**low, 10.0**high
 
@@ -179,7 +179,7 @@ class Population:
         `Posterior.bound`. None if its interval is inside the range and no wider than a factor of 10, and at least three
         shots, or as many as bound it, determine it by themselves; "wide", if the shots disagree (`heaps`). Raises
         InputError: as `draws`."""
-        if self._is_limited(name):
+        if self._limit_of(name) is not None:
             return "upper"
         name = self.names[self._column(name)]
         if name in self.heaps:
@@ -191,8 +191,8 @@ class Population:
     def quantity(self, name: str) -> Quantity:
         """Median, 90 % interval and bound of a parameter, SI; where the shots disagree, the ends of all of them. Raises
         InputError: as `draws`."""
-        if self._is_limited(name):
-            return Quantity(q05=0.0, q95=self.modulus_limit, bound="upper")
+        if (limit := self._limit_of(name)) is not None:
+            return Quantity(q05=0.0, q95=limit, bound="upper")
         name = self.names[self._column(name)]
         if name in self.heaps:
             first, second = self.heaps[name]
