@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Bools, Floats, log_sum, relative_weights
+from cavirheo.arrays import Bools, Floats, log_sum
 from cavirheo.inference.assumptions import AUTO, LIQUID, PLAIN
 from cavirheo.inference.experiment import FIELD_PROBABILITY
 from cavirheo.parameters import LOG10
@@ -77,8 +77,7 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
     log_probability = {state: float(np.log(prior)) for state, prior in PRIOR.items()}
     log_ratios = {state: np.zeros(POINTS) for state in PRIOR if state.kind != "liquid"}
     for answer in votes:
-        weight = relative_weights(np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight)
-        weight = weight / np.sum(weight)
+        weight = answer.weights
         least = 0.5 * float(np.sum(weight**2))  # half a draw: none is no proof
         for state, prior in PRIOR.items():
             inside = in_state(answer, state)
