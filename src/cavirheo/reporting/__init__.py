@@ -12,7 +12,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import html, pictures, table
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.group import REFERENCE_METHODS, GroupRecord, Published
+from cavirheo.reporting.group import GroupRecord, Published
 from cavirheo.reporting.group_panels import group_panels
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.pictures import file_names
@@ -44,7 +44,6 @@ def write_report(
     complete: bool = True,
     draw: bool = True,
     published: Mapping[str, Published] | None = None,
-    references: Sequence[str] = REFERENCE_METHODS,
     errors: CommonErrors | None = None,
     replace: bool = False,
 ) -> Result:
@@ -61,7 +60,6 @@ def write_report(
         complete: False for a run that was stopped before all curves were answered: no report.
         draw: whether the report has pictures.
         published: values of other methods by group, method and parameter, shown beside the groups.
-        references: published methods relative to which errors are given.
         errors: relative standard deviations of the errors that all shots of a group share; default: those of
             `population`.
         replace: whether answers of another call or command line may be replaced.
@@ -77,7 +75,7 @@ def write_report(
     with nullcontext() if CLAIM.get() else claim.running():  # a verb of the command line has set its claim already
         folder = outputs(directory, pairs.curves)
         document = result(pairs, command, date=date, notes=notes, errors=errors)
-        document.add_published(published or {}, references)
+        document.add_published(published or {})
         of_curves = _curve_pictures(pairs, document) if draw else []
         of_groups = group_pictures(pairs, document, document.notes) if draw else []
         folder.write("result.json", write_json, document)

@@ -142,10 +142,10 @@ class GroupRecord(Record):
         of_population = self.population.remarks if self.population else []
         return [message.text for message in self.messages] + of_population
 
-    def add_published(self, published: Published, references: Sequence[str] = REFERENCE_METHODS) -> None:
+    def add_published(self, published: Published) -> None:
         """Add published values, and the errors of all methods relative to the reference methods."""
         self.published |= {method: dict(values) for method, values in published.items()}
-        for reference in [name for name in references if self.published.get(name)]:
+        for reference in [name for name in REFERENCE_METHODS if self.published.get(name)]:
             expected, self.errors[reference] = self.published[reference], {}
             numbers = {
                 method: {name: value.mean for name, value in values.items()}

@@ -20,7 +20,7 @@ from cavirheo.errors import InputError, expect
 from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.group import REFERENCE_METHODS, GroupRecord, Published, group_record
+from cavirheo.reporting.group import GroupRecord, Published, group_record
 from cavirheo.reporting.material import (
     GroupDifference,
     cached_material_of,
@@ -126,14 +126,14 @@ class Result(Document):
         """Each group with its rows."""
         return [(group, [self.curves[i] for i in indices]) for group, indices in self.indices_by_group()]
 
-    def add_published(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCE_METHODS) -> None:
+    def add_published(self, published: Mapping[str, Published]) -> None:
         """Add published values to the groups with these names. Any other name becomes a group without shots, in the
         order of the names."""
         for k, name in enumerate(published):
             if name not in [group.name for group in self.groups]:
                 self.groups.insert(k, group_record(name, []))
         for group in self.groups:
-            group.add_published(published.get(group.name, {}), references)
+            group.add_published(published.get(group.name, {}))
 
 
 def result(
