@@ -132,7 +132,7 @@ def test_documents_of_others_cannot_abuse_the_terminal(run, tmp_path, capsys):
     """Also where a verb prints lines of its own: the texts of the document are as somebody else wrote them."""
     pairs = [(curve.with_group(EVIL, ""), answer) for curve, answer in answers(["gel", "other"])]
     document = result(pairs, EVIL)
-    document.add_published({EVIL: {EVIL: {"viscosity": PublishedValue(mean=0.02, source=EVIL)}}}, [EVIL])
+    document.add_published({EVIL: {EVIL: {"viscosity": PublishedValue(mean=0.02, source=EVIL)}}})
     write_json(tmp_path / "result.json", document)
     plain = (tmp_path / "result.json").read_text(encoding="utf-8")
     (tmp_path / "evil.json").write_text(plain.replace(r"\\x1b", r"\u001b").replace(r"\\u202e", "\u202e"))
