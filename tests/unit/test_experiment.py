@@ -166,7 +166,7 @@ def test_an_experiment_compares_means_and_says_so():
 
 def test_every_free_parameter_has_a_proper_prior():
     """Walls and vapour: half of a normal, from nothing up."""
-    every = Bubble("kinetic", "free", "first-rebound", "free", None, "free", "free")
+    every = Bubble("kinetic", "free", "strain", "free", None, "free", "free")
     there = Experiment(shot(), Family("nhkv"), options=Options(bubble=every))
     prior = there.prior()
     x = prior.to_x(np.random.default_rng(1).normal(size=(20_000, len(prior.names))))

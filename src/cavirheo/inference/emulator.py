@@ -80,7 +80,7 @@ def outside(material: Material, bubble: Bubble, medium: Medium, max_radius: floa
     ):
         return "the law has more memory than one Maxwell arm"
     plain = Bubble(bubble.contents, bubble.accommodation, confinement_damping=bubble.confinement_damping)
-    if replace(bubble, damage="none") != plain or bubble.damage not in ("none", "strain"):
+    if replace(bubble, damage="none") != plain:
         return f"the {bubble.title} has an option that it was not trained for"
     if not SIZES[0] <= max_radius <= SIZES[1]:
         return f"R_max is {max_radius * 1e6:.4g} um, and {SIZES[0] * 1e6:g} to {SIZES[1] * 1e6:g} um were trained"

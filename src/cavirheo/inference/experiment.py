@@ -190,9 +190,8 @@ class Experiment:
         if natural.get("accommodation") == np.inf:
             return FIELD
         values = {name: natural[name] for name in ("accommodation", *ZERO_BY_DEFAULT) if name in natural}
-        damage = self.options.bubble.damage
-        if isinstance(damage, str) and damage != "none":
-            values["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"], damage)
+        if self.options.bubble.damage == "strain":
+            values["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"])
         return replace(self.options.bubble, wall_distance=None, **values)
 
     def from_best(self, best: Mapping[str, float]) -> Floats:

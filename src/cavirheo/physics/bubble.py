@@ -12,12 +12,11 @@ from cavirheo.parameters import NOT_NEGATIVE, Domain, check, domain
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
-DAMAGES = ("none", "first-rebound", "strain")  # kinds of damage of the elastic part
+DAMAGES = ("none", "strain")  # whether the elastic part becomes softer with the wall strain
 FREE = "free"  # value of a field that is inferred with the other parameters
 ZERO_BY_DEFAULT = ("confinement_inertia", "confinement_damping", "vapour_excess")  # numbers that are 0 by default
 ACCOMMODATION = 0.07  # of vapour at the wall: median of real gels (docs/method/physics.md, section 3.5)
 _TITLES = {"real": "real bubble", "field": "field's bubble", "kinetic": "bubble with kinetic contents"}
-_DAMAGE_WORDS = {"none": "", "first-rebound": "damage", "strain": "damage by strain"}
 
 
 def _one_of(words: Sequence[str]) -> Domain:
@@ -33,31 +32,25 @@ _EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: x is None or 
 
 @dataclass(frozen=True)
 class Damage:
-    """Damage of the elastic part: any law becomes softer and its stress-free radius changes, with two factors m and r:
+    """Damage by strain: the elastic part becomes softer and its stress-free radius larger, the more the bubble shrinks:
 
-        S_el(R/R_0) becomes m S_el(R/(r R_0)).
+        S_el(R/R_0) becomes modulus^e S_el(R/(radius^e R_0)),  e = log10(R(0)/R_min),
 
-    by="first-rebound": m = modulus, r = radius from the first rebound on. This emulates damage at a prescribed time
-    and is no law of damage. by="strain": m = modulus^e, r = radius^e, e = log10(R(0)/R_min) with R_min the smallest
-    radius so far: modulus and radius are the factors of a tenfold contraction (docs/method/physics.md, section 4.5).
+    R_min the smallest radius so far (docs/method/physics.md, section 4.5).
 
     Attributes:
-        modulus: factor of the modulus, from 0 (1e-6 by strain) to 1.
-        radius: factor of the stress-free radius, from 1 to 20.
-        by: "first-rebound" or "strain".
+        modulus: factor of the modulus at a tenfold contraction, from 1e-6 to 1.
+        radius: factor of the stress-free radius at a tenfold contraction, from 1 to 20.
 
     Raises:
-        InputError: a factor out of its domain, or an unknown kind of damage.
+        InputError: a factor out of its domain.
     """
 
-    modulus: float = field(metadata=domain("between 0 and 1", lambda x: 0 <= x <= 1))
+    modulus: float = field(metadata=domain("between 1e-6 and 1", lambda x: 1e-6 <= x <= 1))
     radius: float = field(default=1.0, metadata=domain("between 1 and 20", lambda x: 1 <= x <= 20))
-    by: str = field(default=DAMAGES[1], metadata=_one_of(DAMAGES[1:]))
 
     def __post_init__(self) -> None:
         check(self)
-        vanishes = f"modulus must be at least 1e-6 for damage by strain, got {self.modulus!r}"
-        require(self.by != "strain" or self.modulus >= 1e-6, vanishes, "physics.modulus")
 
 
 @dataclass(frozen=True)
@@ -72,9 +65,8 @@ class Bubble:
             diffusivity depends on temperature and pressure).
         accommodation: coefficient of kinetic contents, above 0 and at most 10: share of the vapour molecules hitting
             the wall that condense; it stands for any other resistance there, too. If free, from 0.01 to 1.
-        damage: "none"; "first-rebound": modulus and stress-free radius of the law change at the first rebound; or
-            "strain": both depend on the largest contraction so far. The two factors are then inferred. A `Damage` has
-            known factors, for `simulate`.
+        damage: "none", or "strain": modulus and stress-free radius of the law depend on the largest contraction so far,
+            by two factors that are inferred. A `Damage` has known factors, for `simulate`.
         confinement_inertia: beta = R_max sum(s_i/d_i) over the images of the bubble behind walls, d_i their distances,
             s_i = 1 for a rigid wall and -1 for a free surface.
         wall_distance: m, from the bubble's centre to one rigid wall, instead of confinement_inertia (R_max over twice
@@ -119,8 +111,8 @@ class Bubble:
         usual = {"accommodation": ACCOMMODATION} if self.contents == "kinetic" else {}
         usual |= dict.fromkeys(ZERO_BY_DEFAULT, 0.0)
         free = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
-        if isinstance(self.damage, str) and self.damage != "none":
-            free.append(f"damage=Damage(0.5, 1.5, {self.damage!r})")
+        if self.damage == "strain":
+            free.append("damage=Damage(0.5, 1.5)")
         message = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(free)}"
         require(not free, message, "physics.free_bubble")
 
@@ -134,22 +126,22 @@ class Bubble:
 
     @property
     def name(self) -> str:
-        """'real', 'field', 'kinetic, damage', 'field, confinement inertia'."""
+        """'real', 'field', 'kinetic, damage by strain', 'field, confinement inertia'."""
         damped = self.confinement_damping != 0
         base = {("kinetic", True): "real", ("kinetic", False): "kinetic"}.get((self.contents, damped), "field")
-        damage = _DAMAGE_WORDS[self.damage.by if isinstance(self.damage, Damage) else self.damage]
         more = {
+            "damage by strain": self.damage != "none",
             "confinement damping": damped and base == "field",
             "confinement inertia": self.wall_distance is not None or self.confinement_inertia != 0,
             "vapour excess": self.vapour_excess != 0,
             self.motion: self.motion != MOTIONS[0],
             "polytropic": self.exponent is not None,
         }
-        return ", ".join(filter(None, [base, damage, *(word for word, applies in more.items() if applies)]))
+        return ", ".join([base, *(word for word, applies in more.items() if applies)])
 
     @property
     def title(self) -> str:
-        """'real bubble', "field's bubble, damage"."""
+        """'real bubble', "field's bubble, damage by strain"."""
         return title_of(self.name)
 
     @property
@@ -162,7 +154,7 @@ class Bubble:
 
 
 def title_of(name: str) -> str:
-    """'real bubble', "field's bubble, damage", of a bubble's name."""
+    """'real bubble', "field's bubble, damage by strain", of a bubble's name."""
     base, *more = name.split(", ")
     return ", ".join([_TITLES.get(base, f"{base} bubble"), *more])
 

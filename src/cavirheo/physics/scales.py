@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.parameters import POSITIVE, check_domain, domain
 from cavirheo.physics.bubble import FIELD, Bubble, Damage
 from cavirheo.physics.laws import Material, table_of
@@ -32,8 +32,8 @@ class Numbers(NamedTuple):
     pv: float  # vapour pressure/p_inf
     kappa: float
     elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
-    elastic_below_limit: Floats  # (n, 7) the same for R/R_max below damage[2] (`damage_tables`); (0, 7) without damage
-    damage: Floats  # (3,) both factors of a tenfold contraction; R/R_max of the limit, or 0 (`damage_tables`)
+    elastic_falling: Floats  # (n, 7) the same for R/R_max below damage[2] (`falling_table`); (0, 7) without damage
+    damage: Floats  # (3,) both factors of a tenfold contraction, and the smallest R/R_max so far; 0 without damage
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
     memory: Floats  # (k, 4) C_k/p_inf, power n_k, t_c/tau, p_inf/C_k or 0, of each relaxing term (physics/laws.py)
     elastic_relaxes: bool  # whether the elastic part acts through a relaxing term alone
@@ -76,15 +76,12 @@ def dimensionless(
             elastic part.
     """
     bubble.check_known()
-    why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
-    require(bubble.motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
-    kinetic, damage = bubble.contents == "kinetic", bubble.damage if isinstance(bubble.damage, Damage) else None
-    parts = material.parts()
-    if damage is not None and parts.elastic is None:
-        why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
-        raise InputError(why, "physics.damage_without_elasticity")
+    if bubble.motion == "gilmore" and medium.sound_speed == inf:
+        why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
+        raise InputError(why, "physics.sound_speed")
     check_domain(POSITIVE, "max_radius", max_radius)
     check_domain(STRETCH_DOMAIN, "stretch = R_max/R_0", stretch)
+    kinetic, parts = bubble.contents == "kinetic", material.parts()
     U_c, p, pv = medium.velocity_scale, medium.pressure, medium.vapour_pressure / medium.pressure
     K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
     A = medium.conductivity_slope * medium.temperature / K_inf
@@ -108,16 +105,20 @@ def dimensionless(
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # kinetic: p may fall below p_v
     )
     elastic, viscous = (table_of(part) if part else ZERO_TABLE for part in parts[:2])
-    elastic_below_limit, damage_numbers = np.zeros((0, 7)), np.zeros(3)
-    if damage is not None:
-        elastic, elastic_below_limit, damage_numbers = damage_tables(elastic, damage, stretch)
+    falling, damage = np.zeros((0, 7)), np.zeros(3)
+    if isinstance(bubble.damage, Damage):
+        if parts.elastic is None:
+            why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
+            raise InputError(why, "physics.damage_without_elasticity")
+        falling = falling_table(elastic, bubble.damage, stretch)
+        damage = np.array([bubble.damage.modulus, bubble.damage.radius, 1.0])
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c, p] for arm in parts.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # with ints the solver would be compiled again
         variable_D=kinetic,
         elastic=scale_table(elastic, 1.0, 1 / p),
-        elastic_below_limit=scale_table(elastic_below_limit, 1.0, 1 / p),
-        damage=damage_numbers,
+        elastic_falling=scale_table(falling, 1.0, 1 / p),
+        damage=damage,
         viscous=scale_table(viscous, max_radius / U_c, 1 / p),
         memory=np.concatenate([np.zeros((0, 4)), *arms]),
         elastic_relaxes=any(arm.relaxes_elastic_part for arm in parts.memory),
@@ -125,17 +126,12 @@ def dimensionless(
     )
 
 
-def damage_tables(elastic: Floats, damage: Damage, stretch: float) -> tuple[Floats, Floats, Floats]:
-    """(`elastic`, `elastic_below_limit`, `damage`) of `Numbers` from the table of a law (physics/table.py): tables for
-    radii above and below a limit, and (3,) both factors of a tenfold contraction and the limit in R/R(0).
+def falling_table(elastic: Floats, damage: Damage, stretch: float) -> Floats:
+    """(n, 7) table of the stress while the wall is at its smallest radius so far, x = R/R(0) = L/stretch, from the
+    table (m, 7) of the undamaged law (physics/table.py):
 
-    First rebound: the damaged and the undamaged law; the limit is infinite until the rebound and then 0. Strain: the
-    undamaged law, which `apply_damage` scales when the wall turns, and that at the smallest radius yet, x = L/stretch,
-
-        S = x^a S_el(u),  u = L x^b,  a = -log10 modulus,  b = log10 radius.
+    S = x^a S_el(u),  u = L x^b,  a = -log10 modulus,  b = log10 radius.
     """
-    if damage.by != "strain":
-        return scale_table(elastic, damage.radius, damage.modulus), elastic, np.array([1.0, 1.0, np.inf])
     a, b = -np.log10(damage.modulus), np.log10(damage.radius)
     u = elastic[:, 0]
     u = np.append(u[u < stretch], stretch)
@@ -144,5 +140,4 @@ def damage_tables(elastic: Floats, damage: Damage, stretch: float) -> tuple[Floa
     share, c = (L / stretch) ** a, (1 + b) * u
     first = a * S + c * S1  # first derivative by ln L, over share
     second = a * first + c * ((a + 1 + b) * S1 + c * S2)
-    falling = hermite(L, share * S, share * first / L, share * (second - first) / L**2)
-    return elastic, falling, np.array([damage.modulus, damage.radius, 1.0])
+    return hermite(L, share * S, share * first / L, share * (second - first) / L**2)

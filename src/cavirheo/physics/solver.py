@@ -58,10 +58,10 @@ def look_up(table, x):
 
 @kernel
 def apply_damage(numbers, R):
-    """Apply the damage (physics/scales.py) when the wall turns at R, its smallest radius so far."""
+    """Make the law softer and its stress-free radius larger where the wall turns at R, its smallest radius so far."""
     decades = math.log10(numbers.damage[2] / R)
     softer, wider = numbers.damage[0] ** decades, numbers.damage[1] ** decades
-    numbers.damage[2] = R if decades < math.inf else 0.0
+    numbers.damage[2] = R
     for row in numbers.elastic:
         row[0] *= wider
         for k in range(6):
@@ -72,7 +72,7 @@ def apply_damage(numbers, R):
 def spring(numbers, R):
     """S_el at radius R, and its derivatives dS_el/dR, d2S_el/dR2."""
     lam = numbers.stretch
-    E, E1, E2 = look_up(numbers.elastic_below_limit if numbers.damage[2] > R else numbers.elastic, R * lam)
+    E, E1, E2 = look_up(numbers.elastic_falling if numbers.damage[2] > R else numbers.elastic, R * lam)
     return E, E1 * lam, E2 * lam * lam
 
 
@@ -87,7 +87,7 @@ def stress(numbers, R, rate):
 @kernel
 def fault(numbers, R, P):
     """OK, or why a step to this state must be shorter: it is unphysical, or outside the range of the elastic law."""
-    law = numbers.elastic_below_limit if numbers.damage[2] > R else numbers.elastic
+    law = numbers.elastic_falling if numbers.damage[2] > R else numbers.elastic
     inside = law[0, 0] <= R * numbers.stretch <= law[-1, 0]
     return STEP_TOO_SMALL if not (R > 0 and P > 0) else OK if inside else OUTSIDE_LAW
 
@@ -668,7 +668,7 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
             h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
             continue
         rebounds = y[2 * M + 1] < 0 < next_y[2 * M + 1] and next_y[2 * M] < numbers.damage[2]
-        if rebounds and next_y[2 * M + 1] > 1e-3:  # the damage occurs at the rebound: end the step there
+        if rebounds and next_y[2 * M + 1] > 1e-3:  # the law changes where the wall turns: end the step there
             rejected += 1
             h *= y[2 * M + 1] / (y[2 * M + 1] - next_y[2 * M + 1])
             continue

@@ -117,7 +117,7 @@ def draw(rng: np.random.Generator) -> Drawn:
             continue
         chosen.append(i)
         materials.append(material)
-        damage = Damage(float(modulus[i]), float(widening[i]), "strain") if damaged else "none"
+        damage = Damage(float(modulus[i]), float(widening[i])) if damaged else "none"
         kinetic: dict[str, Any] = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
         models.append(Bubble(**kinetic, damage=damage, confinement_damping=float(damping[i])))
     arrays = (a[chosen] for a in (radius, stretch, accommodation, damping, modulus, widening))

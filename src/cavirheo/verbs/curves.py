@@ -20,7 +20,7 @@ _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
 _BUBBLES = option("real, field, or both with a comma", autocompletion=options.bubble_names)
-_DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
+_DAMAGES = "softening of the gel: none, strain, or both with a comma"
 
 
 @dataclass(kw_only=True)

@@ -26,13 +26,12 @@ _FRAMES_FILE, _FIELDS_FILE = "simulation.csv", "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
 _MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
 _Motion = Literal["keller-miksis", "rayleigh-plesset", "gilmore"]
-_Damage = Literal["first-rebound", "strain"]
 _POLYTROPIC = "exponent of the gas, instead of heat and vapour transport"
 _PULSE = "ultrasound: peak kPa (negative: tension), MHz, us of the peak"
 _DRIVING = "far-field pressure above ambient: CSV file with columns time_us,pressure_kPa"
 _INERTIA = "R_max sum(s/d) over image bubbles: R_max/2h for one wall at h"
 _DAMPING = "2 pi (R_max^2/A) c/U_c of a tube of cross-section A around"
-_FACTORS = "damaged gel: factors of the modulus and of R_0"
+_FACTORS = "damaged gel: factors of modulus and R_0 at a tenfold contraction"
 _CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame"
 
 
@@ -112,7 +111,6 @@ class Simulate(options.Verb, options.Liquid):
     contents: Annotated[Literal["equilibrium", "kinetic"], option(options.CONTENTS, BUBBLE)] = "equilibrium"
     accommodation: Annotated[float | None, option("of kinetic contents, up to 10  [default: 0.07]", BUBBLE)] = None
     damage: Annotated[tuple[float, float] | None, option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")] = None
-    damage_by: Annotated[_Damage, option("strain: factors at a tenfold contraction", BUBBLE)] = "first-rebound"
     confinement_inertia: Annotated[float, option(_INERTIA, BUBBLE)] = 0.0
     wall_distance_um: options.WallDistanceUm = None
     confinement_damping: Annotated[float, option(_DAMPING, BUBBLE)] = 0.0
@@ -180,13 +178,11 @@ class Simulate(options.Verb, options.Liquid):
 
         idle = self.accommodation is not None and self.contents != "kinetic"
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
-        message = "--damage-by changes nothing without --damage: give that too"
-        require(self.damage is not None or self.damage_by == "first-rebound", message, "simulate.idle")
         values = options.shared_values(self, Bubble) | {"exponent": self.polytropic}
         values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
         values["wall_distance"] = self.wall_distance_um and self.wall_distance_um * 1e-6
         try:
-            values["damage"] = Damage(*self.damage, self.damage_by) if self.damage else "none"
+            values["damage"] = Damage(*self.damage) if self.damage else "none"
             return Bubble(**values)
         except InputError as error:
             raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None

@@ -96,7 +96,7 @@ def _laws() -> Iterable[str]:
 
 
 bubble_names = _completer(lambda: ("real", "field"), ",")
-damage_names = _completer(lambda: ("none", "first-rebound", "strain"), ",")
+damage_names = _completer(lambda: ("none", "strain"), ",")
 model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.npz")))
 medium_names = _completer(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
 sum_names = _completer(_laws, "+")
@@ -210,7 +210,7 @@ class BubbleOptions:
     wall_distance_um: WallDistanceUm = None
     vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, "free")] = None
     bubble: Annotated[Literal["real", "field"] | None, option(_BUBBLE)] = None
-    damage: Annotated[Literal["none", "first-rebound", "strain"], option("softening of the gel", BUBBLE)] = "none"
+    damage: Annotated[Literal["none", "strain"], option("softening of the gel", BUBBLE)] = "none"
 
     @property
     def bubbles(self) -> "tuple[Bubble, ...] | None":
