@@ -34,6 +34,7 @@ KEPT = (
     "docs/*.md",
     "docs/*/*.md",
     "docs/*.png",
+    "docs/*.svg",
     "docs/*/*.png",
     "docs/site/*.css",
     "docs/site/*.js",

@@ -1,6 +1,7 @@
 """The plan of the packages (docs/architecture.md) holds: imports run one way, and extras stay optional."""
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
@@ -36,6 +37,19 @@ def test_imports_run_one_way():
     below = {room: {*order[: k + 1]} for k, room in enumerate(order)}
     wrong = {path: imported(path) - below[room] for path, room in rooms.items() if room in below}
     assert {path: names for path, names in wrong.items() if names} == {}
+
+
+@pytest.mark.repository
+def test_the_picture_is_that_of_the_imports_and_types_are_where_the_page_says(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    way = importlib.import_module("way")
+    assert way.PICTURE.read_text("utf-8") == way.drawn(), "run python docs/site/way.py"
+    modules = {
+        name: path.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name, path in way.types().items()
+    }
+    assert len(modules) > 6
+    homes = {name: importlib.import_module(f"cavirheo.{module}") for name, module in modules.items()}
+    assert [name for name, home in homes.items() if getattr(home, name).__module__ != home.__name__] == []
 
 
 def test_one_module_prints():
