@@ -56,7 +56,7 @@ def test_first_order_in_elasticity():
     for stretch in (40.0, 10.0):
         times = [simulated_time(R, stretch, G, 0, EMPTY, bubble=BARE)[0] for G in (0, 1e4)]
         f = [(rayleigh_time(R, EMPTY) / time) ** 2 for time in times]
-        # energy that the 1/R part of the stress takes (docs/method/collapse-time.md)
+        # energy that the 1/R part of the stress takes (docs/how-to/collapse-time.md)
         assert (f[1] - f[0]) * EMPTY.pressure / 1e4 == pytest.approx(2.5 - 2 * 1.10327 / stretch, rel=1e-2)
     published = (inverse_square(R, 10.0, 1e4, 0) - inverse_square(R, 10.0, 0, 0)) * WATER.pressure / 1e4
     assert published == pytest.approx(2.5 - 2 * 1.40218 / 10, rel=1e-4)

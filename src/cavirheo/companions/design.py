@@ -272,7 +272,7 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
 
-    Method: the information of a simulation about its parameters, docs/method/design.md; accuracy: docs/validation.md.
+    Method: the information of a simulation about its parameters, docs/how-to/design.md; accuracy: docs/validation.md.
     """
     rig = rig or Rig()
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")

@@ -1,5 +1,5 @@
 """From a RadiusCurve to a Posterior: `infer`, and `fit`, the same under the noise of the field's conventional
-least-squares fit (docs/method/fit.md)."""
+least-squares fit (docs/method/posterior.md)."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def fit(curve: RadiusCurve, material: str = "nhkv", **settings: Unpack[FitSettin
     Raises:
         InputError: unknown material or a setting outside its domain.
 
-    Source: docs/method/fit.md.
+    Source: docs/method/posterior.md.
     """
     return Analysis("fit", material=material, **settings).run([curve])[0]
 
@@ -125,6 +125,6 @@ def fit_many(
 
     Returns an answer for each curve, in their order. Raises InputError: as `fit`.
 
-    Source: docs/method/fit.md.
+    Source: docs/method/posterior.md.
     """
     return Analysis("fit", material=material, **settings).run(curves, workers, done)

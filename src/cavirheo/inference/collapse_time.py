@@ -38,9 +38,9 @@ _FLOOR = 1e-5  # relative scatter of t_1: a smaller one is that of rounding
 _SINGULAR = 1e3  # condition number of the normalised Jacobian beyond which G and mu are one unknown
 _MAX_SCATTER = 0.03  # largest usual scatter of t_1: gels have 1.2 %
 _EQUAL_TIME = 1e-3  # relative difference of t_1 within which pairs are equally good
-_LEAST_RE = 3.0  # least Reynolds number of pairs: below it hardly any bubble collapses (docs/method/collapse-time.md)
+_LEAST_RE = 3.0  # least Reynolds number of pairs: below it hardly any bubble collapses (docs/how-to/collapse-time.md)
 _MAX_MISFIT = 0.1  # relative misfit of t_1 above which a pair is no answer
-_GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/method/collapse-time.md)
+_GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/how-to/collapse-time.md)
 
 
 class CollapseValue(Record):

@@ -2,7 +2,7 @@
 
 t_1 is the time from R_max to the first minimum of R(t), t_RC = 0.9147 R_max sqrt(rho/p) that of an empty bubble.
 The analytic model (Zhu et al. 2025, doi:10.1039/D5SM00397K) takes a microsecond and is 0.3 % too long in the median
-where Re > 10; docs/method/collapse-time.md describes its range and the sources of its errors.
+where Re > 10; docs/how-to/collapse-time.md describes its range and the sources of its errors.
 """
 
 from __future__ import annotations
