@@ -141,10 +141,9 @@ def first_shot(*words, **options):
 def snippets() -> Iterator[Any]:
     """But for one that needs a running app, which test_documented_commands.py starts."""
     for page in PAGES:
-        slow = [pytest.mark.slow] * (name(page) == "docs/coming-from.md")  # five fits
         for code, shown in SNIPPET.findall(page.read_text("utf-8")):
             if "Client(" not in code:
-                yield pytest.param(code, shown, id=name(page), marks=slow)
+                yield pytest.param(code, shown, id=name(page))
 
 
 @pytest.mark.parametrize(("code", "shown"), [*snippets()])
