@@ -38,7 +38,7 @@ RECIPES: dict[str, tuple[bytes, str]] = {
     "lr infinite": (instead("lr = 0.01", "lr = inf"), "training.lr"),
     "width a billion": (instead("width = 16", "width = 1000000000"), "network.width"),
     "activation a module": (instead("width = 16", 'activation = "os"'), "network.activation"),
-    "an emulator with a prior": ((RIGHT + "[emulator]\n").encode(), "training.samples"),
+    "an emulator with a prior": ((RIGHT + "[emulator]\n").encode(), "prior"),
     "an emulator of laws": (b"[emulator]\nlaws = 3", "emulator.laws"),
     "name a path": (instead('"tiny"', '"../../etc/cron.d/x"'), "export.name"),
     "law unknown": (instead('"nhkv"', '"honey"'), "honey"),

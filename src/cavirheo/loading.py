@@ -25,7 +25,6 @@ KINDS = {
     ),
     "measure": ("cavirheo.reporting.measured.Measured", "cavirheo.reporting.measured.print_table"),
     "design": ("cavirheo.companions.design.Design", "cavirheo.companions.design.print_table"),
-    "training": ("cavirheo.training.scores.TrainingRun", "cavirheo.training.scores.print_run"),
 }
 NAMES = tuple(f"{kind}.json" for kind in KINDS)
 

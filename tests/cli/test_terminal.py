@@ -16,7 +16,7 @@ from cavirheo.inference.cards import card, path_of
 from cavirheo.io import write_csv
 from cavirheo.reporting import laws, result, screen, table, write_report
 from cavirheo.reporting.group import PublishedValue
-from cavirheo.training import dataset, scores
+from cavirheo.training import dataset
 from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import as_json, write_json
@@ -136,9 +136,6 @@ def test_documents_of_others_cannot_abuse_the_terminal(run, tmp_path, capsys):
     write_json(tmp_path / "result.json", document)
     plain = (tmp_path / "result.json").read_text(encoding="utf-8")
     (tmp_path / "evil.json").write_text(plain.replace(r"\\x1b", r"\u001b").replace(r"\\u202e", "\u202e"))
-    score = {"r2": 1.0, "median_absolute_error": 0.0}
-    trained = {"epochs": 1, "seconds": 1.0, "device": EVIL, "best_epoch": 1, "metrics": {EVIL: score}, "command": ""}
-    scores.print_run(scores.TrainingRun.model_construct(**trained))
     terminal.console().print(Text(EVIL))
     texts = [capsys.readouterr().out, done(run("cite", "evil.json")), done(run("show", "evil.json"))]
     assert [(clean(text), r"gel\x1b" in text) for text in texts] == [(True, True)] * 3

@@ -71,7 +71,7 @@ SCRIPTS = {
 # --- files of the names that the pages use, from what comes with the package
 
 SMALL = {"n": 240, "epochs": 2, "warmup_steps": 2, "dropout_epochs": 1}  # instead of hours
-SMALL_EMULATOR = {"n": 64, "samples": 2048, "width": 16, "depth": 1, "components": 16}
+SMALL_EMULATOR = {"n": 64, "epochs": 20, "width": 16, "depth": 1, "components": 16}
 
 
 def shot(path: Path, curve: cavirheo.RadiusCurve, medium: cavirheo.Medium | None = None) -> None:

@@ -13,7 +13,7 @@ from files import Make, cells, hdf5, ods_row, put, saved, saved73, write_ods, wr
 from files import lines as rows
 
 from cavirheo.reporting import result
-from cavirheo.training.recipe import Recipe
+from cavirheo.training.recipe import PointRecipe
 from cavirheo.writing.document import as_json
 
 TIME = np.arange(-8.0, 92.0)  # us
@@ -72,7 +72,7 @@ def xlsx(*names: str) -> Make:
 
 def shard(path: Path) -> None:
     """A training set of 40 curves, complete."""
-    problem = Recipe.model_validate(tomllib.loads(RIGHT)).problem
+    problem = PointRecipe.model_validate(tomllib.loads(RIGHT)).problem
     rng = np.random.default_rng(0)
     about = {"problem": json.dumps(problem.to_dict()), "seed": 1, "total": 40, "made_by": "0.1.0", "start": 0}
     hdf5(

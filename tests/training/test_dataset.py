@@ -21,8 +21,8 @@ from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
 from cavirheo.posterior import Checks
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
-from cavirheo.training.dataset import generate, load, load_trajectories, survey
-from cavirheo.training.trajectories import BLOCK, DOMAIN, block, compared_end
+from cavirheo.training.dataset import generate, load, survey
+from cavirheo.training.trajectories import BLOCK, COLUMNS, DOMAIN, block, compared_end
 from cavirheo.workflow.store import Store, Unfinished
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
@@ -102,14 +102,16 @@ def test_failures_are_kept_and_counted(instant, tmp_path):
     instant.fails = violent
     made = generate(PROBLEM, 1100, tmp_path, seed=3, progress=False)
     data = load(tmp_path)
-    failed = violent(data.theta)
+    failed = violent(data.columns["theta"])
     assert 200 < failed.sum() < 400  # the test would prove nothing otherwise
-    assert made.failures == data.failures == {"the step size went to zero": failed.sum()}
-    assert made.curves == len(data.theta) == 1100
-    np.testing.assert_array_equal(data.theta, PROBLEM.prior.sample(1100, 3))
+    assert made.failures == data.origin["failures"] == {"the step size went to zero": failed.sum()}
+    assert made.curves == len(data) == 1100
+    np.testing.assert_array_equal(data.columns["theta"], PROBLEM.prior.sample(1100, 3))
     np.testing.assert_array_equal(data.ok, ~failed)
-    np.testing.assert_array_equal(np.isnan(data.radius[failed]), np.arange(100) >= np.full((failed.sum(), 1), 50))
-    assert (data.radius[0, 0], data.problem.id) == (1.0, PROBLEM.id)
+    np.testing.assert_array_equal(
+        np.isnan(data.columns["radius"][failed]), np.arange(100) >= np.full((failed.sum(), 1), 50)
+    )
+    assert (data.columns["radius"][0, 0], data.problem.id) == (1.0, PROBLEM.id)
     assert code_of(load, tmp_path.parent) == "dataset.none"
     assert code_of(generate, PROBLEM, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
 
@@ -121,7 +123,7 @@ def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(instant, tmp_p
 
 def test_a_killed_run_goes_on_to_the_same_bytes(instant, tmp_path):
     def killed_in_the_third_file(theta):
-        if len(instant) == 24:
+        if len(instant) == 3:
             raise KeyboardInterrupt
         return np.zeros(len(theta), bool)
 
@@ -135,9 +137,9 @@ def test_a_killed_run_goes_on_to_the_same_bytes(instant, tmp_path):
     instant.clear()
     del instant.fails
     made = generate(PROBLEM, 1700, tmp_path / "cut", seed=3, progress=False)
-    assert (made.written, made.skipped, made.simulated, sum(instant)) == (2, 2, 700, 700)
+    assert (made.written, made.skipped, made.simulated, sum(instant)) == (6, 2, 1220, 1220)
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
-    assert made.failures == load(tmp_path / "whole").failures
+    assert made.failures == load(tmp_path / "whole").origin["failures"]
 
 
 def test_other_settings_do_not_mix(instant, tmp_path):
@@ -158,7 +160,7 @@ def test_split_is_a_partition_that_no_parameter_decides(instant, tmp_path):
     for name, share in (("train", 0.8), ("validation", 0.1), ("test", 0.1)):
         assert abs(len(parts[name]) / len(together) - share) < 0.05, name
     for indices in parts.values():
-        assert abs(data.theta[indices, 0].mean() + 2.0) < 5 * (4 / 12**0.5) / len(indices) ** 0.5
+        assert abs(data.columns["theta"][indices, 0].mean() + 2.0) < 5 * (4 / 12**0.5) / len(indices) ** 0.5
     assert not np.array_equal(parts["test"], data.split(seed=4)["test"])
     np.testing.assert_array_equal(parts["test"], data.split(seed=3)["test"])
 
@@ -168,12 +170,12 @@ def test_a_set_grows_in_parts_to_the_same_bytes_and_is_surveyed(instant, tmp_pat
     generate(PROBLEM, 2100, tmp_path / "one", seed=3, workers=1, progress=False)
     generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(1, 2), progress=False)
     half = survey(tmp_path / "two")
-    assert (half.curves, half.total, half.files, half.missing_files) == (1100, 2100, 3, 2)
+    assert (half.curves, half.total, half.files, half.missing_files) == (1140, 2100, 5, 4)
     generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(2, 2), progress=False)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     whole = survey(tmp_path / "two")
-    assert (whole.curves, whole.files, whole.missing_files, sum(whole.statuses.values())) == (2100, 5, 0, 2100)
-    assert whole.statuses["ok"] == 2100 - sum(load(tmp_path / "two").failures.values()) < 2100
+    assert (whole.curves, whole.files, whole.missing_files, sum(whole.statuses.values())) == (2100, 9, 0, 2100)
+    assert whole.statuses["ok"] == 2100 - sum(load(tmp_path / "two").origin["failures"].values()) < 2100
     assert whole.size == sum(map(len, contents(tmp_path / "two").values()))
     assert whole.sha256 != half.sha256
 
@@ -187,32 +189,31 @@ def test_trajectories_are_of_whole_blocks_however_they_are_made(tmp_path):
                 generate(DOMAIN, n, tmp_path / name, seed=2, shard=part, progress=False)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
     found = survey(tmp_path / "one")
-    assert (found.curves, found.files, found.missing_files) == (2020, 2, 0)
-    assert found.statuses["ok"] == 2020 - 2000 // BLOCK  # the last file is filled by its two blocks
-    columns, origin = load_trajectories(tmp_path / "one")
-    assert (len(columns["inputs"]), origin["n"], origin["seed"]) == (found.statuses["ok"], 2020, 2)
+    assert (found.curves, found.files, found.missing_files) == (2020, 9, 0)
+    assert found.statuses["ok"] == 2020 - 2020 // BLOCK
+    data = load(tmp_path / "one")
+    assert (len(data), np.count_nonzero(data.ok), data.seed) == (2020, found.statuses["ok"], 2)
     assert code_of(generate, DOMAIN, 2020, tmp_path / "one", seed=3, progress=False) == "dataset.another_seed"
-    (path,) = (tmp_path / "one").glob("*-00001.h5")
-    with h5py.File(path, "a") as file:
-        file.attrs["domain"] = file.attrs["domain"].replace('"field_share": 0.22', '"field_share": 0.5')
-    assert code_of(load_trajectories, tmp_path / "one") == "dataset.another_domain"
+    with h5py.File(tmp_path / "one" / "shard-00000.h5", "a") as file:
+        file.attrs["problem"] = file.attrs["problem"].replace('"field_share": 0.22', '"field_share": 0.5')
+    assert code_of(load, tmp_path / "one") == "dataset.another_domain"
 
 
 def few(seed, number):
-    """A block of which one bubble was not solved, of numbers that its own number decides."""
-    nodes, inputs = DOMAIN["nodes"], DOMAIN["inputs"]
-    rows = np.full((BLOCK - 1, 1), float(number))
-    return SimpleNamespace(inputs=rows + np.zeros(inputs), time=rows + np.arange(nodes), radius=rows + np.ones(nodes))
+    """A block whose last bubble was not solved, of numbers that its own number decides."""
+    made = {name: np.full((BLOCK, *shape), float(number)) for name, (_, shape) in COLUMNS.items()}
+    return made | {"status": np.array(["ok"] * (BLOCK - 1) + ["not solved"], dtype=object)}
 
 
 def test_a_block_of_bubbles_is_one_whatever_was_made_before():
-    bubbles = block(1, 3)
-    again = block(1, 3)
-    np.testing.assert_array_equal(bubbles.radius, again.radius)
-    assert np.isfinite(bubbles.inputs).all()
-    np.testing.assert_allclose(bubbles.radius[:, 0], 1.0, atol=1e-6)
-    np.testing.assert_allclose(bubbles.time[:, 0], 0.0, atol=1e-6)
-    assert (np.diff(bubbles.time, axis=1) > 0.0).all()
+    bubbles, again = block(1, 3), block(1, 3)
+    np.testing.assert_array_equal(bubbles["radius"], again["radius"])
+    ok = bubbles["status"] == "ok"
+    assert np.count_nonzero(ok) > BLOCK // 2
+    assert np.isfinite(bubbles["inputs"][ok]).all()
+    np.testing.assert_allclose(bubbles["radius"][ok, 0], 1.0, atol=1e-6)
+    np.testing.assert_allclose(bubbles["time"][ok, 0], 0.0, atol=1e-6)
+    assert (np.diff(bubbles["time"][ok], axis=1) > 0.0).all()
 
 
 def test_a_trajectory_counts_until_the_rebound_of_its_third_collapse():

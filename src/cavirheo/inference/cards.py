@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Mapping
 from importlib.resources import files
 from io import BytesIO
-from math import prod
 from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -226,26 +225,17 @@ def read_weights(path: Path, sha256: str) -> Arrays:
 
 def unpack(content: bytes) -> Arrays:
     """The arrays of float32 in the bytes of an .npz file. Raises any error: it holds something else."""
-    arrays: dict[str, NDArray[np.float32]] = {}
-    with ZipFile(BytesIO(content)) as file:
-        parts = file.infolist()
-        if len(parts) > MAX_ARRAYS or sum(part.file_size for part in parts) > MAX_BYTES:
-            raise ValueError(
-                f"{len(parts)} arrays of more than {MAX_BYTES / 1e6:g} MB in all, or more than {MAX_ARRAYS}"
-            )
-        for part in parts:
-            if part.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-                raise ValueError("it is packed in another way than .npz files are")
-            stream = BytesIO(file.read(part))
-            np.lib.format.read_magic(stream)
-            shape, by_column, kind = np.lib.format.read_array_header_1_0(stream)
-            numbers = stream.read()
-            if by_column or kind != np.float32 or len(numbers) != 4 * prod(shape):
-                raise ValueError(f"{part.filename} holds no {shape} numbers of single precision")
-            values = np.frombuffer(numbers, np.float32).reshape(shape)
-            if not np.isfinite(values).all():
-                raise ValueError(f"{part.filename} holds values that are no numbers")
-            arrays[part.filename.removesuffix(".npy")] = values
+    with ZipFile(BytesIO(content)) as packed:
+        parts = packed.infolist()
+    if len(parts) > MAX_ARRAYS or sum(part.file_size for part in parts) > MAX_BYTES:
+        raise ValueError(f"{len(parts)} arrays of more than {MAX_BYTES / 1e6:g} MB in all, or more than {MAX_ARRAYS}")
+    if any(part.compress_type not in (ZIP_STORED, ZIP_DEFLATED) for part in parts):  # others unpack without a limit
+        raise ValueError("it is packed in another way than .npz files are")
+    with np.load(BytesIO(content), allow_pickle=False) as file:
+        arrays: dict[str, NDArray[np.float32]] = {name: file[name] for name in file.files}
+    for name, array in arrays.items():
+        if array.dtype != np.float32 or not np.isfinite(array).all():
+            raise ValueError(f"{name} holds other things than finite numbers of single precision")
     return arrays
 
 

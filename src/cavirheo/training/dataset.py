@@ -2,8 +2,8 @@
 
 Curve i depends on (problem, seed, i) alone and a file holds a fixed range of i: processes or machines can share the
 work, and a killed run can be continued. A file gets its name when it is complete. Its size is checked before it is
-read. In a set on a grid of times a failed simulation keeps its row (NaN where nothing was computed) with the solver's
-message, because without these rows the distribution of the parameters would not be the prior.
+read. A failed simulation keeps its row (NaN where nothing was computed) with the reason, because without these rows
+the distribution of the parameters would not be the prior.
 """
 
 from __future__ import annotations
@@ -42,28 +42,22 @@ from cavirheo.writing.terminal import progress_bar
 
 Indices = NDArray[np.int64]
 Columns = Mapping[str, Any]  # arrays by name, a row per curve
+Problem = TrainingProblem | Mapping[str, Any]  # of a network of one value; or what the bubbles of an emulator are of
 
-SHARD, TRAJECTORIES = 500, 2000  # curves in a file of a set on a grid, and of a set for an emulator
-UNIT_SIZE = 3 * trajectories.BLOCK  # curves of a unit of work, which takes about half a second
+PER_FILE = 15 * trajectories.BLOCK  # curves in a file, which takes one thread a second or two
 SPLIT_STREAM = 1  # not the stream of the prior: with equal seeds, a parameter would decide the split
 FILTERS: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
+ATTRIBUTES = {"problem": str, "seed": int, "total": int, "made_by": str}  # of every file of a set
 
 
 @dataclass(frozen=True)
 class Layout:
     """How the curves of a problem are simulated, and how they lie in files."""
 
-    prefix: str  # beginning of the names of the files
-    attribute: str  # name of the attribute of a file that holds the problem
-    problem: str  # the problem as JSON
-    per_file: int  # curves in a file
+    problem: str  # as JSON
     columns: Mapping[str, tuple[Any, tuple[int, ...]]]  # dtype and shape of a row; texts in "status"
-    simulate: Callable[[int, range], Columns]  # from (seed, block); without a column "status" failed curves have no row
+    simulate: Callable[[int, range], Columns]  # from (seed, block)
     summary: Sequence[str]  # lines that describe what is simulated
-
-    def name(self, number: int) -> str:
-        """Name of a file; files are numbered from 0."""
-        return f"{self.prefix}-{number:05d}.h5"
 
     def check_space(self, n: int, free: int, place: str) -> None:
         """Raises InputError: n uncompressed curves need more bytes than are free."""
@@ -71,30 +65,25 @@ class Layout:
         message = f"the set ({n} curves) needs {need / 1e9:.3g} GB {place}, and there are {free / 1e9:.3g} GB"
         require(need <= free, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
 
-    def write(self, head: Mapping[str, Any], path: Path, block: range, parts: Sequence[Columns]) -> None:
-        """Write the file of the curves `block`, completely or not at all; parts: outputs of `simulate` for its parts.
+    def write(self, path: Path, attributes: Mapping[str, Any], columns: Columns) -> None:
+        """Write a file, completely or not at all.
 
         The file is made in memory, because HDF5 would end the process on a full disk. It does not contain the date.
         """
-        values = {
-            name: np.concatenate([np.asarray(part[name], kind) for part in parts])
-            for name, (kind, _) in self.columns.items()
-        }
-        failed = {} if "status" in values else {"failed": len(block) - len(values["inputs"])}
         with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
-            file.attrs.update({**head, "start": block.start, **failed})
-            for name, column in values.items():
+            file.attrs.update(attributes)
+            for name, (kind, _) in self.columns.items():
                 options: Any = {"dtype": h5py.string_dtype()} if name == "status" else FILTERS
-                file.create_dataset(name, data=column, track_times=False, **options)
+                file.create_dataset(name, data=np.asarray(columns[name], kind), track_times=False, **options)
             file.flush()
             content = file.id.get_file_image()
         with atomic_file(path) as temporary:
             temporary.write_bytes(content)
 
 
-def layout_of(problem: TrainingProblem | Mapping[str, Any]) -> Layout:
+def layout_of(problem: Problem) -> Layout:
     """Layout of curves on the problem's grid of times (theta: in the prior's scale, radius: over the reference R_max),
-    or of the trajectories for an emulator, without failed ones, 2.2 kB each."""
+    or of the trajectories for an emulator, 2.2 kB each."""
     if isinstance(problem, TrainingProblem):
         prior, frames = problem.prior, problem.grid.frames
         ranges = zip(prior.names, prior.low, prior.high, strict=True)
@@ -102,20 +91,19 @@ def layout_of(problem: TrainingProblem | Mapping[str, Any]) -> Layout:
         summary += [f"{name}: {low:g} to {high:g}" for name, low, high in ranges]
         radius = (np.float32, (frames,))
         columns = {"theta": (np.float64, (len(prior.names),)), "radius": radius, "status": (object, ())}
-        text = json.dumps(problem.to_dict())
-        return Layout("shard", "problem", text, SHARD, columns, partial(_simulated, problem), summary)
+        return Layout(json.dumps(problem.to_dict()), columns, partial(_simulated, problem), summary)
     summary = [f"trajectories for an emulator, at {problem['nodes']} nodes each"]
     for kind in ("elastic", "viscous"):
         shares = ", ".join(f"{law or 'none'} {share:.0%}" for law, share in problem[kind].items())
         summary.append(f"{kind} part: {shares}")
-    text, simulate = json.dumps(problem, sort_keys=True), trajectories.simulated
-    return Layout("trajectories", "domain", text, TRAJECTORIES, trajectories.COLUMNS, simulate, summary)
+    return Layout(json.dumps(problem, sort_keys=True), trajectories.COLUMNS, trajectories.simulated, summary)
 
 
-def _own_domain(domain: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The domain of a file. Raises InputError: it is not that of this version."""
-    change = difference(domain, trajectories.DOMAIN)
-    if change:
+def _problem_of(content: Any) -> Problem:
+    """The problem of a file. Raises InputError: it is none, or not the domain of the emulator of this version."""
+    if not (isinstance(content, dict) and "nodes" in content):
+        return TrainingProblem.from_dict(content)
+    if change := difference(content, trajectories.DOMAIN):
         raise InputError(f"made with another domain ({change}); use an empty folder", "dataset.another_domain")
     return trajectories.DOMAIN
 
@@ -167,50 +155,54 @@ class Dataset:
     """A complete training set.
 
     Attributes:
-        problem: prior and physics of the curves.
-        seed: seed of the draws from the prior.
+        problem: prior and physics of the curves; of an emulator, what the bubbles are drawn from.
+        seed: seed of the draws.
         made_by: version of cavirheo that made the set.
-        theta: (curves, parameters) true values in the prior's scale.
-        radius: (curves, frames) R/R_max at the reference R_max.
-        status: (curves,) "ok" or the reason of the failure.
+        columns: arrays by name, a row per curve: "status" (curves,), "ok" or the reason of the failure, and "radius"
+            (curves, frames), R/R_max at the reference R_max, beside "theta" (curves, parameters), true values in the
+            prior's scale; of an emulator "radius", "time" (curves, nodes) and "inputs".
         sha256: of the SHA-256 digests of all files in their order.
     """
 
-    problem: TrainingProblem
+    problem: Problem
     seed: int
     made_by: str
-    theta: Floats
-    radius: NDArray[np.float32]
-    status: NDArray[np.str_]
+    columns: Columns
     sha256: str
+
+    def __len__(self) -> int:
+        return len(self.columns["status"])
 
     @property
     def ok(self) -> Bools:
         """Mask (curves,) of the simulations that succeeded."""
-        return self.status == "ok"
+        return np.asarray(self.columns["status"] == "ok")
 
     @property
-    def failures(self) -> dict[str, int]:
-        """Number of failed curves by status."""
-        return dict(Counter(self.status[~self.ok].tolist()))
+    def origin(self) -> dict[str, Any]:
+        """Size, seed, checksum, version and failures (number of curves by status), for the card of a network."""
+        failures = dict(Counter(self.columns["status"][~self.ok].tolist()))
+        about = {"n": len(self), "seed": self.seed, "sha256": self.sha256}
+        return about | {"failures": failures, "made_by": self.made_by}
 
     def truth(self, names: Sequence[str]) -> Floats:
         """Columns of theta (curves, names) for the parameters `names`."""
-        return self.theta[:, [self.problem.prior.names.index(name) for name in names]]
+        known = self.problem.prior.names if isinstance(self.problem, TrainingProblem) else ()
+        return np.asarray(self.columns["theta"][:, [known.index(name) for name in names]])
 
     def split(self, seed: int) -> dict[str, Indices]:
         """Indices of the usable curves of "train" (80 %), "validation" (10 %) and "test" (10 %).
 
         The part of curve i depends on (curves, seed, i), not on which curves failed.
         """
-        n = len(self.theta)
+        n = len(self)
         order = np.argsort([uniforms(seed, i, 1, SPLIT_STREAM)[0] for i in range(n)], kind="stable")
         parts = np.split(order, [round(0.8 * n), round(0.9 * n)])
         return {name: part[self.ok[part]] for name, part in zip(("train", "validation", "test"), parts, strict=True)}
 
 
 def generate(
-    problem: TrainingProblem | Mapping[str, Any],
+    problem: Problem,
     n: int,
     out_dir: str | Path,
     *,
@@ -230,19 +222,24 @@ def generate(
     layout, (part, parts) = layout_of(problem), shard
     message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
     require(n >= 1 and 1 <= part <= parts, message, "dataset.shard")
-    head = {layout.attribute: layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
+    head = {"problem": layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
     began = time.perf_counter()
     with writable_folder(out_dir) as folder:
-        size, present = layout.per_file, sorted(folder.glob(f"{layout.prefix}-*.h5"))
-        starts = [read_shard(path, head).head["start"] for path in present]
-        missing = n // parts - size * sum(start // size % parts == part - 1 for start in starts)
+        starts = [read_shard(path, head).head["start"] for path in sorted(folder.glob("shard-*.h5"))]
+        missing = n // parts - PER_FILE * sum(start // PER_FILE % parts == part - 1 for start in starts)
         layout.check_space(missing, shutil.disk_usage(folder).free, f"on the disk of {folder}")
-        blocks = range(0, n, size)[part - 1 :: parts]
-        files = {folder / layout.name(start // size): range(n)[start : start + size] for start in blocks}
-        todo = {path: block for path, block in files.items() if not path.exists()}
-        simulated, write = sum(map(len, todo.values())), partial(layout.write, head)
-        with progress_bar("simulating", simulated, visible=progress) as advance:
-            fill_files(todo, partial(layout.simulate, seed), write, executor or Threads(workers), advance)
+        blocks = range(0, n, PER_FILE)[part - 1 :: parts]
+        files = {folder / _name(start): range(n)[start : start + PER_FILE] for start in blocks}
+        todo = [(path, block) for path, block in files.items() if not path.exists()]
+        simulated = sum(len(block) for _, block in todo)
+        work = (executor or Threads(workers)).map_unordered(
+            partial(layout.simulate, seed), [block for _, block in todo]
+        )
+        with progress_bar("simulating", simulated, visible=progress) as advance, closing(work) as flow:
+            for index, columns in flow:
+                path, block = todo[index]
+                layout.write(path, head | {"start": block.start}, columns)
+                advance(len(block))
         statuses = sum((read_shard(path, head).statuses for path in files), Counter[str]())
     failures = {status: count for status, count in statuses.items() if status != "ok"}
     curves, seconds = sum(map(len, files.values())), time.perf_counter() - began
@@ -254,50 +251,38 @@ def load(data_dir: str | Path) -> Dataset:
 
     Raises InputError: no files, a missing or damaged file, files of different sets, or too little memory.
     """
-    head, columns = _load(data_dir, "shard", {})
-    problem = TrainingProblem.from_dict(json.loads(head["problem"]))
-    return Dataset(problem, head["seed"], head["made_by"], **columns, sha256=_digest(_paths(data_dir, "shard")))
-
-
-def load_trajectories(data_dir: str | Path) -> tuple[Columns, dict[str, Any]]:
-    """Load the trajectories for an emulator from a folder, and the origin of the set.
-
-    Raises InputError: as `load`, or the set is of another domain or version.
-    """
-    head, columns = _load(data_dir, "trajectories", {"made_by": version("cavirheo")})
-    digest = _digest(_paths(data_dir, "trajectories"))
-    return columns, {"n": head["total"], "seed": head["seed"], "sha256": digest}
-
-
-def survey(data_dir: str | Path) -> Survey:
-    """Survey of a set that may be incomplete. Raises InputError: no files, damaged files, or files of several sets."""
-    paths = _paths(data_dir, "trajectories" if any(Path(data_dir).glob("trajectories-*.h5")) else "shard")
-    statuses = Counter[str]()
-    for shard in _shards(paths, {}):
-        statuses.update(shard.statuses)
-    head, size = shard.head, sum(path.stat().st_size for path in paths)
-    missing_files = -(-head["total"] // shard.layout.per_file) - len(paths)
-    origin = head["made_by"], head["seed"], head["total"], shard.layout.summary
-    return Survey(*origin, dict(statuses), len(paths), missing_files, size, _digest(paths))
-
-
-def _load(data_dir: str | Path, prefix: str, expected: Mapping[str, Any]) -> tuple[Mapping[str, Any], dict[str, Any]]:
-    """The attributes and all columns of a complete set."""
-    paths = _paths(data_dir, prefix)
-    first = read_shard(paths[0], expected)
-    layout, total, present = first.layout, first.head["total"], {path.name for path in paths}
-    count = len(range(0, total, layout.per_file))
-    missing = list(islice((name for name in map(layout.name, range(count)) if name not in present), 3))
+    paths = _paths(data_dir)
+    first = read_shard(paths[0], {})
+    layout, head, present = first.layout, first.head, {path.name for path in paths}
+    count = -(-head["total"] // PER_FILE)
+    missing = list(islice((_name(k * PER_FILE) for k in range(count) if _name(k * PER_FILE) not in present), 3))
     lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
     require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
     if hasattr(os, "sysconf"):  # all but Windows
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        layout.check_space(2 * total, memory, "of memory")  # the parts and the joined arrays
-    shards = list(_shards(paths, expected))
+        layout.check_space(2 * head["total"], memory, "of memory")  # the parts and the joined arrays
+    shards = list(_shards(paths))
     columns = {name: np.concatenate([shard.columns[name] for shard in shards]) for name in layout.columns}
-    curves = len(next(iter(columns.values())))
-    require(curves > 0, f"{data_dir}: every simulation of this set failed", "dataset.none")
-    return first.head, columns
+    require(bool((columns["status"] == "ok").any()), f"{data_dir}: every simulation of this set failed", "dataset.none")
+    problem = _problem_of(json.loads(head["problem"]))
+    return Dataset(problem, head["seed"], head["made_by"], columns, _digest(paths))
+
+
+def survey(data_dir: str | Path) -> Survey:
+    """Survey of a set that may be incomplete. Raises InputError: no files, damaged files, or files of several sets."""
+    paths = _paths(data_dir)
+    statuses = Counter[str]()
+    for shard in _shards(paths):
+        statuses.update(shard.statuses)
+    head, size = shard.head, sum(path.stat().st_size for path in paths)
+    missing_files = -(-head["total"] // PER_FILE) - len(paths)
+    origin = head["made_by"], head["seed"], head["total"], shard.layout.summary
+    return Survey(*origin, dict(statuses), len(paths), missing_files, size, _digest(paths))
+
+
+def _name(start: int) -> str:
+    """Name of the file that begins with curve `start`."""
+    return f"shard-{start // PER_FILE:05d}.h5"
 
 
 def _digest(paths: Sequence[Path]) -> str:
@@ -305,22 +290,14 @@ def _digest(paths: Sequence[Path]) -> str:
     return hashlib.sha256(b"".join(bytes.fromhex(sha256(path)) for path in paths)).hexdigest()
 
 
-def _paths(data_dir: str | Path, prefix: str) -> list[Path]:
+def _paths(data_dir: str | Path) -> list[Path]:
     """The files of a set in their order. Raises InputError: there is none, or a name is not that of a file of a set."""
-    paths = sorted(Path(data_dir).glob(f"{prefix}-*.h5"))
-    message = f"{data_dir} holds no training set ({prefix}-*.h5); make one with `cavirheo generate`"
+    paths = sorted(Path(data_dir).glob("shard-*.h5"))
+    message = f"{data_dir} holds no training set (shard-*.h5); make one with `cavirheo generate`"
     require(bool(paths), message, "dataset.none")
-    foreign = [path.name for path in paths if not re.fullmatch(r"\d{5,}", path.stem.removeprefix(f"{prefix}-"))]
+    foreign = [path.name for path in paths if not re.fullmatch(r"shard-\d{5,}", path.stem)]
     require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
     return paths
-
-
-def _shards(paths: Sequence[Path], expected: Mapping[str, Any]) -> Iterator[Shard]:
-    """Read the files of one set one by one. Raises InputError: a file belongs to another set."""
-    for path in paths:
-        shard = read_shard(path, expected)
-        expected = {key: shard.head[key] for key in (shard.layout.attribute, "seed", "total", "made_by")}
-        yield shard
 
 
 class Shard(NamedTuple):
@@ -332,69 +309,45 @@ class Shard(NamedTuple):
     statuses: Counter[str]
 
 
+def _shards(paths: Sequence[Path]) -> Iterator[Shard]:
+    """Read the files of one set one by one. Raises InputError: a file belongs to another set."""
+    expected: Mapping[str, Any] = {}
+    for path in paths:
+        shard = read_shard(path, expected)
+        expected = {key: shard.head[key] for key in ATTRIBUTES}
+        yield shard
+
+
 def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
     """Read a file of a set. Raises InputError: it is damaged, or its attributes or columns are not those expected."""
     try:
         require(path.is_file(), "it is no file", "dataset.unreadable")  # reading a pipe would wait for ever
         with h5py.File(path, "r") as file:
-            attribute = "domain" if "domain" in file.attrs else "problem"
-            types = {attribute: str, "seed": int, "total": int, "made_by": str}
-            head: dict[str, Any] = {key: np.asarray(file.attrs[key]).item() for key in (*types, "start")}
-            for key, kind in types.items():
+            head: dict[str, Any] = {key: np.asarray(file.attrs[key]).item() for key in (*ATTRIBUTES, "start")}
+            for key, kind in ATTRIBUTES.items():
                 require(type(head[key]) is kind, f"{key} is {short(head[key])}", "dataset.unreadable")
             for key, value in expected.items():
                 if head[key] != value:
-                    both = [json.loads(text) if key == attribute else {key: text} for text in (head[key], value)]
+                    both = [json.loads(text) if key == "problem" else {key: text} for text in (head[key], value)]
                     message = f"made with another {key} ({difference(*both) or 'other keys'})"
                     raise InputError(f"{message}; use an empty folder or its settings", f"dataset.another_{key}")
-            problem_of: Callable[[Any], Any] = _own_domain if attribute == "domain" else TrainingProblem.from_dict
-            layout, start = layout_of(problem_of(json.loads(head[attribute]))), head["start"]
-            failed = 0 if "status" in layout.columns else int(file.attrs["failed"])
-            count = min(layout.per_file, head["total"] - start) - failed
+            layout, start = layout_of(_problem_of(json.loads(head["problem"]))), head["start"]
+            count = min(PER_FILE, head["total"] - start)
             items = {name: hdf5.local_item(file, name) for name in layout.columns}
             hdf5.check_sizes(items.values())
             shapes = {name: (item.dtype, item.shape) for name, item in items.items()}
             needed = {name: (np.dtype(kind), (count, *shape)) for name, (kind, shape) in layout.columns.items()}
-            fine = shapes == needed and path.name == layout.name(start // layout.per_file)
+            fine = shapes == needed and path.name == _name(start)
             require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
             columns = {name: np.array((item.asstr() if name == "status" else item)[:]) for name, item in items.items()}
-        ok: Any = slice(None)
-        statuses = Counter({"ok": count, "failed, left out": failed})
-        if "status" in columns:
-            columns["status"] = columns["status"].astype(str)
-            ok, statuses = columns["status"] == "ok", Counter(columns["status"].tolist())
+        columns["status"] = columns["status"].astype(str)
+        ok = columns["status"] == "ok"
         finite = all(np.isfinite(column[ok]).all() for name, column in columns.items() if name != "status")
         require(finite, "values of its good curves are not finite", "dataset.values")
-        return Shard(head, layout, columns, +statuses)
+        return Shard(head, layout, columns, Counter(columns["status"].tolist()))
     except InputError as error:
         hint = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
         raise InputError(f"{path}: {error}{hint}", error.code) from error
     except Exception as error:  # libraries raise nearly any error for a damaged file
         message = f"{path} cannot be read as a training set ({error}); delete it and generate again"
         raise InputError(message, "dataset.unreadable") from error
-
-
-def fill_files(
-    todo: Mapping[Path, range],
-    simulate: Callable[[range], Columns],
-    write: Callable[[Path, range, list[Columns]], None],
-    executor: Executor,
-    advance: Callable[[int], None],
-) -> None:
-    """Call `write(path, block, parts)` for each path; parts are the outputs of `simulate` for chunks of its block.
-
-    Only the chunks of unfinished files are in memory. `simulate` must be a function of a module, or a `partial` of one,
-    because it may be sent to another machine.
-    """
-    units = [(path, block[k : k + UNIT_SIZE]) for path, block in todo.items() for k in range(0, len(block), UNIT_SIZE)]
-    unfinished: dict[Path, dict[int, Columns]] = {}
-    with closing(executor.map_unordered(simulate, [unit for _, unit in units])) as flow:
-        for index, rows in flow:
-            path, unit = units[index]
-            parts = unfinished.setdefault(path, {})
-            parts[unit.start] = rows
-            advance(len(unit))
-            block = todo[path]
-            if len(parts) == -(-len(block) // UNIT_SIZE):
-                write(path, block, [parts[start] for start in sorted(parts)])
-                del unfinished[path]

@@ -31,7 +31,7 @@ from torch.nn import functional
 from cavirheo.arrays import Floats
 from cavirheo.inference.emulator import FARTHEST, INPUTS, NODES
 from cavirheo.prior import Prior
-from cavirheo.training.recipe import EmulatorNetworkTable, NetworkTable, Recipe
+from cavirheo.training.recipe import EmulatorNetworkTable, NetworkTable, PointRecipe
 
 
 class EncoderLayer(nn.Module):
@@ -98,7 +98,7 @@ class BubbleTransformer(nn.Module):
         self.register_buffer("std", torch.from_numpy((prior.high - prior.low) / math.sqrt(12)).float())
 
     @classmethod
-    def of(cls, recipe: Recipe) -> Self:
+    def of(cls, recipe: PointRecipe) -> Self:
         """The network of a recipe, with random weights."""
         problem = recipe.problem
         return cls(recipe.network, problem.grid.frames, problem.prior.marginal(recipe.outputs))

@@ -1,7 +1,7 @@
 """Recipe: one TOML file that states how a model is made, from the problem to the name of the export.
 
 A recipe with the section [emulator] is for an emulator (`EmulatorRecipe`), any other for a network that gives one value
-for each parameter (`Recipe`); its sections are the fields. [prior] holds one [low, high] for each parameter of the
+for each parameter (`PointRecipe`); its sections are the fields. [prior] holds one [low, high] for each parameter of the
 material and for the stretch. `medium` is a name, or a table with a `name` and the values that replace those of this
 medium (`unusual = true` accepts values that no liquid or gel has). [network] may be left out.
 """
@@ -26,7 +26,6 @@ from cavirheo.prior import FrameGrid, Prior, TrainingProblem
 from cavirheo.training.trajectories import DOMAIN
 
 LARGEST = 50_000  # bytes of a recipe
-WARM_UP, CONSTANT = 300, 0.3  # of the training of an emulator: steps, and share of them, with the full learning rate
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Size = Annotated[int, Field(gt=0, le=4096)]  # of a dimension of a network
 Range = Annotated[tuple[float, float], Field(strict=False)]  # [low, high] in the file
@@ -64,30 +63,46 @@ class NetworkTable(Section):
 
 
 class TrainingTable(Section):
-    epochs: Annotated[int, Field(gt=0, le=1_000_000)] = 100
+    epochs: Annotated[int, Field(gt=0, le=1_000_000)] = 100  # each shows all curves of the training part once
     batch: Annotated[int, Field(gt=0, le=1_000_000)] = 32
-    lr: PositiveFloat = 1e-3  # of Adam, after `warmup_steps`; it falls to 0 as half a cosine
+    lr: PositiveFloat = 1e-3  # learning rate after `warmup_steps`, to which it rises linearly
+    constant: Annotated[float, Field(ge=0, lt=1)] = 0.0  # share of the steps before it falls to 0 as half a cosine
     seed: Seed = 0
     warmup_steps: NonNegativeInt = 0
-    dropout_epochs: PositiveInt | None = None  # with dropout; None: all, which gives answers 3 to 7 % off scale
 
     def learning_rate(self, step: int, steps: int) -> float:
         """Learning rate at `step` (from 0) of `steps`."""
+        falling = max(step / steps - self.constant, 0.0) / (1.0 - self.constant)
         rate = self.lr * min(1.0, (step + 1) / max(1, self.warmup_steps))
-        return rate * (0.5 * (1.0 + math.cos(math.pi * step / steps)))
+        return rate * (0.5 * (1.0 + math.cos(math.pi * falling)))
+
+
+class PointTrainingTable(TrainingTable):
+    dropout_epochs: PositiveInt | None = None  # with dropout; None: all, which gives answers 3 to 7 % off scale
 
 
 class ExportTable(Section):
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$", max_length=100)
 
 
-class Recipe(Section):
+class _Recipe(Section):
+    data: DataTable
+    export: ExportTable
+
+    def settings(self) -> dict[str, Any]:
+        """All settings that decide the trained weights, apart from the data, in types that JSON can hold."""
+        return {
+            name: getattr(self, name).model_dump(mode="json", exclude_none=True) for name in ("network", "training")
+        }
+
+
+class PointRecipe(_Recipe):
+    """Of a network that gives one value for each parameter."""
+
     problem_table: ProblemTable = Field(alias="problem")
     prior: dict[str, Range]
-    data: DataTable
     network: NetworkTable = NetworkTable()
-    training: TrainingTable = TrainingTable()
-    export: ExportTable
+    training: PointTrainingTable = PointTrainingTable()
 
     @cached_property
     def problem(self) -> TrainingProblem:
@@ -110,13 +125,7 @@ class Recipe(Section):
         return tuple(name for name in self.prior if name != "stretch")
 
     def settings(self) -> dict[str, Any]:
-        """All settings that decide the trained weights, apart from the data, in types that JSON can hold."""
-        return {
-            "problem": self.problem.to_dict(),
-            "outputs": list(self.outputs),
-            "network": self.network.model_dump(mode="json"),
-            "training": self.training.model_dump(mode="json", exclude_none=True),
-        }
+        return {"problem": self.problem.to_dict(), "outputs": list(self.outputs), **super().settings()}
 
 
 class DomainTable(Section):
@@ -131,54 +140,33 @@ class EmulatorNetworkTable(Section):
     components: Annotated[int, Field(ge=1, le=400)] = 128
 
 
-class EmulatorTrainingTable(Section):
-    """samples: trajectories that are shown in the whole training, `batch` at a step. rate: learning rate after
-    WARM_UP steps; it is constant in the first 30 % of all steps and then falls to nearly 0 as half a cosine."""
-
-    samples: PositiveInt
-    batch: Annotated[int, Field(gt=0, le=1_000_000)] = 512
-    rate: PositiveFloat = 1.5e-3
-    seed: Seed = 1
-
-    @property
-    def steps(self) -> int:
-        return max(self.samples // self.batch, 1)
-
-    def learning_rate(self, step: int, steps: int) -> float:
-        """Learning rate at `step` (from 0) of `steps`."""
-        falling = max(step / steps - CONSTANT, 0.0) / (1.0 - CONSTANT)
-        share = min(1.0, (step + 1) / WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * falling))
-        return self.rate * (share + 1e-3)
-
-
-class EmulatorRecipe(Section):
+class EmulatorRecipe(_Recipe):
     domain: DomainTable = Field(alias="emulator")
-    data: DataTable
     network: EmulatorNetworkTable = EmulatorNetworkTable()
-    training: EmulatorTrainingTable
-    export: ExportTable
+    training: TrainingTable = TrainingTable()
 
     @property
-    def problem(self) -> dict[str, Any]:
+    def problem(self) -> Mapping[str, Any]:
         """What the bubbles are drawn from."""
         return DOMAIN
 
     def settings(self) -> dict[str, Any]:
-        """All settings that decide the trained weights, apart from the data, in types that JSON can hold."""
-        tables = {name: getattr(self, name).model_dump(mode="json") for name in ("network", "training")}
-        return {"domain": self.problem, **tables}
+        return {"domain": self.problem, **super().settings()}
 
 
-def read_recipe(path: str | Path) -> Recipe | EmulatorRecipe:
+Recipe = PointRecipe | EmulatorRecipe
+
+
+def read_recipe(path: str | Path) -> Recipe:
     """Read the recipe in a TOML file.
 
     Raises InputError: the file is not readable or not TOML, has an unknown key, or a value is missing or not accepted.
     """
     content = read_bytes(path, LARGEST)
-    kind: type[Recipe | EmulatorRecipe] = Recipe
+    kind: type[Recipe] = PointRecipe
     try:
         sections = tomllib.loads(content.decode())
-        kind = EmulatorRecipe if "emulator" in sections else Recipe
+        kind = EmulatorRecipe if "emulator" in sections else PointRecipe
         recipe = kind.model_validate(sections)
         _ = recipe.problem  # the physics may refuse its values
         return recipe

@@ -1,9 +1,9 @@
-"""How good a trained network is: metrics of its values, and the document of a training. Torch is not needed."""
+"""How good a trained network is. Torch is not needed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,54 +11,6 @@ from numpy.typing import ArrayLike
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.parameters import to_natural
-from cavirheo.writing import terminal
-from cavirheo.writing.document import Document
-
-
-class TrainingRun(Document):
-    """A finished training of a network.
-
-    Attributes:
-        epochs: number of epochs, each of which ends with a validation; an epoch is a pass over the training part, or
-            500 steps for an emulator.
-        best_epoch: number of the epoch, from 1, whose weights are exported.
-        best_validation_loss: loss of these weights on the validation part; for an emulator the median error.
-        seconds: wall time of all epochs, s.
-        device: processor or GPU of the training.
-        parameters: number of weights of the network.
-        history: losses of each epoch, by part ("train", "validation"); for an emulator median errors.
-        problem_id: identifier of the training problem; empty for an emulator.
-        outputs: names of the network's outputs, in the scale of the prior; empty for an emulator.
-        data: origin of the training set, and number of curves in each part.
-        metrics: accuracy of each output on the test part; empty for an emulator.
-        errors: of an emulator, RMS error of frames over R_max on the test part: "median", "p90", "p95", "p99".
-    """
-
-    kind: Literal["training"] = "training"
-    epochs: int
-    best_epoch: int
-    best_validation_loss: float
-    seconds: float
-    device: str
-    parameters: int
-    history: dict[str, list[float]]
-    problem_id: str = ""
-    outputs: list[str] = []
-    data: dict[str, Any] = {}
-    metrics: dict[str, dict[str, float]] = {}
-    errors: dict[str, float] = {}
-
-
-def print_run(document: TrainingRun) -> None:
-    """Print the duration of the training and the errors on the test part."""
-    where = f"on {document.device}; best: {document.best_epoch}"
-    terminal.write(f"{document.epochs} epochs in {document.seconds:.0f} s {where}")
-    for name, score in document.metrics.items():
-        terminal.write(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
-    if document.errors:
-        terminal.write(
-            f"error of the frames on bubbles that were never shown, over R_max: {quantiles(document.errors)}"
-        )
 
 
 def quantiles(errors: Mapping[str, float]) -> str:

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import INPUTS, NODES, S_END, STRETCHING, Bubbles, features
+from cavirheo.inference.emulator import INPUTS, NODES, RADII, RATES, RAYLEIGH, S_END, STRETCHING, Bubbles, features
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 from cavirheo.physics.bubble import Bubble, Damage
 from cavirheo.physics.laws import Material
@@ -38,24 +39,24 @@ BLOCK: int = DOMAIN["block"]
 LAWS: list[dict[str, float]] = [DOMAIN[part] for part in ("elastic", "viscous", "arms")]
 ACCOMMODATIONS: tuple[float, float] = (DOMAIN["accommodation"][0], DOMAIN["accommodation"][1])
 COARSE_INSTANTS, FINE_INSTANTS = 2400, 1200  # of a simulation: for the stretched time, and in it
-COLUMNS = {"inputs": (np.float32, (INPUTS,)), "time": (np.float32, (NODES,)), "radius": (np.float32, (NODES,))}
+COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {  # of a set: dtype and shape of a row
+    "inputs": (np.float32, (INPUTS,)),
+    "time": (np.float32, (NODES,)),
+    "radius": (np.float32, (NODES,)),
+    "status": (object, ()),
+}
+VISCOSITIES = slice(2 * len(RADII), 2 * len(RADII) + len(RATES))  # of the inputs: log10 of the viscosity over p t_c
 THIRD = 3  # collapses until the trajectory counts less
 
 
-class Trajectories(NamedTuple):
-    """k solved bubbles. inputs: (k, inputs) of the network; time: (k, NODES) t/T; radius: (k, NODES) R/R_max."""
-
-    inputs: Floats
-    time: Floats
-    radius: Floats
-
-
 class Drawn(NamedTuple):
-    """A block of bubbles: as the emulator takes them, and the material and the bubble of each for the solver."""
+    """A block of bubbles of one law in one medium: as the emulator takes them, and for the solver."""
 
     bubbles: Bubbles
     materials: list[Material]
     models: list[Bubble]
+    inputs: Floats  # (k, INPUTS) of the network
+    unit: Floats  # (k,) T, s
 
 
 def _log_uniform(rng: np.random.Generator, low: float, high: float, size: int) -> Floats:
@@ -97,40 +98,20 @@ def draw(rng: np.random.Generator) -> Drawn:
     damping = rng.random(size) ** 1.5 * (rng.random(size) < np.where(field, 0.2, 0.85))
     modulus = 10.0 ** -(2.0 * rng.random(size)) if damaged else np.ones(size)
     widening = 10.0 ** rng.random(size) if damaged else np.ones(size)
-    chosen: list[int] = []
-    materials: list[Material] = []
+    arrays = radius, stretch, accommodation, damping, modulus, widening
+    made = features(Bubbles(family.material(x), medium, *arrays))
+    stress = (RAYLEIGH * radius / medium.velocity_scale / made.unit) ** 2 - 1.0  # |S_el(R_max)|/p
+    viscosity = 10.0 ** made.inputs[:, VISCOSITIES].max(axis=1)  # over p t_c
+    usable = np.isfinite(made.inputs).all(axis=1) & (stress <= DOMAIN["largest_stress"])
+    chosen = np.flatnonzero(usable & (viscosity <= DOMAIN["largest_viscosity"]))[:BLOCK]
     models: list[Bubble] = []
-    for i in range(size):
-        if len(chosen) == BLOCK:
-            break
-        try:
-            material = family.material(x[i])
-            one = Bubbles(
-                family.material(x[i : i + 1]),
-                medium,
-                *(a[i : i + 1] for a in (radius, stretch, accommodation, damping, modulus, widening)),
-            )
-            viscosity, stress, usable = _sizes(one)
-        except InputError:
-            continue
-        if not usable or stress > DOMAIN["largest_stress"] or viscosity > DOMAIN["largest_viscosity"]:
-            continue
-        chosen.append(i)
-        materials.append(material)
+    for i in chosen:
         damage = Damage(float(modulus[i]), float(widening[i])) if damaged else "none"
         kinetic: dict[str, Any] = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
         models.append(Bubble(**kinetic, damage=damage, confinement_damping=float(damping[i])))
-    arrays = (a[chosen] for a in (radius, stretch, accommodation, damping, modulus, widening))
-    return Drawn(Bubbles(family.material(x[chosen]), medium, *arrays), materials, models)
-
-
-def _sizes(bubbles: Bubbles) -> tuple[float, float, bool]:
-    """Largest viscosity and |S_el(R_max)| of one bubble, over p t_c and p, and whether its law holds."""
-    made = features(bubbles)
-    t_c = bubbles.max_radius / bubbles.medium.velocity_scale
-    stress = (0.9147 * t_c / made.unit) ** 2 - 1.0
-    viscosity = 10.0 ** made.inputs[0, 22:30].max()
-    return float(viscosity), float(stress[0]), bool(np.all(np.isfinite(made.inputs)))
+    bubbles = Bubbles(family.material(x[chosen]), medium, *(a[chosen] for a in arrays))
+    materials = [family.material(x[i]) for i in chosen]
+    return Drawn(bubbles, materials, models, made.inputs[chosen], made.unit[chosen])
 
 
 def solve(
@@ -160,18 +141,9 @@ def solve(
     s = _stretched(fine, R, U)
     if s[-1] < S_END * (1.0 - 1e-9):
         return None
-    nodes = np.linspace(0.0, S_END, NODES)
-    i = np.clip(np.searchsorted(s, nodes) - 1, 0, len(s) - 2)
-    step = s[i + 1] - s[i]
-    x = (nodes - s[i]) / step
     rate = R**STRETCHING  # dtau/ds
-
-    def between(value: Floats, slope: Floats) -> Floats:
-        start, end = (1.0 + 2.0 * x) * (1.0 - x) ** 2, x * x * (3.0 - 2.0 * x)
-        bend = step * (x * (1.0 - x) ** 2 * slope[i] - x * x * (1.0 - x) * slope[i + 1])
-        return np.asarray(start * value[i] + end * value[i + 1] + bend)
-
-    return between(fine, rate), between(R, U * rate)
+    nodes = np.linspace(0.0, S_END, NODES)
+    return CubicHermiteSpline(s, fine, rate)(nodes), CubicHermiteSpline(s, R, U * rate)(nodes)
 
 
 def _stretched(tau: Floats, R: Floats, U: Floats) -> Floats:
@@ -182,10 +154,10 @@ def _stretched(tau: Floats, R: Floats, U: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(pieces)])
 
 
-def simulated(seed: int, rows: range) -> dict[str, Floats]:
-    """The columns (solved bubbles, ...) of bubbles `rows` of the set with this seed; rows starts at a whole block."""
+def simulated(seed: int, rows: range) -> dict[str, Any]:
+    """The columns of bubbles `rows` of the set with this seed; rows starts at a whole block."""
     parts = [block(seed, number) for number in range(rows.start // BLOCK, -(-rows.stop // BLOCK))]
-    return {name: np.concatenate([getattr(part, name) for part in parts])[: len(rows)] for name in COLUMNS}
+    return {name: np.concatenate([part[name] for part in parts])[: len(rows)] for name in COLUMNS}
 
 
 def compared_end(radius: NDArray[Any]) -> NDArray[np.int64]:
@@ -199,20 +171,20 @@ def compared_end(radius: NDArray[Any]) -> NDArray[np.int64]:
     return np.minimum(end, NODES - 1).astype(np.int64)
 
 
-def block(seed: int, number: int) -> Trajectories:
-    """The solved bubbles of block `number` of the set with this seed; it depends on both numbers alone."""
+def block(seed: int, number: int) -> dict[str, Any]:
+    """The columns of block `number` of the set with this seed; it depends on both numbers alone. A bubble that was not
+    solved has its row, of NaN."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
-    drawn = draw(rng)
-    bubbles, rows = drawn.bubbles, []
-    made = features(bubbles)
-    for i, (material, model) in enumerate(zip(drawn.materials, drawn.models, strict=True)):
+    made: dict[str, Any] = {name: np.full((BLOCK, *shape), np.nan) for name, (_, shape) in COLUMNS.items()}
+    made["status"] = np.full(BLOCK, "not solved", dtype=object)
+    bubbles, materials, models, inputs, unit = draw(rng)
+    for i, (material, model) in enumerate(zip(materials, models, strict=True)):
         radius, stretch = float(bubbles.max_radius[i]), float(bubbles.stretch[i])
         try:
-            solved = solve(material, model, bubbles.medium, radius, stretch, float(made.unit[i]))
+            solved = solve(material, model, bubbles.medium, radius, stretch, float(unit[i]))
         except InputError:
             continue
         if solved is not None:
-            rows.append((made.inputs[i], *solved))
-    columns = [np.array([row[j] for row in rows]) for j in range(3)]
-    sizes = made.inputs.shape[1], NODES, NODES
-    return Trajectories(*(column.reshape(len(rows), n) for column, n in zip(columns, sizes, strict=True)))
+            made["inputs"][i], made["status"][i] = inputs[i], "ok"
+            made["time"][i], made["radius"][i] = solved
+    return made

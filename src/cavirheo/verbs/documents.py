@@ -47,8 +47,10 @@ def show(
         message = f"{file} does not exist, nor is it the name of a shipped network ({', '.join(networks)})"
         require(file.name in networks, message, "show.missing")
         file = networks[file.name]
+    models = [path for path in sorted(file.glob("*.npz")) if path.with_suffix(".json").is_file()]
+    file = models[0] if len(models) == 1 else file  # the folder of a run of `train`
     network = file.suffix.lower() == ".npz" or (file.suffix == ".json" and file.with_suffix(".npz").is_file())
-    training_set = any(file.glob("shard-*.h5")) or any(file.glob("trajectories-*.h5"))
+    training_set = any(file.glob("shard-*.h5"))
     document = not network and (file.suffix.lower() == ".json" or training_set or bool(documents_in(file)))
     for name, value in {"shots": shots, "fps": fps, "um-per-px": um_per_px}.items():
         message = f"--{name} is for measurements, and {file} is none: leave it out"
@@ -136,30 +138,32 @@ def models() -> None:
     from cavirheo.inference.cards import card, shipped
 
     for name, path in shipped().items():
-        terminal.write("\n".join(_summary(name, card(path))))
+        terminal.write("\n".join(summary(name, card(path))))
 
 
-def _summary(name: str, content: dict[str, Any]) -> list[str]:
+def summary(name: str, content: dict[str, Any]) -> list[str]:
     """Return lines on what a model answers, for which recordings, and how well, from its card. Raises KeyError,
     TypeError, ValueError: the card is incomplete or invalid."""
-    trained = f"  trained on {content['data']['train']} simulated curves"
+    training = content["training"]
+    trained = f"  trained on {content['data']['train']} simulated curves, {training['seconds'] / 60:.0f} min on "
+    trained += training["device"]
     if content["kind"] == "emulator":
         from cavirheo.training.scores import quantiles
 
-        seconds = content["training"]["seconds"]
         return [
             f"{name}: R(t) of a bubble, from which `infer` draws",
             f"  error of the frames over R_max: {quantiles(content['errors'])} ({content['data']['test']} test curves)",
-            f"{trained}, in {seconds / 60:.0f} min",
+            trained,
         ]
     lines = [f"{name}: {content['material']}, one value each without an interval"]
     for output in content["outputs"]:
-        score = content["metrics"][output["name"]]["r2"]
+        score = content["metrics"][output["name"]]
         low, high = content["problem"]["prior"][output["name"]]
         if output["scale"] == "log10":
             low, high = 10**low, 10**high
         values = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
-        lines.append(f"  {values:40s} R2 {score:.4f} ({output['scale']} scale, {content['data']['test']} test curves)")
+        error = f"R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f}"
+        lines.append(f"  {values:40s} {error} ({output['scale']} scale, {content['data']['test']} test curves)")
     return [*lines, trained]
 
 
@@ -175,7 +179,7 @@ def _show_network(path: Path) -> None:
     size = f"{path.stat().st_size / 1e6:.3g} MB" + (f", {weights} weights" if weights else "")
     try:
         lines = [
-            *_summary(path.stem, content),
+            *summary(path.stem, content),
             f"  made {', '.join(filter(None, origin))}; license: {content.get('license', 'not on the card')}",
             f"  file {path}, {size}, sha256 {_checksum(path)}",
             f"  card {path.with_suffix('.json')}: priors, training, losses and scores in full",

@@ -84,16 +84,15 @@ def train(
         from cavirheo.training import train as training
     except ModuleNotFoundError as error:
         raise InputError(f'training needs {error.name}: pip install "cavirheo[train]"') from error
+    from cavirheo.inference.cards import card
     from cavirheo.training.recipe import read_recipe
-    from cavirheo.training.scores import TrainingRun, print_run
+    from cavirheo.verbs.documents import summary
 
     content = read_recipe(recipe)
     try:
-        result = training.train(content, data, out, device=device, threads=threads, progress=not quiet)
-        path = training.export(content, out, out)
+        path = training.train(content, data, out, device=device, threads=threads, progress=not quiet)
     except RuntimeError as error:  # torch's: no memory left, ...
         raise InputError(f"training stopped: {str(error).partition(chr(10))[0]}", "training.torch") from error
-    if quiet:
-        return
-    print_run(TrainingRun.model_validate(result))
-    terminal.say(f"model: {path}")
+    if not quiet:
+        terminal.write("\n".join(summary(path.stem, card(path))))
+        terminal.say(f"model: {path}")
