@@ -1,10 +1,5 @@
 """Do intervals hold the truth as often as they say, and switches as often as their probability? Simulated shots.
 
-    python -m validation.claims.calibration OUT [-n 20] [--kinds real,field] [--ways infer,fit,nhkv]
-
-OUT/calibration.jsonl keeps a line per answer: the same call goes on where it stopped, and more shots are added to
-those. Printed is the table of all that is asked.
-
 Truths: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max 100 to
 400 um. Kinds: "real": a neo-Hookean gel, log10 of the accommodation (0.01 to 1) uniform, the confinement damping from
 the half of a normal, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the real bubble;
@@ -20,12 +15,10 @@ than the priors.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator
-from functools import cache, partial
+from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,7 +29,6 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.answer import NEEDED
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.experiment import BOUND_SCALES, ZETA, Experiment
-from cavirheo.parallel import cores
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.laws import Fung
@@ -205,39 +197,12 @@ def of_setting(setting: str, rows: list[dict[str, Any]]) -> Iterator[Number]:
     yield statistic(f"{setting}.seconds", [row["seconds"] for row in rows], "s", seed=FIRST)
 
 
-def measured(run: Run, count: int, kinds: list[str], ways: list[str]) -> Iterator[Number]:
-    for way in ways:
-        rows = {
-            kind: run.rows("calibration", one, [(seed, kind, way) for seed in range(FIRST, FIRST + count)])
-            for kind in kinds
-            if f"{way}_{kind}" in SETTINGS
-        }
-        for kind, found in rows.items():
-            yield from of_setting(f"{way}_{kind}", found)
-        if way == "infer" and "prior" in rows:
-            yield from of_switches(rows["prior"])
-
-
 def measure(run: Run) -> Iterator[Number]:
     """How often central 50 and 90 % intervals hold the truth, their width in decades, and the switches."""
-    kind, way = SETTINGS.get(run.part, (None, None))
-    yield from measured(run, run.count(*SHOTS), [kind] if kind else [*KINDS], [way] if way else [*WAYS])
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="folder of the answers that are kept")
-    parser.add_argument("-n", type=int, default=20)
-    parser.add_argument("--kinds", default=",".join(KINDS))
-    parser.add_argument("--ways", default=",".join(WAYS))
-    parser.add_argument("--workers", type=int, default=cores())
-    given = parser.parse_args()
-    run = Run(workers=given.workers, kept=given.out)
-    say = partial(print, flush=True)
-    say("| number | value | n |\n|---|---|---|")
-    for number in measured(run, given.n, given.kinds.split(","), given.ways.split(",")):
-        say(f"| {number.name} | {number.value:.3g} ± {number.standard_error:.2g} {number.unit} | {number.n} |")
-
-
-if __name__ == "__main__":
-    main()
+    count = run.count(*SHOTS)
+    for setting in [run.part] if run.part else SETTINGS:
+        kind, way = SETTINGS[setting]
+        rows = run.rows("calibration", one, [(seed, kind, way) for seed in range(FIRST, FIRST + count)])
+        yield from of_setting(setting, rows)
+        if kind == "prior":
+            yield from of_switches(rows)
