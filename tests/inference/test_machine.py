@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from cavirheo.arrays import relative_weights
+from cavirheo.inference.answer import trades
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import RADII, RATES, Bubbles, Camera, elastic_stress, emulator, mean_viscosity
 from cavirheo.inference.noise import Noise
@@ -331,3 +332,16 @@ def test_failed_simulations_have_no_weight():
     found = posterior([Model(emulated, simulated, noise, 3)], seed=0)
     assert np.all(np.isneginf(found.log_weight[found.x[:, 0] > 0.5]))
     assert 100.0 <= found.effective < 0.95 * len(found.x)
+
+
+@pytest.mark.parametrize(("sign", "bound"), [(1.0, "lower"), (-1.0, "upper")])
+def test_a_value_that_trades_with_a_stretch_at_its_end_is_bounded_on_that_side(sign, bound):
+    """A larger stretch is not excluded, nor then the viscosity to which it would lead; G does not depend on it."""
+    rng = np.random.default_rng(0)
+    stretch = 40.0 - rng.exponential(size=2000)
+    modulus, viscosity = 3.0 + 0.1 * rng.standard_normal((2, 2000))
+    viscosity += -5.0 + 0.3 * sign * (stretch - 40.0)
+    prior = Prior(("shear_modulus", "viscosity", "stretch"), np.array([1.0, -4.0, 1.05]), np.array([7.0, 1.0, 40.0]))
+    x = np.column_stack([modulus, viscosity, stretch])
+    assert trades(prior, x, np.zeros(2000), ("shear_modulus", "viscosity")) == {"viscosity": ("stretch", bound)}
+    assert trades(prior, x - [0.0, 0.0, 20.0], np.zeros(2000), ("shear_modulus", "viscosity")) == {}
