@@ -103,14 +103,21 @@ def draw(rng: np.random.Generator) -> Drawn:
     stress = (RAYLEIGH * radius / medium.velocity_scale / made.unit) ** 2 - 1.0  # |S_el(R_max)|/p
     viscosity = 10.0 ** made.inputs[:, VISCOSITIES].max(axis=1)  # over p t_c
     usable = np.isfinite(made.inputs).all(axis=1) & (stress <= DOMAIN["largest_stress"])
-    chosen = np.flatnonzero(usable & (viscosity <= DOMAIN["largest_viscosity"]))[:BLOCK]
+    chosen: list[int] = []
+    materials: list[Material] = []
     models: list[Bubble] = []
-    for i in chosen:
+    for i in np.flatnonzero(usable & (viscosity <= DOMAIN["largest_viscosity"])):
+        try:
+            materials.append(family.material(x[i]))
+        except InputError:  # its parameters exclude each other
+            continue
+        chosen.append(int(i))
         damage = Damage(float(modulus[i]), float(widening[i])) if damaged else "none"
         kinetic: dict[str, Any] = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
         models.append(Bubble(**kinetic, damage=damage, confinement_damping=float(damping[i])))
+        if len(chosen) == BLOCK:
+            break
     bubbles = Bubbles(family.material(x[chosen]), medium, *(a[chosen] for a in arrays))
-    materials = [family.material(x[i]) for i in chosen]
     return Drawn(bubbles, materials, models, made.inputs[chosen], made.unit[chosen])
 
 
