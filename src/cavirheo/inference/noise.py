@@ -46,7 +46,7 @@ class Noise:
         self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0,
         typical: float | None = None,
     ) -> None:  # fmt: skip
-        self.deviation, self.size = deviation, len(deviation)
+        self.deviation, self.time, self.size = deviation, time, len(deviation)
         some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCK_RATIOS for tau in TIMES] if discrepancy else []
         self.grid: list[tuple[float, float, float]] = [(0.0, 0.0, 1.0), *some]
         self.typical: float = float(np.median(deviation)) if typical is None else typical
@@ -57,6 +57,10 @@ class Noise:
         self.power: float = GAMMA_A + 0.5 * self.size
         constant = gammaln(self.power) - gammaln(GAMMA_A) - 0.5 * self.size * np.log(2.0 * np.pi * GAMMA_A)
         self.constants: Floats = constant - 0.5 * log_det + self.log_prior
+
+    def without_discrepancy(self) -> Noise:
+        """White noise with the same deviations."""
+        return Noise(self.deviation, self.time, 1.0, False)
 
     def products(self, columns: Floats) -> Floats:
         """columns' C^-1 columns (grid, k, k), of columns (n, k)."""

@@ -37,7 +37,6 @@ ALONG = 0.3  # width of the scatter about such a place along the ridge, over tha
 APART, NEAR = 9.0, 0.25  # squared distance, over d, of two peaks by their curvature, and of two places
 SAME_HEIGHT = 0.5  # between two climbs that end at one maximum
 DIFFERENCE = 1e-3  # step of finite differences in u
-Density = Callable[[Floats], Floats]  # log, (k,) at u (k, d)
 Frames = Callable[[Floats], Floats]  # residuals (k, n) at u (k, d)
 T = TypeVar("T")
 Asking = Generator[Floats, Floats, T]  # a computation that asks for residuals: it yields u (k, d) and is sent (k, n)
@@ -51,13 +50,14 @@ class Budget:
         scans: scans of the prior at most.
         scanned: draws of a scan. Climbs find more maxima than a longer scan.
         climbed: places among them from which climbs begin.
-        begun: first steps of these climbs.
+        begun: first steps of these climbs, without a discrepancy.
         kept: climbs that are then the highest and go on.
         steps: of a climb at most.
         ridge: places along the ridge of a maximum.
-        rounds: draws of the rounds of a model, which end when `sampled` of all its draws are effective.
-        sampled: that number. With a tenth of it the ends of long ridges are missed: 90 % intervals hold 80 %.
-        effective: draws of all models together that are to be effective.
+        rounds: draws of the rounds of a model, which end when enough of all its draws are effective.
+        sampled: that number for all models; each needs its share, and `effective` at least. With a tenth of it the ends
+            of long ridges are missed: 90 % intervals hold 80 %.
+        effective: simulated draws of all models together that are to be effective.
         most: simulations.
     """
 
@@ -68,7 +68,7 @@ class Budget:
     kept: int = 6
     steps: int = 40
     ridge: int = 60
-    rounds: tuple[int, ...] = (1500, 2000, 2500, 3000, 3500, 4000)
+    rounds: tuple[int, ...] = (1000, 1500, 2000, 2500, 3000, 3500, 4000, 4500, 5000)
     sampled: float = 700.0
     effective: float = 100.0
     most: int = 1800
@@ -126,7 +126,8 @@ class Draws:
 
 @dataclass(frozen=True, eq=False)
 class Bent:
-    """Student's t distribution along a curved ridge.
+    """Student's t distribution along a curved ridge; WIDE_SHARE of the draws are from one that is WIDE_FACTOR times as
+    wide, because fitted shapes miss their tails.
 
     In units of principal axes, z = (u - middle) axes/width, each axis is shifted by a quadratic function of
     those of the WIDEST axes that are wider than itself, which changes no volume; z without these shifts has a t
@@ -177,15 +178,12 @@ class Bent:
         scatter = (1.0 - alone) * scatter + alone * np.diag(np.diag(scatter)) + 1e-8 * np.eye(d)
         return cls(middle, straight.axes, straight.width, bend, mean, np.linalg.cholesky(scatter))
 
-    def wider(self, factor: float) -> Bent:
-        """The distribution with a root that is `factor` times as large."""
-        return Bent(self.middle, self.axes, self.width, self.bend, self.mean, factor * self.root)
-
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """Draws (count, d)."""
         d = len(self.middle)
-        stretched = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, count))[:, None]
-        z = self.mean + stretched * rng.standard_normal((count, d)) @ self.root.T
+        stretched = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, count))
+        stretched[rng.random(count) < WIDE_SHARE] *= WIDE_FACTOR
+        z = self.mean + stretched[:, None] * rng.standard_normal((count, d)) @ self.root.T
         for axis in range(d - 2, max(d - WIDEST, 0) - 1, -1):
             z[:, axis] += _quadratic(z) @ self.bend[:, axis]
         if d > WIDEST:
@@ -195,12 +193,14 @@ class Bent:
     def log_density(self, u: Floats) -> Floats:
         """Log density (k,) at u (k, d)."""
         d = len(self.middle)
-        z = (u - self.middle) @ self.axes / self.width
+        z = (u - self.middle) @ (self.axes / self.width)
         z -= _quadratic(z) @ self.bend
-        squares = np.sum(((z - self.mean) @ np.linalg.inv(self.root).T) ** 2, axis=1)
+        squares = np.sum(((z - self.mean) @ np.linalg.inv(self.root).T) ** 2, axis=1) / FREEDOM
         constant = gammaln((FREEDOM + d) / 2) - gammaln(FREEDOM / 2) - 0.5 * d * np.log(FREEDOM * np.pi)
         constant -= np.sum(np.log(np.diag(self.root))) + np.sum(np.log(self.width))
-        return np.asarray(constant - 0.5 * (FREEDOM + d) * np.log1p(squares / FREEDOM))
+        power = -0.5 * (FREEDOM + d)
+        wide = WIDE_SHARE / WIDE_FACTOR**d * (1.0 + squares / WIDE_FACTOR**2) ** power
+        return np.asarray(constant + np.log((1.0 - WIDE_SHARE) * (1.0 + squares) ** power + wide))
 
 
 @lru_cache
@@ -230,11 +230,6 @@ class Mixture:
         """A straight component about each mode."""
         share = np.exp(np.asarray(log_share) - log_sum(log_share))
         return cls(share, tuple(map(Bent.straight, means, covariances)))
-
-    def widened(self, part: float = WIDE_SHARE, factor: float = WIDE_FACTOR) -> Mixture:
-        """This mixture with `part` of the draws from wider components, because fitted shapes miss their tails."""
-        share = np.concatenate([(1.0 - part) * self.share, part * self.share])
-        return Mixture(share, (*self.parts, *(each.wider(factor) for each in self.parts)))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """Draws (count, d), in random order."""
@@ -351,10 +346,11 @@ def climb(residuals: Frames, noise: Noise, u: Floats, steps: int = EMULATED.step
 
 
 def finding_maxima(noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Asking[Maxima]:
-    """The maxima to which scans of the prior lead: as many scans as it takes until two climbs reach the highest one."""
-    maxima = Maxima.none(dimension)
+    """The maxima to which scans of the prior lead: as many scans as it takes until two climbs reach the highest one.
+    Climbs begin without a discrepancy: with it, twice as many of them end at low maxima."""
+    maxima, white = Maxima.none(dimension), noise.without_discrepancy()
     for _ in range(budget.scans):
-        begun = yield from climbing(noise, (yield from scanning(noise, dimension, budget, rng)), budget.begun)
+        begun = yield from climbing(white, (yield from scanning(white, dimension, budget, rng)), budget.begun)
         best = begun.u[np.argsort(-begun.value)[: budget.kept]]
         maxima = maxima.and_of((yield from climbing(noise, best, budget.steps)))
         if np.count_nonzero(maxima.value > np.max(maxima.value, initial=-np.inf) - SAME_HEIGHT) > 1:
@@ -402,34 +398,67 @@ def ridges(
     return Mixture(share / np.sum(share), tuple(parts))
 
 
+@dataclass(frozen=True, eq=False)
+class Rounds:
+    """Draws u (k, d) in rounds, each from a mixture that is fitted to the draws before it.
+
+    Attributes:
+        mixtures, sizes: of the rounds.
+        u: (k, d); frames: (k, n) what was computed there.
+        densities: (rounds, k) log density of each mixture there.
+    """
+
+    mixtures: tuple[Mixture, ...]
+    sizes: tuple[int, ...]
+    u: Floats
+    frames: Floats
+    densities: Floats
+
+    @property
+    def log_drawn(self) -> Floats:
+        """(k,) log density of all rounds together."""
+        return log_sum(self.densities + np.log(np.array(self.sizes) / len(self.u))[:, None], axis=0)
+
+    def and_from(self, mixture: Mixture, size: int, frames: Frames, rng: np.random.Generator) -> Rounds:
+        """These rounds and another one."""
+        u = mixture.draw(size, rng)
+        before = np.array([each.log_density(u) for each in self.mixtures])
+        both = np.concatenate([self.u, u])
+        densities = np.vstack([np.hstack([self.densities, before]), mixture.log_density(both)])
+        seen = np.concatenate([self.frames, frames(u)])
+        return Rounds((*self.mixtures, mixture), (*self.sizes, size), both, seen, densities)
+
+
+def first_round(mixture: Mixture, size: int, frames: Frames, rng: np.random.Generator) -> Rounds:
+    """A round from a mixture."""
+    u = mixture.draw(size, rng)
+    return Rounds((mixture,), (size,), u, frames(u), mixture.log_density(u)[None])
+
+
 def sample(
-    target: Density, mixture: Mixture, sizes: Sequence[int], rng: np.random.Generator, enough: float = np.inf
-) -> tuple[Draws, Mixture]:
-    """Draws of a density in rounds of these sizes, from a mixture that is fitted to them after each, and the last
-    mixture. No round follows when `enough` draws are effective."""
-    d = len(mixture.parts[0].middle)
-    u, value, mixtures = np.zeros((0, d)), np.zeros(0), list[Mixture]()
-    densities = np.zeros((0, 0))  # log, of each round's mixture at each draw
-    for size in sizes:
-        mixtures.append(mixture.widened())
-        new = mixtures[-1].draw(size, rng)
-        u, value = np.concatenate([u, new]), np.concatenate([value, target(new)])
-        before = np.array([m.log_density(new) for m in mixtures[:-1]]).reshape(len(mixtures) - 1, size)
-        densities = np.vstack([np.hstack([densities, before]), mixtures[-1].log_density(u)])
-        shares = np.log(np.array(sizes[: len(mixtures)]) / len(u))
-        log_weight = value - log_sum(densities + shares[:, None], axis=0)
-        good = np.isfinite(log_weight)
-        if np.count_nonzero(good) > 10 * d:
-            mixture = mixture.fitted(u[good], log_weight[good])
-        if effective_size(log_weight) >= enough:
+    frames: Frames, log_density: Callable[[Floats, Floats], Floats], rounds: Rounds, sizes: Sequence[int],
+    rng: np.random.Generator, enough: float = np.inf,
+) -> tuple[Draws, Rounds]:  # fmt: skip
+    """Draws of a density, whose log (k,) is that of u (k, d) and the frames (k, n) there, from these rounds and more of
+    them, which have these sizes by their place among all. No round follows when `enough` draws are effective."""
+    value = log_density(rounds.u, rounds.frames)
+    while True:
+        log_weight = value - rounds.log_drawn
+        done = len(rounds.sizes)
+        if done >= len(sizes) or effective_size(log_weight) >= enough:
             break
-    order = rng.permutation(len(u))
+        mixture, good = rounds.mixtures[-1], np.isfinite(log_weight)
+        if np.count_nonzero(good) > 10 * rounds.u.shape[1]:
+            mixture = mixture.fitted(rounds.u[good], log_weight[good])
+        rounds = rounds.and_from(mixture, sizes[done], frames, rng)
+        value = np.concatenate([value, log_density(rounds.u[-sizes[done] :], rounds.frames[-sizes[done] :])])
+    order = rng.permutation(len(value))
     top = np.max(log_weight)
-    weight = np.exp(log_weight - top) if np.isfinite(top) else np.zeros(len(u))
+    weight = np.exp(log_weight - top) if np.isfinite(top) else np.zeros(len(value))
     mean = max(float(np.mean(weight)), 1e-300)
-    error = float(np.std(weight) / np.sqrt(len(u)) / mean)
-    log_weight = log_weight[order] - top - np.log(mean * len(u))
-    return Draws(u[order], value[order], log_weight, float(top + np.log(mean)), error), mixture
+    error = float(np.std(weight) / np.sqrt(len(value)) / mean)
+    log_weight = log_weight[order] - top - np.log(mean * len(value))
+    return Draws(rounds.u[order], value[order], log_weight, float(top + np.log(mean)), error), rounds
 
 
 def effective_size(log_weight: Floats) -> float:

@@ -24,11 +24,12 @@ from cavirheo.inference.sample import (
     Draws,
     Frames,
     Maxima,
-    Mixture,
+    Rounds,
     climbing,
     effective_size,
     expanding,
     finding_maxima,
+    first_round,
     in_step,
     ridges,
     sample,
@@ -40,9 +41,10 @@ REACH = 15.0  # of log posterior, or of the log of Laplace's integral, below whi
 LOOKED_AT, REFINED = 4, 8  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
 NEGLIGIBLE = 6.0  # log evidence below which a model is not drawn from further
 TELLING = 8.0  # effective draws that tell the evidence of a model; fewer find it too low
-GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that are drawn from again; and the least that is reckoned with
+LEAST_YIELD = 0.1  # effective part of draws that is reckoned with at least
 SLOPE_RIDGE, ROUGHNESS = 3.0, 0.1  # of the correction: ridge of its slopes, variance that the process leaves
 FARTHEST = 2.5  # widths from the middle up to which the correction is linear
+AT_ONCE = 256  # places that are corrected together: their matrices stay in the processor's cache
 SPREAD_OUT = 4096  # equally likely draws among which those to be simulated are picked
 OUTER = 0.02  # probability between an end of a prior and a place that comes from another model
 
@@ -116,8 +118,7 @@ class Sampled:
         model: the model.
         known: what its simulations tell.
         maxima: of its log posterior; the last one is the highest by simulations, once it has been looked at.
-        mixture: likely places.
-        draws: of the corrected quick frames.
+        rounds: of quick frames.
         log_evidence: as far as it is known: Laplace's integral, then by the emulator, then by weighed draws.
         parts: weighed draws.
     """
@@ -126,8 +127,7 @@ class Sampled:
     known: Known
     maxima: Maxima
     rng: np.random.Generator
-    mixture: Mixture | None = None
-    draws: Draws | None = None
+    rounds: Rounds | None = None
     log_evidence: float = -np.inf
     parts: tuple[Weighed, ...] = ()
 
@@ -161,7 +161,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         wanted = int(np.clip(needed, CORRECTING, budget.effective))
         if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > budget.most:
             break
-        found[worst] = _weighed(found[worst], wanted, budget)
+        found[worst] = _weighed(found[worst], wanted, budget, float(share[worst]))[1]
     return joined(found)
 
 
@@ -301,28 +301,27 @@ def _corrected(quick: Frames, correction: Correction | Floats, u: Floats) -> Flo
     return quick(u) + (correction(u) if callable(correction) else correction)
 
 
-def _density(model: Model, residuals: Frames, u: Floats) -> Floats:
-    return model.log_posterior(u, residuals(u))
-
-
 def _settled(found: Sampled, budget: Budget) -> Sampled:
-    """With likely places by quick frames, and a few draws there. A poor emulator does not make the evidence too low."""
+    """With a few draws. A poor emulator does not make the evidence too low."""
     corrected = partial(_corrected, found.known.quick, found.known.correction())
     mixture = ridges(corrected, found.model.noise, found.maxima, budget, found.rng, LOOKED_AT, REACH)
-    found = _weighed(replace(found, mixture=mixture), CORRECTING, budget)
-    assert found.draws is not None
-    return replace(found, log_evidence=max(found.log_evidence, found.draws.log_evidence))
+    rounds = first_round(mixture, budget.rounds[0], found.known.quick, found.rng)
+    quick, found = _weighed(replace(found, rounds=rounds), CORRECTING, budget)
+    return replace(found, log_evidence=max(found.log_evidence, quick))
 
 
-def _weighed(found: Sampled, wanted: int, budget: Budget) -> Sampled:
-    """With so many more draws of the corrected quick frames that are simulated. Draws of which a good part was
-    effective are drawn from again; others are drawn anew."""
-    model, known, rng, draws, mixture = found.model, found.known, found.rng, found.draws, found.mixture
-    assert mixture is not None
+def _weighed(found: Sampled, wanted: int, budget: Budget, share: float = 0.0) -> tuple[float, Sampled]:
+    """With so many more draws of the corrected quick frames that are simulated, of a model with this share of the
+    evidence; and the log evidence by these frames."""
+    model, known, rng = found.model, found.known, found.rng
+    assert found.rounds is not None
     correction = known.correction()
-    if draws is None or found.yielded < GOOD or effective_size(draws.log_weight) < 2.0 * wanted:
-        target = partial(_density, model, partial(_corrected, known.quick, correction))
-        draws, mixture = sample(target, mixture, budget.rounds, rng, budget.sampled)
+
+    def log_density(u: Floats, residuals: Floats) -> Floats:
+        return model.log_posterior(u, residuals + correction(u))
+
+    enough = max(share * budget.sampled, budget.effective)
+    draws, rounds = sample(known.quick, log_density, found.rounds, budget.rounds, rng, enough)
     picked, count = np.unique(pick(draws, wanted, rng), return_counts=True)
     order = rng.permutation(len(picked))
     at, log_quick, count = draws.u[picked[order]], draws.log_density[picked[order]], count[order]
@@ -337,7 +336,8 @@ def _weighed(found: Sampled, wanted: int, budget: Budget) -> Sampled:
         float(np.hypot(draws.error, scatter)), min(effective_size(log_weight), effective_size(draws.log_weight)),
     )  # fmt: skip
     parts = (*found.parts, part)
-    return replace(found, mixture=mixture, draws=draws, parts=parts, log_evidence=together(parts).log_evidence)
+    more = replace(found, rounds=rounds, parts=parts, log_evidence=together(parts).log_evidence)
+    return draws.log_evidence, more
 
 
 @dataclass(eq=False)
@@ -419,7 +419,8 @@ def smooth(u: Floats, difference: Floats) -> Correction:
 
     def correction(at: Floats) -> Floats:
         y = (at - middle) @ whiten
-        return np.asarray(mean + np.clip(y, -FARTHEST, FARTHEST) @ slope + likeness(y) @ left)
+        process = [likeness(some) @ left for some in np.array_split(y, len(y) // AT_ONCE + 1)]
+        return np.asarray(mean + np.clip(y, -FARTHEST, FARTHEST) @ slope + np.concatenate(process))
 
     return correction
 

@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.sample import Draws, Mixture, sample
+from cavirheo.inference.sample import Draws, Mixture, first_round, sample
 from cavirheo.parameters import Bound
 from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal
@@ -306,7 +306,12 @@ class Scatter:
     def sample(self, seed: int) -> Draws:
         """Weighted draws."""
         rng = np.random.Generator(np.random.Philox(seed))
-        return sample(self, self._start(), _ROUNDS, rng, _ENOUGH)[0]
+
+        def values(u: Floats) -> Floats:
+            return self(u)[:, None]
+
+        rounds = first_round(self._start(), _ROUNDS[0], values, rng)
+        return sample(values, lambda u, value: value[:, 0], rounds, _ROUNDS, rng, _ENOUGH)[0]
 
     def evidence(self, draws: Draws) -> Evidence:
         """Log evidence: that of the draws times the sizes of the likelihoods."""
