@@ -41,7 +41,7 @@ REACH = 15.0  # of log posterior, or of the log of Laplace's integral, below whi
 LOOKED_AT, REFINED = 4, 8  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
 NEGLIGIBLE = 6.0  # log evidence below which a model is not drawn from further
 TELLING = 8.0  # effective draws that tell the evidence of a model; fewer find it too low
-LEAST_YIELD = 0.1  # effective part of draws that is reckoned with at least
+GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that need no better correction, and that is reckoned with
 SLOPE_RIDGE, ROUGHNESS = 3.0, 0.1  # of the correction: ridge of its slopes, variance that the process leaves
 FARTHEST = 2.5  # widths from the middle up to which the correction is linear
 AT_ONCE = 256  # places that are corrected together: their matrices stay in the processor's cache
@@ -158,7 +158,10 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         lacking[[each.effective < TELLING for each in found]] += 1.0
         worst = int(np.argmax(lacking))
         needed = budget.effective * min(lacking[worst], share[worst]) / found[worst].yielded
-        wanted = int(np.clip(needed, CORRECTING, budget.effective))
+        most = budget.effective
+        if found[worst].yielded < GOOD:  # the correction becomes better before more is spent
+            most = sum(len(part.x) for part in found[worst].parts)
+        wanted = int(np.clip(needed, CORRECTING, most))
         if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > budget.most:
             break
         found[worst] = _weighed(found[worst], wanted, budget, float(share[worst]))[1]
