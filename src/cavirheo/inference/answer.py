@@ -12,7 +12,7 @@ import numpy as np
 from cavirheo.arrays import Floats, relative_weights, weighted_covariance
 from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import emulator, outside
+from cavirheo.inference.emulator import LARGEST_PULL, emulator, features, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
@@ -35,6 +35,7 @@ TRADED = 0.3  # correlation of a parameter with a nuisance at its end, above whi
 ENOUGH = EMULATED.effective  # draws without which there is no interval
 NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
+AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
 INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
 
 
@@ -58,14 +59,28 @@ class Target:
         return self.measured - self.shot.emulated(x, emulator())
 
     def simulated(self, x: Floats) -> Floats:
-        """Residuals (k, n) by the default solver; NaN where it fails."""
-        return self._solved(x, DEFAULT)
+        """Residuals (k, n) by the default solver; NaN where it fails, and where the emulator has none."""
+        residuals = np.full((len(x), len(self.measured)), np.nan)
+        known = self._pull(x) <= LARGEST_PULL
+        residuals[known] = self._solved(x[known], DEFAULT)
+        return residuals
 
     def _solved(self, x: Floats, accuracy: Accuracy) -> Floats:
-        residuals = np.array(run_jobs(partial(self.shot.difference, accuracy=accuracy), x, self.workers))
+        rows = run_jobs(partial(self.shot.difference, accuracy=accuracy), x, self.workers)
+        residuals = np.array(rows).reshape(len(x), len(self.measured))
         self.simulations += len(x)
         self.failures += int(np.count_nonzero(~np.isfinite(residuals).all(axis=-1)))
-        return residuals.reshape(len(x), -1)
+        return residuals
+
+    def _pull(self, x: Floats) -> Floats:
+        """(k,) |S_el(R_max)|/p at x (k, d), where there is an emulator that it limits, else 0."""
+        return np.zeros(len(x)) if self.unknown or not len(x) else features(self.shot.bubbles(x)).pull
+
+    def too_stiff(self, weighed: Weighed) -> bool:
+        """Whether likely bubbles are at the end of what the emulator was trained for."""
+        weight = relative_weights(weighed.log_weight)
+        pulled = self._pull(weighed.x) > AT_THE_END * LARGEST_PULL
+        return bool(weight @ pulled > LIKELY * np.sum(weight))
 
     def state(self, x: Floats) -> State:
         """The state of the switches at x (d,)."""
@@ -139,7 +154,11 @@ def sampled_answer(
     checks = shot.checks(weighed.x[best], verdict, messages)
     checks = replace(checks, predicted_over_rmax=predicted(shot, noise, weighed, best, checks, seed))
     found = replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics)
-    return found if effective >= ENOUGH else _without_interval(found, best)
+    if effective < ENOUGH:
+        return _without_interval(found, best)
+    if target.too_stiff(weighed):
+        return found.without_draws(Message("interval.too_stiff", {"pull": LARGEST_PULL}))
+    return found
 
 
 def _without_interval(found: Posterior, best: int) -> Posterior:

@@ -30,7 +30,8 @@ S_END, NODES = 30.0, 241  # of a trajectory: the last s, and the number of equal
 RAYLEIGH = 0.9147  # collapse time of an empty bubble in an inviscid liquid, t_c
 RADII = np.array([1.0, 0.85, 0.7, 0.55, 0.42, 0.32, 0.24, 0.17, 0.11, 0.07, 0.04])  # R/R_max of the stresses S_el
 RATES = 10.0 ** np.linspace(-1.0, 3.5, 8)  # t_c |U/R| of the viscosities
-LARGEST_STRESS = 1e3  # S_el/p beyond which a bubble feels no difference
+LARGEST_STRESS = 1e3  # S_el/p that stands for a larger one
+LARGEST_PULL = 25.0  # |S_el(R_max)|/p that was trained; of real gels it is at most 5
 FARTHEST = 8.0  # standard deviations from the mean at which an input is cut
 AT_ONCE = 128  # bubbles that are emulated together: their layers stay in the processor's cache
 INPUTS = 2 * len(RADII) + 3 * len(RATES) + 23  # numbers that the network is told of a bubble
@@ -103,10 +104,12 @@ class Camera(NamedTuple):
 
 
 class Features(NamedTuple):
-    """inputs: (k, inputs) of the network, NaN where the law does not hold; unit: (k,) T, s."""
+    """inputs: (k, inputs) of the network, NaN where the law does not hold; unit: (k,) T, s; pull: (k,)
+    |S_el(R_max)|/p."""
 
     inputs: Floats
     unit: Floats
+    pull: Floats
 
 
 def features(bubbles: Bubbles) -> Features:
@@ -148,7 +151,8 @@ def features(bubbles: Bubbles) -> Features:
     floored = np.maximum(viscosity, 1e-6)
     law += [np.log10(floored), np.log1p(floored / 0.003), np.log1p(floored / 0.05)]
     inputs = np.column_stack([*law, *numbers, *shot, arm, *damage])
-    return Features(inputs, RAYLEIGH * t_c / np.sqrt(1.0 + np.abs(stress[:, 0])))
+    pull = np.abs(stress[:, 0])
+    return Features(inputs, RAYLEIGH * t_c / np.sqrt(1.0 + pull), pull)
 
 
 def elastic_stress(law: Elastic, stretch: Floats) -> Floats:
@@ -237,10 +241,10 @@ class Emulator:
         return np.asarray(x @ self._last[0] + self._last[1])
 
     def radius(self, bubbles: Bubbles, camera: Camera) -> Floats:
-        """(k, n) R/R_max of k bubbles as a camera sees it; NaN for a bubble whose law does not hold. After the end of
-        the emulated trajectory the bubble rests."""
+        """(k, n) R/R_max of k bubbles as a camera sees it; NaN for a bubble whose law does not hold, or whose pull was
+        not trained. After the end of the emulated trajectory the bubble rests."""
         made = features(bubbles)
-        holds = np.all(np.isfinite(made.inputs), axis=1)
+        holds = np.all(np.isfinite(made.inputs), axis=1) & (made.pull <= LARGEST_PULL)
         out = np.empty((len(holds), len(camera.time)))
         for start in range(0, len(holds), AT_ONCE):
             rows = slice(start, start + AT_ONCE)

@@ -269,28 +269,29 @@ class Experiment:
         radius[order] = run.radius / (scale * self.max_radius)
         return np.asarray(radius.reshape(-1, len(offsets)) @ shares)
 
-    def emulated(self, x: Floats, emulator: Emulator, *, times: Floats | None = None) -> Floats:
-        """(k, n) simulated R over the measured R_max, at x (k, d), by the emulator, of the frames that count or at
-        other times since R_max (n,), s; NaN where the law does not hold."""
+    def bubbles(self, x: Floats) -> Bubbles:
+        """The bubbles at x (k, d), as the emulator takes them."""
         natural, k = self.natural(x.T), len(x)
-        size = {
-            name: np.broadcast_to(natural[name], (k,)) for name in ("time_origin", "radius_scale", "max_radius_factor")
-        }
-        factor = size["max_radius_factor"]
-        radius = self.max_radius * size["radius_scale"] * factor
         values = {name: np.broadcast_to(natural.get(name, default), (k,)) for name, default in _EMULATED.items()}
         accommodation = np.full(k, np.inf)
         if self.options.bubble.contents == "kinetic":
             accommodation = values["accommodation"]
         real = np.isfinite(accommodation) | (self.options.bubble.contents != "kinetic")
-        bubbles = Bubbles(
+        radius = self.max_radius * np.broadcast_to(natural["radius_scale"] * natural["max_radius_factor"], (k,))
+        return Bubbles(
             self.family.material(x[:, : self.law_size]), self.medium, radius, values["stretch"], accommodation,
             np.where(real, values["confinement_damping"], 0.0), values["damage_modulus"], values["damage_radius"],
         )  # fmt: skip
+
+    def emulated(self, x: Floats, emulator: Emulator, *, times: Floats | None = None) -> Floats:
+        """(k, n) simulated R over the measured R_max, at x (k, d), by the emulator, of the frames that count or at
+        other times since R_max (n,), s; NaN where `Emulator.radius` is."""
+        natural = self.natural(x.T)
+        origin, factor = (np.broadcast_to(natural[name], len(x)) for name in ("time_origin", "max_radius_factor"))
         nodes = exposure_nodes(self.exposure, QUICK_INSTANTS)
         times = self.time_since_max[self.counted] if times is None else times
-        camera = Camera(times, *nodes, np.ascontiguousarray(size["time_origin"]))
-        return factor[:, None] * emulator.radius(bubbles, camera)
+        camera = Camera(times, *nodes, np.ascontiguousarray(origin))
+        return factor[:, None] * emulator.radius(self.bubbles(x), camera)
 
     def _run(
         self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy

@@ -383,6 +383,10 @@ def ridges(
         missed = residuals(u)
         value = noise.log_density(missed) + log_normal(u)
         near = value > np.max(value) - reach
+        if not near.any():  # the steps led to where there are no frames
+            parts.append(Bent.straight(maxima.u[i], np.linalg.inv(maxima.curvature[i])))
+            heights.append(float(maxima.value[i] - 0.5 * np.linalg.slogdet(maxima.curvature[i])[1]))
+            continue
         _, curvature = expand(residuals, noise, u[near], missed[near])
         held, axes = np.linalg.eigh(curvature)
         width = np.where(held < TIGHT, ALONG, 1.0) / np.sqrt(held)
@@ -440,18 +444,21 @@ def sample(
     rng: np.random.Generator, enough: float = np.inf,
 ) -> tuple[Draws, Rounds]:  # fmt: skip
     """Draws of a density, whose log (k,) is that of u (k, d) and the frames (k, n) there, from these rounds and more of
-    them, which have these sizes by their place among all. No round follows when `enough` draws are effective."""
+    them, which have these sizes by their place among all. No round follows when `enough` draws are effective; of
+    rounds beyond `sizes` there is one."""
     value = log_density(rounds.u, rounds.frames)
+    most = max(len(sizes), len(rounds.sizes) + 1)
     while True:
         log_weight = value - rounds.log_drawn
         done = len(rounds.sizes)
-        if done >= len(sizes) or effective_size(log_weight) >= enough:
+        if done == most or effective_size(log_weight) >= enough:
             break
         mixture, good = rounds.mixtures[-1], np.isfinite(log_weight)
         if np.count_nonzero(good) > 10 * rounds.u.shape[1]:
             mixture = mixture.fitted(rounds.u[good], log_weight[good])
-        rounds = rounds.and_from(mixture, sizes[done], frames, rng)
-        value = np.concatenate([value, log_density(rounds.u[-sizes[done] :], rounds.frames[-sizes[done] :])])
+        size = sizes[min(done, len(sizes) - 1)]
+        rounds = rounds.and_from(mixture, size, frames, rng)
+        value = np.concatenate([value, log_density(rounds.u[-size:], rounds.frames[-size:])])
     order = rng.permutation(len(value))
     top = np.max(log_weight)
     weight = np.exp(log_weight - top) if np.isfinite(top) else np.zeros(len(value))

@@ -134,7 +134,7 @@ class Sampled:
     @property
     def effective(self) -> float:
         """Number of effective draws."""
-        return sum(part.effective for part in self.parts)
+        return together(self.parts).effective
 
     @property
     def yielded(self) -> float:
@@ -151,6 +151,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         raise SolverError("no bubble of this law can be simulated at the times of the frames")
     looked = _looked_at(_likely(_crossed(started, budget), REACH), budget)
     found = _likely([_settled(each, budget) for each in _likely(looked, REACH)], NEGLIGIBLE)
+    spent = sum(each.known.count for each in found)
     while True:
         logs = np.array([each.log_evidence for each in found])
         share = np.exp(logs - log_sum(logs))
@@ -162,7 +163,8 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         if found[worst].yielded < GOOD:  # the correction becomes better before more is spent
             most = sum(len(part.x) for part in found[worst].parts)
         wanted = int(np.clip(needed, CORRECTING, most))
-        if lacking[worst] <= 0.0 or sum(each.known.count for each in found) + wanted > budget.most:
+        spent += wanted
+        if lacking[worst] <= 0.0 or spent > budget.most:
             break
         found[worst] = _weighed(found[worst], wanted, budget, float(share[worst]))[1]
     return joined(found)
@@ -459,7 +461,8 @@ def together(parts: Sequence[Weighed]) -> Weighed:
     x, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
     log_evidence = float(top + np.log(np.sum(share * np.exp(evidences - top))))
     error = float(np.sqrt(np.sum((share * np.array([part.error for part in parts])) ** 2)))
-    return Weighed(x, residuals, log_posterior, np.concatenate(logs), log_evidence, error, float(np.sum(sizes)))
+    log_weight = np.concatenate(logs)
+    return Weighed(x, residuals, log_posterior, log_weight, log_evidence, error, _effective(x, log_weight))
 
 
 def joined(found: Sequence[Sampled]) -> Weighed:
@@ -471,4 +474,11 @@ def joined(found: Sequence[Sampled]) -> Weighed:
     x, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
     log_weight = np.concatenate([part.log_weight + log - whole for part, log in zip(parts, evidences, strict=True)])
     error = float(np.sqrt(np.sum((share * np.array([part.error for part in parts])) ** 2)))
-    return Weighed(x, residuals, log_posterior, log_weight, whole, error, effective_size(log_weight))
+    return Weighed(x, residuals, log_posterior, log_weight, whole, error, _effective(x, log_weight))
+
+
+def _effective(x: Floats, log_weight: Floats) -> float:
+    """Effective number of different places x (k, d)."""
+    _, which = np.unique(x, axis=0, return_inverse=True)
+    weight = np.bincount(which.ravel(), np.exp(log_weight - np.max(log_weight)))
+    return float(np.sum(weight) ** 2 / np.sum(weight**2))

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import INPUTS, NODES, RADII, RATES, RAYLEIGH, S_END, STRETCHING, Bubbles, features
+from cavirheo.inference.emulator import INPUTS, LARGEST_PULL, NODES, RADII, RATES, S_END, STRETCHING, Bubbles, features
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 from cavirheo.physics.bubble import Bubble, Damage
 from cavirheo.physics.laws import Material
@@ -26,7 +26,7 @@ DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and wher
     "viscous": {"newtonian": 0.66, "power-law": 0.12, "carreau-yasuda": 0.08, "cross": 0.06, "herschel-bulkley": 0.04,
                 "powell-eyring": 0.04},
     "arms": {"": 0.9, "ucm": 0.06, "maxwell": 0.04},
-    "largest_stress": 25.0,  # |S_el(R_max)|/p
+    "largest_stress": LARGEST_PULL,  # |S_el(R_max)|/p
     "largest_viscosity": 8.0,  # over p t_c
     "stretch": [1.05, 40.0, 1.5, 14.0],  # ends of the range, and of the usual one
     "max_radius": [20e-6, 1500e-6, 60e-6, 500e-6],  # m, likewise
@@ -100,9 +100,8 @@ def draw(rng: np.random.Generator) -> Drawn:
     widening = 10.0 ** rng.random(size) if damaged else np.ones(size)
     arrays = radius, stretch, accommodation, damping, modulus, widening
     made = features(Bubbles(family.material(x), medium, *arrays))
-    stress = (RAYLEIGH * radius / medium.velocity_scale / made.unit) ** 2 - 1.0  # |S_el(R_max)|/p
     viscosity = 10.0 ** made.inputs[:, VISCOSITIES].max(axis=1)  # over p t_c
-    usable = np.isfinite(made.inputs).all(axis=1) & (stress <= DOMAIN["largest_stress"])
+    usable = np.isfinite(made.inputs).all(axis=1) & (made.pull <= DOMAIN["largest_stress"])
     chosen: list[int] = []
     materials: list[Material] = []
     models: list[Bubble] = []
