@@ -89,7 +89,7 @@ class Weighed(NamedTuple):
         x: (k, d) places.
         residuals: (k, n) of the simulations there.
         log_posterior: (k,) by these.
-        log_weight: (k,); of the whole their exponentials sum to 1.
+        log_weight: (k,); their exponentials sum to 1.
         log_evidence, error: log of the integral, and its standard error.
         effective: number of draws that are effective.
     """
@@ -334,8 +334,10 @@ def _weighed(found: Sampled, wanted: int, budget: Budget, share: float = 0.0) ->
     log_posterior = model.log_posterior(at, residuals)
     gain = log_posterior - log_quick
     log_mean = float(log_sum(np.log(count) + gain) - np.log(np.sum(count)))
-    scatter = float(np.std(np.exp(gain - log_mean)) / np.sqrt(len(at)))
+    scatter = float(np.std(np.exp(gain - log_mean)) / np.sqrt(len(at))) if np.isfinite(log_mean) else 0.0
     log_weight = np.log(count) + gain
+    if np.isfinite(log_mean):
+        log_weight -= log_sum(log_weight)
     part = Weighed(
         model.to_x(at), residuals, log_posterior, log_weight, draws.log_evidence + log_mean,
         float(np.hypot(draws.error, scatter)), min(effective_size(log_weight), effective_size(draws.log_weight)),
@@ -450,18 +452,17 @@ def pick(draws: Draws, count: int, rng: np.random.Generator) -> NDArray[np.int64
 
 def together(parts: Sequence[Weighed]) -> Weighed:
     """The draws of several parts of one model, each part with the share of its effective draws."""
-    sizes = np.array([part.effective for part in parts])
-    share = sizes / max(np.sum(sizes), 1e-300)
+    parts = [part for part in parts if part.effective > 0.0] or parts[:1]
+    if len(parts) == 1:
+        return parts[0]
+    share = np.array([part.effective for part in parts])
+    share /= np.sum(share)
     evidences = np.array([part.log_evidence for part in parts])
     top = np.max(evidences)
-    logs = [
-        part.log_weight - log_sum(part.log_weight) + np.log(max(size, 1e-300))
-        for part, size in zip(parts, share, strict=True)
-    ]
     x, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
+    log_weight = np.concatenate([part.log_weight + np.log(size) for part, size in zip(parts, share, strict=True)])
     log_evidence = float(top + np.log(np.sum(share * np.exp(evidences - top))))
     error = float(np.sqrt(np.sum((share * np.array([part.error for part in parts])) ** 2)))
-    log_weight = np.concatenate(logs)
     return Weighed(x, residuals, log_posterior, log_weight, log_evidence, error, _effective(x, log_weight))
 
 
