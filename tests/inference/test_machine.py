@@ -20,9 +20,9 @@ from cavirheo.inference.sample import (
     climb,
     effective_size,
     first_round,
+    flattening,
     ridges,
     sample,
-    tempered,
 )
 from cavirheo.inference.weigh import Model, pick, posterior, smooth
 from cavirheo.physics.bubble import Bubble
@@ -180,13 +180,13 @@ def test_every_draw_of_an_answer_was_simulated():
     assert found.log_posterior == pytest.approx(noise.log_density(measured - found.x @ slopes.T) + log_normal(found.x))
 
 
-def test_an_effective_size_and_a_tempered_one_are_kongs():
+def test_an_effective_size_is_kongs_and_a_power_of_weights_has_more():
     log_weight = np.log(np.array([0.5, 0.25, 0.25])) - 800.0
     assert effective_size(log_weight) == pytest.approx(1.0 / (0.25 + 2 * 0.0625))
     assert effective_size(np.full(4, -np.inf)) == 0.0
     steep = -np.linspace(0.0, 60.0, 1000)
-    assert effective_size(tempered(steep, 200.0)) == pytest.approx(200.0, rel=0.02)
-    assert np.array_equal(tempered(steep, 5.0), steep)
+    assert effective_size(flattening(steep, 200.0) * steep) == pytest.approx(200.0, rel=0.02)
+    assert flattening(steep, 5.0) == 1.0
 
 
 def test_a_few_draws_are_spread_as_all_are():

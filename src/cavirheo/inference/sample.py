@@ -3,7 +3,7 @@
 A scan of the prior finds places to begin, and climbs by Gauss-Newton steps lead from the best of them to the maxima.
 From each maximum points are laid out along the ridge on which it lies: the frames hold some directions of u tightly and
 others hardly at all, and the tight ones are curved along the others. Bent Student's t distributions follow these
-ridges; importance sampling draws from them and fits them to its draws, round by round, and all draws count by the
+ridges; importance sampling draws from them and fits them to likely draws, round by round, and all draws count by the
 density of all rounds together (adaptive multiple importance sampling: Cornuet, Marin, Mira and Robert 2012,
 doi:10.1111/j.1467-9469.2011.00756.x). Straight distributions find the evidence 0.4 too low, and Markov chains of the
 same cost 0.6 too low with intervals that are 10 % too narrow.
@@ -37,6 +37,11 @@ ALONG = 0.3  # width of the scatter about such a place along the ridge, over tha
 APART, NEAR = 9.0, 0.25  # squared distance, over d, of two peaks by their curvature, and of two places
 SAME_HEIGHT = 0.5  # between two climbs that end at one maximum
 DIFFERENCE = 1e-3  # step of finite differences in u
+WALKED = 4  # steps of walkers, of which the last half are likely places
+LENGTHS = np.array(
+    [0.25, 0.5, 1.0]
+)  # of these steps, over the best one for a normal distribution; others: from mode to mode
+JITTER = 1e-4  # in u, of a step
 Frames = Callable[[Floats], Floats]  # residuals (k, n) at u (k, d)
 T = TypeVar("T")
 Asking = Generator[Floats, Floats, T]  # a computation that asks for residuals: it yields u (k, d) and is sent (k, n)
@@ -55,6 +60,7 @@ class Budget:
         steps: of a climb at most.
         ridge: places along the ridge of a maximum.
         rounds: draws of the rounds of a model, which end when enough of all its draws are effective.
+        walkers: likely draws that walk before each round.
         sampled: that number for all models; each needs its share, and `effective` at least. With a tenth of it the ends
             of long ridges are missed: 90 % intervals hold 80 %.
         effective: simulated draws of all models together that are to be effective.
@@ -69,6 +75,7 @@ class Budget:
     steps: int = 40
     ridge: int = 60
     rounds: tuple[int, ...] = (1000, 1500, 2000, 2500, 3000, 3500, 4000, 4500, 5000)
+    walkers: int = 300
     sampled: float = 700.0
     effective: float = 100.0
     most: int = 1800
@@ -76,7 +83,16 @@ class Budget:
 
 EMULATED = Budget()
 SIMULATED = Budget(
-    scans=2, scanned=200, climbed=6, begun=2, kept=3, steps=6, ridge=12, rounds=(150, 200, 250, 300, 400), sampled=100.0
+    scans=2,
+    scanned=200,
+    climbed=6,
+    begun=2,
+    kept=3,
+    steps=6,
+    ridge=12,
+    rounds=(150, 200, 250, 300, 400),
+    walkers=40,
+    sampled=100.0,
 )
 
 
@@ -246,19 +262,17 @@ class Mixture:
         """Log density (k,) at u (k, d)."""
         return log_sum(self._terms(u), axis=0)
 
-    def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
-        """A step of expectation maximisation to weighted draws u (k, d); a component with few of them stays."""
-        d = u.shape[1]
-        log_weight = tempered(log_weight, 10.0 * d)
+    def fitted(self, u: Floats) -> Mixture:
+        """A step of expectation maximisation to draws u (k, d); a component with few of them stays."""
         terms = self._terms(u)
-        weight = np.exp(terms - log_sum(terms, axis=0) + log_weight - log_sum(log_weight))
+        weight = np.exp(terms - log_sum(terms, axis=0))
         share = np.sum(weight, axis=1)
         effective = share**2 / np.maximum(np.sum(weight**2, axis=1), 1e-300)
         parts = [
-            Bent.through(u, row) if number > 3 * d else part
+            Bent.through(u, row) if number > 3 * u.shape[1] else part
             for part, row, number in zip(self.parts, weight, effective, strict=True)
         ]
-        used = np.flatnonzero(share > LEAST_SHARE)
+        used = np.flatnonzero(share > LEAST_SHARE * len(u))
         return Mixture(share[used] / np.sum(share[used]), tuple(parts[i] for i in used))
 
 
@@ -441,11 +455,15 @@ def first_round(mixture: Mixture, size: int, frames: Frames, rng: np.random.Gene
 
 def sample(
     frames: Frames, log_density: Callable[[Floats, Floats], Floats], rounds: Rounds, sizes: Sequence[int],
-    rng: np.random.Generator, enough: float = np.inf,
+    rng: np.random.Generator, enough: float = np.inf, walkers: int = EMULATED.walkers,
 ) -> tuple[Draws, Rounds]:  # fmt: skip
     """Draws of a density, whose log (k,) is that of u (k, d) and the frames (k, n) there, from these rounds and more of
     them, which have these sizes by their place among all. No round follows when `enough` draws are effective; of
     rounds beyond `sizes` there is one."""
+
+    def density(u: Floats) -> Floats:
+        return log_density(u, frames(u))
+
     value = log_density(rounds.u, rounds.frames)
     most = max(len(sizes), len(rounds.sizes) + 1)
     while True:
@@ -453,9 +471,10 @@ def sample(
         done = len(rounds.sizes)
         if done == most or effective_size(log_weight) >= enough:
             break
-        mixture, good = rounds.mixtures[-1], np.isfinite(log_weight)
-        if np.count_nonzero(good) > 10 * rounds.u.shape[1]:
-            mixture = mixture.fitted(rounds.u[good], log_weight[good])
+        mixture = rounds.mixtures[-1]
+        if np.count_nonzero(np.isfinite(log_weight)) > 10 * rounds.u.shape[1]:
+            likely = walked(density, rounds.u, value, log_weight, walkers, rng)
+            mixture = mixture.fitted(likely).fitted(likely)
         size = sizes[min(done, len(sizes) - 1)]
         rounds = rounds.and_from(mixture, size, frames, rng)
         value = np.concatenate([value, log_density(rounds.u[-size:], rounds.frames[-size:])])
@@ -468,6 +487,36 @@ def sample(
     return Draws(rounds.u[order], value[order], log_weight, float(top + np.log(mean)), error), rounds
 
 
+def walked(
+    density: Callable[[Floats], Floats], u: Floats, value: Floats, log_weight: Floats, walkers: int,
+    rng: np.random.Generator,
+) -> Floats:  # fmt: skip
+    """(m, d) likely places, from draws u (k, d) with values (k,) of the log density and log weights (k,).
+
+    A mixture that is fitted to the draws themselves misses what few of them have reached. Here equally likely ones
+    take steps of differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1). As long as few draws are
+    effective, the density is flattened by a power."""
+    d, good = u.shape[1], np.isfinite(log_weight)
+    power = flattening(log_weight[good], 10.0 * d)
+    ends = np.cumsum(np.exp(power * (log_weight[good] - np.max(log_weight[good]))))
+    chosen = np.flatnonzero(good)[np.searchsorted(ends / ends[-1], (np.arange(walkers) + rng.random()) / walkers)]
+    at, height, places = u[chosen], power * value[chosen], list[Floats]()
+    for step in range(WALKED):
+        order = rng.permutation(walkers)
+        half = walkers // 2
+        for moving, others in ((order[:half], order[half:]), (order[half:], order[:half])):
+            first, second = at[rng.choice(others, (2, len(moving)))]
+            length = LENGTHS * 2.38 / np.sqrt(2.0 * d)
+            trial = at[moving] + rng.choice([*length, 1.0], len(moving))[:, None] * (first - second)
+            trial += JITTER * rng.standard_normal(trial.shape)
+            found = power * density(trial)
+            accepted = np.log(rng.random(len(moving))) < found - height[moving]
+            at[moving[accepted]], height[moving[accepted]] = trial[accepted], found[accepted]
+        if step >= WALKED // 2:
+            places.append(at.copy())
+    return np.concatenate(places)
+
+
 def effective_size(log_weight: Floats) -> float:
     """Effective number of draws, (sum w)^2/sum w^2; 0 if all weights vanish. Kong 1992."""
     top = np.max(log_weight, initial=-np.inf)
@@ -477,13 +526,13 @@ def effective_size(log_weight: Floats) -> float:
     return float(np.sum(weight) ** 2 / np.sum(weight**2))
 
 
-def tempered(log_weight: Floats, least: float) -> Floats:
-    """log_weight, or the log of that power of the weights whose effective number of draws is `least`."""
-    goal = min(least, 0.5 * np.count_nonzero(np.isfinite(log_weight)))
+def flattening(log_weight: Floats, least: float) -> float:
+    """The largest power, up to 1, of weights of which then `least` draws, or half of all, are effective."""
+    goal = min(least, 0.5 * len(log_weight))
     if effective_size(log_weight) >= goal:
-        return log_weight
+        return 1.0
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if effective_size(middle * log_weight) >= goal else (low, middle)
-    return np.asarray(low * log_weight if low > 0 else np.where(np.isfinite(log_weight), 0.0, -np.inf))
+    return low

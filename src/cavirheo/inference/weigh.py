@@ -326,7 +326,7 @@ def _weighed(found: Sampled, wanted: int, budget: Budget, share: float = 0.0) ->
         return model.log_posterior(u, residuals + correction(u))
 
     enough = max(share * budget.sampled, budget.effective)
-    draws, rounds = sample(known.quick, log_density, found.rounds, budget.rounds, rng, enough)
+    draws, rounds = sample(known.quick, log_density, found.rounds, budget.rounds, rng, enough, budget.walkers)
     picked, count = np.unique(pick(draws, wanted, rng), return_counts=True)
     order = rng.permutation(len(picked))
     at, log_quick, count = draws.u[picked[order]], draws.log_density[picked[order]], count[order]
