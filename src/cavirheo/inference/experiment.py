@@ -35,7 +35,7 @@ from cavirheo.physics.simulate import Simulation, simulate
 from cavirheo.posterior import Checks, Verdict
 from cavirheo.prior import Prior
 
-INSTANTS, QUICK_INSTANTS = 5, 3  # of an exposure, for the solver and for the emulator
+INSTANTS, QUICK_INSTANTS = 5, 2  # of an exposure, for the solver and for the emulator
 MIN_CLOCK, MIN_FACTOR = 0.02, 0.015  # smallest half-widths of the priors of the clock (t_c) and of the R_max factor
 NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 FIELD_PROBABILITY = 0.2  # prior probability that a bubble is the field's

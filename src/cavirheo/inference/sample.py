@@ -32,7 +32,6 @@ BENT_TO = 3.5  # widths of an axis up to which it bends the others
 RIDGE_SHARE = 2.0  # a ridge's quadratic function is drawn towards 0 as if by so many draws
 TIGHT = 10.0  # curvature over that of the prior from which on the frames hold a direction
 SPREAD, LONGEST = 1.3, 0.6  # of places along a ridge: width over that of Laplace's integral; and of a step onto it
-PIECES = 3  # distributions along a ridge; a single one misses its ends
 ALONG = 0.3  # width of the scatter about such a place along the ridge, over that of Laplace's integral
 APART, NEAR = 9.0, 0.25  # squared distance, over d, of two peaks by their curvature, and of two places
 SAME_HEIGHT = 0.5  # between two climbs that end at one maximum
@@ -73,10 +72,10 @@ class Budget:
     begun: int = 4
     kept: int = 6
     steps: int = 40
-    ridge: int = 60
+    ridge: int = 30
     rounds: tuple[int, ...] = (1000, 1500, 2000, 2500, 3000, 3500, 4000, 4500, 5000)
     walkers: int = 300
-    sampled: float = 700.0
+    sampled: float = 1500.0
     effective: float = 100.0
     most: int = 1800
 
@@ -378,8 +377,7 @@ def ridges(
     """Bent distributions along the ridge of each of the highest maxima (`Maxima.apart`).
 
     Places are drawn about the maximum in the directions that the frames hardly hold, and led back onto the ridge by two
-    Gauss-Newton steps in the others; a distribution goes through each of PIECES parts of them along the direction in
-    which they scatter most, with the widths of the posterior there."""
+    Gauss-Newton steps in the others; a distribution goes through them, with the widths of the posterior there."""
     parts, heights = list[Bent](), list[float]()
     for i in maxima.apart(most, reach, peaks=True):
         held, axes = np.linalg.eigh(maxima.curvature[i])
@@ -406,12 +404,8 @@ def ridges(
         width = np.where(held < TIGHT, ALONG, 1.0) / np.sqrt(held)
         off = width[:, None] * rng.standard_normal((len(held), 12, u.shape[1]))
         about = u[near][:, None] + np.einsum("kij,kaj->kai", axes, off)
-        height = value[near] - 0.5 * np.linalg.slogdet(curvature)[1]
-        off = u[near] - u[near].mean(axis=0)
-        order = np.argsort(off @ np.linalg.svd(off, full_matrices=False)[2][0])
-        for piece in np.array_split(order, PIECES if len(order) >= 4 * PIECES else 1):
-            parts.append(Bent.through(about[piece].reshape(-1, u.shape[1]), np.ones(12 * len(piece))))
-            heights.append(float(np.median(height[piece])))
+        parts.append(Bent.through(about.reshape(-1, u.shape[1]), np.ones(12 * len(held))))
+        heights.append(float(np.median(value[near] - 0.5 * np.linalg.slogdet(curvature)[1])))
     share = np.exp(np.array(heights) - np.max(heights)) + 0.05
     return Mixture(share / np.sum(share), tuple(parts))
 
