@@ -28,6 +28,7 @@ from cavirheo import NeoHookeanKelvinVoigt, Newtonian, Posterior, RadiusCurve, f
 from cavirheo.errors import SolverError
 from cavirheo.inference.answer import NEEDED
 from cavirheo.inference.assumptions import AUTO, Family, Options
+from cavirheo.inference.emulator import LARGEST_PULL, features
 from cavirheo.inference.experiment import BOUND_SCALES, ZETA, Experiment
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
@@ -95,8 +96,12 @@ def of_the_prior(rng: np.random.Generator) -> tuple[dict[str, float], Material, 
     """As `of_kind`, from the prior of the default family; the switches are 0 or 1."""
     usual = default_shot()
     states = usual.prior().states(NEEDED)
-    state = states[rng.choice(len(states), p=np.exp([each.log_probability for each in states]))]
-    x = state.to_x(rng.standard_normal((1, len(state.columns))))[0]
+    while True:
+        state = states[rng.choice(len(states), p=np.exp([each.log_probability for each in states]))]
+        x = state.to_x(rng.standard_normal((1, len(state.columns))))
+        if features(usual.bubbles(x)).pull[0] <= LARGEST_PULL:  # others have no prior probability
+            break
+    x = x[0]
     truth = usual.all_values(x)
     bubble = usual.bubble_with(truth)
     switches = {
