@@ -108,8 +108,8 @@ REFUSED = {  # content, what the message says
     "m.csv.gz": (gzip.compress((HEAD + PLAIN).encode()), "compressed by gzip: unpack it"),
     "n.xlsx": (book(a=SHEET), "'time_us' holds no number: are its cells formulas"),
     "o.csv": (since_1970("timestamp_s", 1, 1e-6), "too few digits"),
-    "p.npy": (array(PAIRS), "the fields radius_um hold no single numbers"),
-    "s.npy": (array(np.zeros(9, [("time_us", "U4"), ("radius_um", "f8", 2)])), "the fields time_us, radius_um hold"),
+    "p.npy": (array(PAIRS), "radius_um is no field of single numbers"),
+    "s.npy": (array(np.rec.fromarrays([["0"] * N, UM], names="time_us,radius_um")), "time_us is no field of single"),
     "q.csv": (f"時間,半径\n{PLAIN}".encode("shift_jis"), "the text is not UTF-8: save it as CSV UTF-8"),
     "r.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "radius_um"]]), "not read: raw (hidden)"),
 }

@@ -193,7 +193,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "second sheet": (book(Info=[["Sample", "gel"]], Data=SHEET), "not read: 'Info'"),
     "array": (array(np.stack([TIME, RADIUS], axis=1)), "numpy"),
     "array of rows": (array(np.stack([TIME, RADIUS])), "numpy"),
-    "array of records": (array(RECORDS), "'flag'"),
+    "array of records": (array(RECORDS), "not used: flag"),
     "MATLAB metres": (saved(Rnew=RADIUS, t=TIME), ""),
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),

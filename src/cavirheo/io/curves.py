@@ -122,23 +122,15 @@ CURVES = Vocabulary(
     codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
     fallback=_shot_name,
     of_shots=True,
-    array_titles=("time", "radius"),
 )
-_WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:], array_titles=("radius",))
+_WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:])
 
 
 class Camera(NamedTuple):
-    """What is known of the camera: frames per s, micrometres per pixel, exposure in us; None: not known."""
+    """What is known of the camera: frames per s, micrometres per pixel; None: not known."""
 
     frame_rate: float | None = None
     um_per_px: float | None = None
-    exposure_us: float | None = None
-
-    @property
-    def options(self) -> str:
-        """The numbers as options of `cavirheo infer`."""
-        values = zip(("fps", "um-per-px", "exposure-us"), self, strict=True)
-        return "".join(f" --{name} {value:.10g}" for name, value in values if value is not None)
 
 
 class Form(NamedTuple):
@@ -184,8 +176,16 @@ _TRACE = Vocabulary(
 def read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read the curves of a table. Raises InputError: unknown layout, a missing column, a cell that is no number, or a
     frame rate or scale that is needed and not given."""
+    try:
+        tables = read_columns(source, CURVES)
+    except InputError as error:
+        if camera.frame_rate is None or error.code != "table.columns":
+            raise
+        try:
+            tables = read_columns(source, _WITHOUT_TIMES)
+        except InputError:
+            raise error from None
     curves = []
-    tables = _tables(source, camera)
     for table in tables:
         found = read_table(table, camera) if table.titles else _read_without_header(table, density, pressure)
         for k, curve in enumerate(found, 1):
@@ -194,19 +194,8 @@ def read(source: Source, density: float, pressure: float, camera: Camera) -> lis
     return curves
 
 
-def _tables(source: Source, camera: Camera) -> list[Table]:
-    """Return the tables with times, or with a frame rate also those without. Raises InputError as `read_columns`."""
-    try:
-        return read_columns(source, CURVES)
-    except InputError as error:
-        if camera.frame_rate is not None and error.code in ("table.columns", "tabular.array"):
-            with suppress(InputError):
-                return read_columns(source, _WITHOUT_TIMES)
-        raise
-
-
-def read_table(table: Table, camera: Camera, **fields: Any) -> list[RadiusCurve]:
-    """Read the curves of a table with titles, or named arrays. fields: of each curve. Raises InputError as `read`."""
+def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of a table with titles, or named arrays. Raises InputError as `read`."""
     shot, max_radius, *stretches = map(table.find, ("curve", "max_radius", "stretch", "stretch_std"))
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
     radii = _radii(table, camera, several=len(clocks) > 1)
@@ -251,7 +240,7 @@ def read_table(table: Table, camera: Camera, **fields: Any) -> list[RadiusCurve]
                     name.append(str(number))
                 if name:
                     meta["label"] = ", ".join(name)
-                curve = _curve(seconds, radius.numbers[chosen], std[chosen], unit, radius.unit, meta, **fields)
+                curve = _curve(seconds, radius.numbers[chosen], std[chosen], unit, radius.unit, meta)
                 curve = curve.labelled(warnings=(*curve.warnings, *radius.warnings))
                 curves.append(_scaled_to_column(curve, max_radius, chosen) if max_radius else curve)
     return curves
@@ -337,15 +326,14 @@ def _deviations(column: Column, radius: _Radius, um_per_px: float | None) -> Flo
     """Return the (rows,) standard deviations in the unit of the radius. Raises InputError: their units do not agree."""
     column.table.notes.append(f"{column.title!r} is taken as the standard deviation of the radius in each frame")
     of_radius = radius.columns[0].unit
-    unit = column.unit or of_radius
-    if unit == of_radius:
-        factor = 1.0 if radius.unit == of_radius else um_per_px or 1.0
-    else:
-        lengths = unit in LENGTH_UNITS and of_radius in LENGTH_UNITS
+    unit, factor = column.unit or of_radius, radius.form.deviation
+    if unit != of_radius:
         message = f"{column.title!r} is in {unit} and the radius in {of_radius}: give both in one unit"
-        require(lengths, message, "table.units")
-        factor = LENGTH_UNITS[str(unit)] / LENGTH_UNITS[str(of_radius)]
-    return radius.form.deviation * factor * column.numbers
+        require(unit in LENGTH_UNITS and of_radius in LENGTH_UNITS, message, "table.units")
+        factor *= LENGTH_UNITS[str(unit)] / LENGTH_UNITS[str(of_radius)]
+    elif radius.unit != of_radius:
+        factor *= um_per_px or 1.0
+    return factor * column.numbers
 
 
 def _is_in_pixels(numbers: Floats, unit: str | None) -> bool:
@@ -525,20 +513,14 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     write_rows(path, list(columns), texts, remark)
 
 
-def unusable_curve(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
-    """Return a curve without samples, with the reason. fields: other fields of the curve."""
+def unusable_curve(reason: str, meta: Mapping[str, Any]) -> RadiusCurve:
+    """Return a curve without samples, with the reason."""
     notes = (*meta.get("notes", ()), reason)
-    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": notes}, **fields, unusable=reason)
+    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": notes}, unusable=reason)
 
 
 def _curve(
-    t: Floats,
-    r: Floats,
-    std: Floats,
-    time_unit: str | None,
-    radius_unit: str | None,
-    meta: Mapping[str, Any],
-    **fields: Any,
+    t: Floats, r: Floats, std: Floats, time_unit: str | None, radius_unit: str | None, meta: Mapping[str, Any]
 ) -> RadiusCurve:
     """Clean one curve: (n,) finite times and radii (and their deviations) in their units; None: infer the unit from the
     size.
@@ -546,7 +528,7 @@ def _curve(
     Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames are sorted by time, and a few
     radii of one time are averaged; if many frames share times, the curve is unusable. The notes count each of these
     cases, after the notes in `meta`; times out of order are also among the curve's `warnings`. If the size contradicts
-    the unit of the radius, the curve is unscaled. fields: other fields of the curve.
+    the unit of the radius, the curve is unscaled.
 
     Raises InputError: the unit of time is not given and cannot be inferred.
     """
@@ -555,17 +537,16 @@ def _curve(
     n, missing, backwards = len(t), np.count_nonzero(np.isnan(r)), np.count_nonzero(np.diff(t) < 0)
     if 0 < backwards < n - 1 and np.all(np.diff(r) > 0):
         reason = f"the times go back in {backwards} of {n - 1} steps, and the radius always grows"
-        return unusable_curve(f"{reason}: are the columns exchanged?", meta, **fields)
+        return unusable_curve(f"{reason}: are the columns exchanged?", meta)
     per_time, time_hint = _time_scale(t, time_unit)
     per_radius, radius_hint, unscaled = _radius_scale(r, radius_unit)
-    unscaled = fields.pop("unscaled", unscaled)
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _LEAST_RADIUS
     r[empty], std[~(std > 0)] = np.nan, np.nan
     order = np.argsort(t, kind="stable")
     first = np.flatnonzero(np.diff(t[order], prepend=-np.inf) > _TIME_TOLERANCE)
     if reason := _shared_times(t, r[order], first):
-        return unusable_curve(reason, meta, **fields)
+        return unusable_curve(reason, meta)
     t, r, std = t[order][first], _averaged(r[order], first), _averaged(std[order], first)
     warnings: tuple[Message, ...] = ()
     if backwards:
@@ -590,9 +571,9 @@ def _curve(
     if hints := (*meta.pop("hints", ()), *filter(None, (time_hint, radius_hint))):
         meta["hints"] = hints
     try:
-        return RadiusCurve(t, r, std, meta, unscaled=unscaled, warnings=warnings, **fields)
+        return RadiusCurve(t, r, std, meta, unscaled=unscaled, warnings=warnings)
     except InputError as error:  # not a bubble; the other curves of the file remain usable
-        return unusable_curve(str(error), meta, **fields)
+        return unusable_curve(str(error), meta)
 
 
 def _shared_times(t: Floats, r: Floats, first: NDArray[np.intp]) -> str:

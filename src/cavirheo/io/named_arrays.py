@@ -1,4 +1,5 @@
-"""Recognise radius histories among named arrays: the variables of a .mat file, or the datasets of an HDF5 file.
+"""Recognise radius histories among named arrays: the variables of a .mat file, the datasets of an HDF5 file, or the
+fields of an array of numpy.
 
 | names | content |
 |---|---|
@@ -18,7 +19,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
 from math import prod
@@ -34,13 +35,15 @@ from cavirheo.io.tables import TIME_UNITS, Name, Table, Term, Vocabulary, unit_o
 from cavirheo.messages import Message
 from cavirheo.physics.media import CONSTANTS
 
-KINDS = ("matlab", "matlab4", "matlab73", "hdf5")  # of files that hold them
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
 _ROWS = ("shift_normRnew", "Rmax", "t")
-_KINDS_OF_SERIES = {kind for form in FORMS for kind in form.kinds} | {"time", "radius_std"}
+_ESSENTIAL = {kind for form in FORMS for kind in form.kinds} | {"time"}  # kinds of arrays that a shot must have
+_BESIDE = ("curve", "radius_std", "max_radius", "stretch", "stretch_std")  # used if they have a number per radius
+_WITHOUT_UNITS = ("area", "frame", "curve", "stretch", "stretch_std")  # kinds without a usual unit
 _LARGEST_RADIUS = 0.01  # m, largest radius of a bubble
 _LONGEST_TIME = 0.1  # s, of a recording
 _LISTED = 12  # most names in a note
+_UNIT = 1e-4  # m, an R_max in place of one that is not known
 _EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _STATED = Vocabulary(
     {
@@ -54,18 +57,20 @@ _STATED = Vocabulary(
         "stretch_std": Term("stretchstd lambdastd lambdamaxstd"),
         "frame rate": Term("fps framerate framespersecond", {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}),
         "frame interval": Term("deltat dt frameinterval", TIME_UNITS),
-        "pixel": Term("deltax", RADIUS_UNITS),
+        "size of a pixel": Term("deltax", RADIUS_UNITS),
         "um per pixel": Term("umperpx umperpixel micronsperpixel micronperpixel"),
     },
     "",
     (),
 )
+_ANY = (0.0, np.inf)
 _RANGES: dict[str, tuple[float, float]] = {name: one[:2] for name, one in CONSTANTS.items()}
-_RANGES |= {
-    "density": (0.0, np.inf),
-    "pressure": (0.0, np.inf),
-    "surface_tension": (1e-3, 1.0),
-    "stretch": (1.0, 100.0),
+_RANGES |= {"density": _ANY, "pressure": _ANY, "surface_tension": (1e-3, 1.0), "stretch": (1.0, 100.0)}
+_OF_CAMERA: dict[str, tuple[str, str, Callable[[float], float]]] = {  # field of Camera; unit in the file; its value
+    "frame interval": ("frame_rate", "s", lambda interval: 1.0 / interval),
+    "frame rate": ("frame_rate", "per second", lambda rate: rate),
+    "size of a pixel": ("um_per_px", "m", lambda size: 1e6 * size),
+    "um per pixel": ("um_per_px", "", lambda scale: scale),
 }
 
 
@@ -116,7 +121,7 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float, *, s
     """Build the curves. si: times and radii without a unit are in s and m; else their sizes tell. density and pressure
     make seconds of BDT's times. Raises InputError: no radius history, or none that can be used."""
     if arrays.keys() >= {*_CELL_ARRAYS}:
-        return _normalised(arrays, camera, density, pressure)
+        return _bdt(arrays, camera, density, pressure)
     if arrays.keys() >= {*_ROWS}:
         return _shifted(arrays, camera)
     folders: dict[str, list[_Series]] = {}
@@ -175,13 +180,13 @@ def folder_of(path: str) -> str:
 
 
 def _series(path: str, leaf: Leaf) -> _Series | None:
-    """Return what an array is, if it may be times or radii: several numbers, cells of them, or what cannot be read."""
+    """Return what an array is, if it may be a column of a table: several numbers, cells of them, or times or radii that
+    cannot be read."""
     plain = re.split("[/@]", path)[-1]
     word = _EXPERIMENT.sub("", plain)
     kind, unit, number = CURVES.name("radius" if word.lower() == "roft" else word)
     several = any(map(_several, leaf)) if isinstance(leaf, list) else _several(leaf)
-    std_of_words = kind == "radius_std" and isinstance(leaf, Other)
-    if "@" in path or not several or std_of_words or kind not in _KINDS_OF_SERIES:
+    if "@" in path or not kind or not several or (isinstance(leaf, Other) and kind not in _ESSENTIAL):
         return None
     attribute = leaf.unit if isinstance(leaf, Numbers) else ""
     unit = unit or unit_of(attribute, CURVES.terms["time"].units) or attribute or None
@@ -249,16 +254,15 @@ def _shot(
     label: str = "",
     si: bool = True,
     notes: Sequence[str] = (),
-    **fields: Any,
 ) -> list[RadiusCurve]:
-    """Return the curves of the times and radii among `members`. paths: of all that is in the shot or around it. fields:
-    of each curve."""
+    """Return the curves of the times and radii among `members`. paths: of all that is in the shot or around it."""
     form = _form(members)
     assert form is not None  # it makes the folder a shot
-    kinds = (*form.kinds, "time", "radius_std")
-    picked = [one for kind in kinds if (one := _pick(members, kind))]
-    first, *others = picked
-    picked = [first, *(one for one in others if one.kind == "time" or _shape(one.leaf) == _shape(first.leaf))]
+    picked = [one for kind in (*form.kinds, "time") if (one := _pick(members, kind))]
+    first = picked[0]
+    same = [one for one in members if _shape(one.leaf) == _shape(first.leaf)]
+    kinds = _BESIDE if picked[-1].kind == "time" else ("frame", *_BESIDE)
+    picked += [one for kind in kinds if (one := _pick(same, kind))]
     stated = _read_stated(arrays, paths)
     camera, meta, used = _facts(stated, camera)
     meta["notes"] = [*notes, *meta["notes"]]
@@ -273,11 +277,11 @@ def _shot(
     for k, shot in enumerate(shots, 1):
         name = (f"{label}[{k}]" if label else str(k)) if len(shots) > 1 else label
         if isinstance(shot, str):
-            made.append(unusable_curve(shot, {**meta, "label": name}, **fields))
+            made.append(unusable_curve(shot, {**meta, "label": name}))
             continue
         table = Table(CURVES, [], [*meta["notes"]], titles=titles, arrays=list(zip(names, shot, strict=True)))
         try:
-            found = read_table(table, camera, **fields)
+            found = read_table(table, camera)
         except InputError as error:
             raise InputError("; ".join([str(error), *_left_out(left)]), error.code) from None
         for curve in found:
@@ -294,7 +298,8 @@ def _named(one: _Series, shots: Sequence[Floats], plain: bool) -> Name:
     finite = values[np.isfinite(values)]
     largest = float(np.ptp(finite) if one.kind == "time" else finite.max()) if finite.size else 0.0
     usual, limit = ("s", _LONGEST_TIME) if one.kind == "time" else ("m", _LARGEST_RADIUS)
-    return Name(one.kind, one.unit or (usual if plain and largest < limit and one.kind != "area" else None))
+    assumed = plain and largest < limit and one.kind not in _WITHOUT_UNITS
+    return Name(one.kind, one.unit or (usual if assumed else None))
 
 
 def _with_rest(
@@ -315,34 +320,23 @@ def _with_rest(
 def _facts(stated: Mapping[str, _Stated], camera: Camera) -> tuple[Camera, dict[str, Any], set[str]]:
     """Return the camera as the user gives it, else as the file states it; the `meta` of a curve with what is stated of
     medium and stretch, and notes on it; and the paths of all that is taken from the file."""
-    meta: dict[str, Any] = {}
-    taken: dict[str, tuple[_Stated, str]] = {}
+    meta: dict[str, Any] = {"notes": []}
+    used: set[str] = set()
     for kind, one in stated.items():
+        field, unit, of_camera = _OF_CAMERA.get(kind, ("", "", float))
         if kind in CONSTANTS:
             meta.setdefault("medium", {})[kind] = one.value
-            taken[kind] = one, CONSTANTS[kind].unit
+            unit = CONSTANTS[kind].unit
         elif kind in ("stretch", "stretch_std"):
             meta[kind] = one.value
-            taken[kind] = one, ""
-    interval, rate = stated.get("frame interval"), stated.get("frame rate")
-    if camera.frame_rate is None and interval:
-        camera = camera._replace(frame_rate=1.0 / interval.value)
-        taken["frame interval"] = interval, "s"
-    elif camera.frame_rate is None and rate:
-        camera = camera._replace(frame_rate=rate.value)
-        taken["frame rate"] = rate, "per second"
-    pixel, scale = stated.get("pixel"), stated.get("um per pixel")
-    if camera.um_per_px is None and pixel:
-        camera = camera._replace(um_per_px=1e6 * pixel.value)
-        taken["size of a pixel"] = pixel, "m"
-    elif camera.um_per_px is None and scale:
-        camera = camera._replace(um_per_px=scale.value)
-        taken["size of a pixel"] = scale, "um"
-    meta["notes"] = [
-        f"the file states the {kind.replace('_', ' ')}: {one.path} = {one.value:.6g} {unit}".rstrip()
-        for kind, (one, unit) in taken.items()
-    ]
-    return camera, meta, {one.path for one, _ in taken.values()}
+        elif field and getattr(camera, field) is None:
+            camera = camera._replace(**{field: of_camera(one.value)})
+        else:
+            continue
+        what = f"the file states the {kind.replace('_', ' ')}: {one.path} = {one.value:.6g} {unit}"
+        meta["notes"].append(what.rstrip())
+        used.add(one.path)
+    return camera, meta, used
 
 
 def _left_out(paths: Sequence[str]) -> list[str]:
@@ -405,27 +399,34 @@ def _rows_of_matrices(picked: Sequence[_Series]) -> list[list[Floats]]:
     return [list(matrix) if matrix.size == radius.size else [matrix] for matrix in matrices]
 
 
-def _normalised(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
+def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
     """Read BDT's cells of R/R_max and t* = t/(R_max sqrt(rho/p)), with R_max of each in RmaxList."""
     stated = _read_stated(arrays, arrays)
     density = stated["density"].value if "density" in stated else density
     pressure = stated["pressure"].value if "pressure" in stated else pressure
     per_radius = float(np.sqrt(density / pressure))  # s/m: seconds per metre of R_max and unit of t*
     maxima = arrays["RmaxList"].read().ravel() if isinstance(arrays.get("RmaxList"), Numbers) else np.empty(0)
-    fields: dict[str, Any] = {"stated_time_of_max": 0.0}
+    radii, times = (arrays[path] for path in _CELL_ARRAYS)
+    cells = isinstance(radii, list) and isinstance(times, list)
+    require(cells, "R_nondim_All and t_nondim_All are no cells of arrays", "matlab.cells")
     notes = [f"seconds from t* with R_max of RmaxList, density {density:.6g} kg/m3, {pressure:.6g} Pa"]
-    if not len(maxima):  # the user's R_max will scale both time and radius
-        reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
-        fields |= {"time_unscaled": True, "unscaled": reason}
-        notes = []
-    members = []
-    for path, kind, unit, scale in zip(_CELL_ARRAYS, ("radius", "time"), ("m", "s"), (1.0, per_radius), strict=True):
-        leaf = arrays[path]
-        require(isinstance(leaf, list), "R_nondim_All and t_nondim_All are no cells of arrays", "matlab.cells")
-        factors = scale * (maxima if len(maxima) else np.ones(len(leaf)))
-        members.append(_Series(path, kind, "", unit, 0, _times_each(leaf, factors, "no scale: RmaxList has no R_max")))
-    made = _shot(arrays, [path for path in arrays if path != "RmaxList"], members, camera, notes=notes, **fields)
-    return [curve.labelled(warnings=(*curve.warnings, *_density_warning(curve, density))) for curve in made]
+    unscaled = ""
+    if not len(maxima):
+        unscaled = "the file has no RmaxList, so radii and times are only known in units of R_max"
+        notes, maxima = [unscaled], np.full(max(len(radii), len(times)), _UNIT)
+    without = "no scale: RmaxList has no R_max"
+    members = [
+        _Series(_CELL_ARRAYS[0], "radius", "", "m", 0, _times_each(radii, maxima, without)),
+        _Series(_CELL_ARRAYS[1], "time", "", "s", 0, _times_each(times, per_radius * maxima, without)),
+    ]
+    curves = []
+    for curve in _shot(arrays, [path for path in arrays if path != "RmaxList"], members, camera, notes=notes):
+        if unscaled:  # the user's R_max will scale both time and radius
+            parts = {"time": curve.time / _UNIT, "radius": curve.radius / _UNIT, "radius_std": curve.radius_std / _UNIT}
+            curve = replace(curve, **parts, unscaled=unscaled, time_unscaled=True)
+        warnings = (*curve.warnings, *_density_warning(curve, density))
+        curves.append(replace(curve, stated_time_of_max=0.0, warnings=warnings))
+    return curves
 
 
 def _density_warning(curve: RadiusCurve, density: float) -> list[Message]:

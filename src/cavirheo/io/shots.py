@@ -89,14 +89,18 @@ def read_curves(
 
 def _read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read the curves of a file."""
-    from cavirheo.io import curves, matlab, named_arrays
+    from cavirheo.io import curves, matlab, named_arrays, npy
 
     if source.kind in ("empty", "binary"):
         found = "the file is empty" if source.kind == "empty" else "binary data of no known format"
         found = "compressed by gzip: unpack it (gunzip)" if source.head.startswith(b"\x1f\x8b") else found
         raise InputError(f"{found}; {_EXPECTED}", f"reading.{source.kind}")
-    if source.kind not in named_arrays.KINDS:
+    if source.kind in ("text", "workbook"):
         return curves.read(source, density, pressure, camera)
+    if source.kind == "numpy":
+        columns = npy.arrays(source)
+        note = f"an array of numpy: {', '.join(columns)}"
+        return [one.with_notes(note) for one in named_arrays.curves(columns, camera, density, pressure)]
     with matlab.opened(source) as arrays:
         return named_arrays.curves(arrays, camera, density, pressure, si=source.kind == "hdf5")
 

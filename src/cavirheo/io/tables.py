@@ -1,5 +1,4 @@
-"""Read tables: a text of any dialect, a workbook, or an array of numpy becomes columns in SI, named by a vocabulary of
-quantities.
+"""Read tables: a text of any dialect or a workbook becomes columns in SI, named by a vocabulary of quantities.
 
 Text: the cells are separated by tabs, semicolons, commas or spaces; a quoted cell may contain the separator. Commas
 that do not separate cells may be decimal. The encoding is UTF-8, UTF-16 with its byte order mark, or else Latin-1.
@@ -105,7 +104,6 @@ class Vocabulary:
     fallback: Callable[[str], Name] | None = None  # interprets a title that no term names
     sections: bool = False
     of_shots: bool = False  # numbers without titles are a table, too; so is every sheet with the titles of the first
-    array_titles: Sequence[str] = ()  # titles of the columns of an array without names
 
     @lru_cache(4096)  # noqa: B019  a vocabulary lives as long as the program
     def name(self, title: str) -> Name:
@@ -283,8 +281,8 @@ class Table:
 
 
 def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
-    """Read the table of a text file, of an array, or of the first sheet with one in a workbook; with `sections`, all
-    tables of all sheets. There is at least one table, and in a table with titles no row has more cells than titles.
+    """Read the table of a text file, or of the first sheet with one in a workbook; with `sections`, all tables of all
+    sheets. There is at least one table, and in a table with titles no row has more cells than titles.
 
     Raises:
         InputError: the file exceeds a limit (limits.py), is damaged, or is neither text nor a workbook. Or, with the
@@ -433,15 +431,13 @@ def _is_row_of_words(titles: list[str], texts: list[str], vocabulary: Vocabulary
 
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
-    """Read the table of a text file or of an array, or the sheets of a workbook."""
+    """Read the table of a text file, or the sheets of a workbook."""
     if source.kind in ("text", "empty"):
         limits.check(source.size, limits.TEXT, "bytes of text")
         limits.check(source.content.count(b"\n") + 1, limits.ROWS, "lines")
         json = re.match(rb"\s*(\{|\[\s*[\[{])", source.content) is not None
         require(not json, f"JSON is not read: save it as CSV; {vocabulary.expected}", "tabular.json")
         sheets = [_text_table(_decoded(source.content), vocabulary)]
-    elif source.kind == "numpy":
-        return [_array_table(source, vocabulary)]
     else:
         require(source.kind == "workbook", "neither text nor a workbook", "tabular.binary")
         from cavirheo.io.workbook import read_workbook
@@ -452,40 +448,6 @@ def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
         limits.check(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
         _replace_signs(sheet)
     return sheets
-
-
-def _array_table(source: Source, vocabulary: Vocabulary) -> Table:
-    """Return the table in an array of numpy: (n, columns) or (columns, n), or (n,) records, whose fields name the
-    columns."""
-    limits.check(source.size, limits.SHEET, "bytes of an array")
-    source.file.seek(0)
-    try:
-        array = np.load(source.file, allow_pickle=False)
-    except ValueError as error:
-        message = f"the array cannot be read ({error}): save numbers alone, numpy.save(file, numpy.stack([t, R]))"
-        raise InputError(message, "tabular.array") from None
-    limits.check(array.size, limits.ROWS, "numbers of an array")
-    fields = array.dtype.names or ()
-    titles = [name for name in fields or vocabulary.array_titles if not fields or array.dtype[name].kind in "fiu"]
-    odd = [name for name in fields if name not in titles]
-    shape = array.shape
-    if fields:
-        lacking = f"the fields {', '.join(odd)} hold no single numbers: save each quantity as a field of numbers"
-        require(not odd or not vocabulary.missing(titles), lacking, "tabular.array")
-        array = np.stack([array[name] for name in titles], axis=-1)
-    elif array.ndim == 2 and shape[1] != len(titles):
-        array = array.T
-    elif array.ndim == 1 and len(titles) == 1:
-        array = array[:, None]
-    expected = f"{titles[0]} and {' and '.join(titles[1:])}" if titles else "no array here"
-    message = f"an array {shape} of {array.dtype}: expected numbers of the shape (n, {len(titles)}), {expected}"
-    fits = array.ndim == 2 and array.shape[1] == len(titles) and array.dtype.kind in "fiu"
-    require(fits, message, "tabular.array")
-    if not fields and titles[0] == "time" and array.dtype.kind in "iu" and np.all(np.diff(array[:, 0]) == 1):
-        titles[0] = "frame"  # whole numbers that count
-    rows = [Row(k, list(map(repr, row))) for k, row in enumerate(array.tolist(), 1)]
-    note = f"an array {shape} of numpy, taken as {', '.join(titles)}" + (f"; not used: {', '.join(odd)}" if odd else "")
-    return Table(vocabulary, rows, [note], titles=titles, line=0)
 
 
 def _decoded(content: bytes) -> str:
