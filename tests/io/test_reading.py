@@ -239,6 +239,7 @@ MEASURED = {  # of frames or pixels: what is asked for, and what the notes say w
     "rounded": ("time_ms,R_um\n" + lines(",", np.round(FRAMES / 1e3, 2), UM), ["too few digits", "fps"], "few digits"),
     "rounded a little": ("time_us,R_um\n" + lines(",", np.round(1.7 * FRAMES), UM), [], "few digits"),
     "ImageJ": (" ,Area,Slice\n" + lines(",", FRAMES, np.pi * (UM / 3.2) ** 2, FRAMES), ["fps", "um-per-px"], "sqrt"),
+    "frames of MATLAB": (saved(R_um=UM, frame=FRAMES), ["fps"], "'frame'"),
     "radii alone": ("R_px\n" + lines(",", UM / 3.2), ["fps"], "of the rows"),
 }
 
@@ -317,6 +318,9 @@ SEVERAL = {  # two curves, their names, and what each says
     ),
     "MATLAB numbers": (saved(R1=RADIUS, t1=TIME, R2=1.5 * RADIUS, t2=TIME, R0=1.0), "R1", "R2", "not used: R0"),
     "MATLAB below each other": (saved(R=np.r_[RADIUS, 1.5 * RADIUS], t=np.r_[TIME, TIME]), "1", "2", "begin again"),
+    "MATLAB labels": (
+        saved(R=np.r_[RADIUS, 1.5 * RADIUS], t=np.r_[TIME, TIME], shot=np.repeat([1, 2], len(TIME))), "1", "2", "",
+    ),
     "MATLAB columns with times": (saved(R=np.c_[RADIUS, 1.5 * RADIUS], t=np.c_[TIME, TIME]), "1", "2", ""),
 }
 

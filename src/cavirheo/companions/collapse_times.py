@@ -20,8 +20,9 @@ from cavirheo.io.files import file_label, guarded
 from cavirheo.io.matlab import opened
 from cavirheo.io.named_arrays import Numbers
 from cavirheo.io.shots import Chosen, read_shots, selected
-from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary, read_columns
+from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.media import CONSTANTS, Medium
+from cavirheo.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
@@ -271,13 +272,13 @@ def _intervals(table: Table) -> list[tuple[str, Table]]:
             rows.setdefault(label, []).append(row)
     if len(rows) in (0, len(table.rows)):  # no such column, or another label on each row
         return [("", table)]
-    return [(label, table.with_rows(interval_rows)) for label, interval_rows in rows.items()]
+    return [(label, replace(table, rows=interval_rows)) for label, interval_rows in rows.items()]
 
 
 def _sweep(table: Table, label: str) -> Sweep:
     """The sweep that a table holds. Raises InputError: it holds none, or two."""
     rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
-    invalid, table = len(table.rows) - len(rows), table.with_rows(rows)
+    invalid, table = len(table.rows) - len(rows), replace(table, rows=rows)
     kind, swept, second = _settings(table, label)
     columns = [swept, table.column("storage"), table.column("loss")]
     numbers = np.stack([column.numbers for column in columns])  # in units of the file
@@ -291,7 +292,8 @@ def _sweep(table: Table, label: str) -> Sweep:
     notes = table.notes + [f"{counted(count, 'row')} {why} left out" for why, count in dropped.items() if count]
     few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
     require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
-    notes += [note for column in columns for note in column.assumed_unit_notes]
+    assumed = [column for column in columns if column.name.unit is None and column.term.unit]
+    notes += [f"{column.title!r} has no unit: taken to be in {column.term.unit}" for column in assumed]
     if swept.unit in _HERTZ:
         notes.append(f"{swept.title!r} is in {swept.unit}: converted to rad/s by 2 pi")
     data = np.stack([column.factor * column.numbers[usable] for column in columns])

@@ -28,18 +28,16 @@ from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.files import Source, guarded
 from cavirheo.io.tables import (
-    LENGTH_UNITS,
-    TIME_UNITS,
     Column,
     Name,
     Table,
     Term,
     Vocabulary,
     read_columns,
-    unit_of,
 )
 from cavirheo.messages import Message
 from cavirheo.parameters import RADIUS
+from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
 from cavirheo.writing.document import write_rows
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a placeholder factor until R_max is given

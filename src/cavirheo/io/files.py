@@ -145,14 +145,13 @@ def _check(path: Path, name: str, *, folder: bool) -> None:
         raise InputError(f"{name} does not exist", "reading.missing") from None
     except OSError as error:
         raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
-    mode = status.st_mode
-    if folder and stat.S_ISDIR(mode):
-        return
-    directory = f"{name} is a directory; give the files in it, e.g. {name}/*.mat"
-    require(not stat.S_ISDIR(mode), directory, "reading.folder")
-    kind = "a pipe" if stat.S_ISFIFO(mode) else "a socket" if stat.S_ISSOCK(mode) else "a device"
-    special = f"{name} is {kind}; give a file, or send its content to standard input and give - as the file"
-    require(stat.S_ISREG(mode), special, "reading.special")
+    kind = stat.S_IFMT(status.st_mode)
+    if kind == stat.S_IFDIR and not folder:
+        raise InputError(f"{name} is a directory; give the files in it, e.g. {name}/*.mat", "reading.folder")
+    if kind not in (stat.S_IFDIR, stat.S_IFREG):
+        what = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}.get(kind, "a device")
+        special = f"{name} is {what}; give a file, or send its content to standard input and give - as the file"
+        raise InputError(special, "reading.special")
     limits.check(status.st_size, limits.FILE, f"bytes in {name}")
 
 

@@ -31,9 +31,10 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed, require
 from cavirheo.io.curves import CURVES, FORMS, RADIUS_UNITS, Camera, Form, read_table, unusable_curve
-from cavirheo.io.tables import TIME_UNITS, Name, Table, Term, Vocabulary, unit_of
+from cavirheo.io.tables import Name, Table, Term, Vocabulary
 from cavirheo.messages import Message
 from cavirheo.physics.media import CONSTANTS
+from cavirheo.units import TIME_UNITS, unit_of
 
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
 _ROWS = ("shift_normRnew", "Rmax", "t")
@@ -422,8 +423,8 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
     curves = []
     for curve in _shot(arrays, [path for path in arrays if path != "RmaxList"], members, camera, notes=notes):
         if unscaled:  # the user's R_max will scale both time and radius
-            parts = {"time": curve.time / _UNIT, "radius": curve.radius / _UNIT, "radius_std": curve.radius_std / _UNIT}
-            curve = replace(curve, **parts, unscaled=unscaled, time_unscaled=True)
+            time, radius = curve.time / _UNIT, curve.radius / _UNIT
+            curve = replace(curve, time=time, radius=radius, unscaled=unscaled, time_unscaled=True)
         warnings = (*curve.warnings, *_density_warning(curve, density))
         curves.append(replace(curve, stated_time_of_max=0.0, warnings=warnings))
     return curves

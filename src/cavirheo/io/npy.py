@@ -1,4 +1,4 @@
-"""Read the array in a file of numpy (.npy): times and radii (n, 2), radii alone, or records, whose fields have names."""
+"""Read the array in a file of numpy (.npy): times and radii (n, 2), radii alone, or records of named fields."""
 
 from __future__ import annotations
 

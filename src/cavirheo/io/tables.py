@@ -19,10 +19,9 @@ from __future__ import annotations
 
 import csv
 import re
-import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import islice, takewhile
 from typing import NamedTuple
@@ -33,23 +32,8 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, from_cell, is_float, require, without_invisible
 from cavirheo.io import limits
 from cavirheo.io.files import Source
+from cavirheo.units import plain_text, unit_of
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "cm": 1e-2}
-_WORDS_OF_UNITS = {
-    "s": "sec second seconds sekunde sekunden seconde secondes segundo segundos 秒",
-    "ms": "msec millisecond milliseconds millisekunden millisecondes milisegundos ミリ秒 毫秒",
-    "us": "usec microsecond microseconds mikrosekunden microsecondes microsegundos マイクロ秒 微秒",
-    "ns": "nsec nanosecond nanoseconds nanosekunden nanosecondes nanosegundos ナノ秒 纳秒",
-    "m": "meter meters metre metres metros",
-    "mm": "millimeter millimeters millimetre millimetres milimetros ミリメートル 毫米",
-    "um": "micron microns micrometer micrometers micrometre micrometres mikrometer micrometros マイクロメートル 微米",
-    "px": "pixel pixels pix pixeles ピクセル 像素",
-    "px2": "pixel2 pixels2",
-    "frame": "frames",
-    "um2": "micron2 microns2 sqmicrons squm",
-}
-_UNITS_BY_WORD = {word: unit for unit, words in _WORDS_OF_UNITS.items() for word in words.split()}
 _SEPARATORS = ("\t", ";", ",", None)  # None: spaces
 # no number: the words of programs, "#DIV/0!" of spreadsheets in any language, "1.#QNAN" of compilers, signs such as ---
 _MISSING = re.compile(r"-?nan|n\.?/?a\.?|null|none|#[a-zäöü]+(/[0a])?[!?]?|-?1\.#\w+|\W*", re.I)
@@ -117,7 +101,7 @@ class Vocabulary:
         """Do what `name` does, but only by the words of the vocabulary, without `fallback`."""
         if len(title) > _LONGEST_TITLE:
             return Name()
-        text, with_foreign_unit = _plain(title).strip(), Name()
+        text, with_foreign_unit = plain_text(title).strip(), Name()
         for cut in re.finditer(r"\s*[\s_\[(/,.\-]\s*((in|en)\s)?", text):
             kind = self._kinds.get(plain_title(text[: cut.start()]))
             if kind is None:
@@ -217,12 +201,6 @@ class Column:
             raise vocabulary.error("unit", unknown)
         return units[unit]
 
-    @property
-    def assumed_unit_notes(self) -> list[str]:
-        """A note, in a list, if the unit is not from the title but from the vocabulary; else empty."""
-        message = f"{self.title!r} has no unit: taken to be in {self.term.unit}"
-        return [message] if self.name.unit is None and self.term.unit else []
-
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -274,10 +252,6 @@ class Table:
         column = self.find(kind)
         assert column is not None
         return column
-
-    def with_rows(self, rows: list[Row]) -> Table:
-        """Return the table with these rows only."""
-        return replace(self, rows=rows)
 
 
 def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
@@ -575,22 +549,6 @@ def is_number(cell: str) -> bool:
     return is_float(cell) or bool(_MISSING.fullmatch(cell) or _POINTED.fullmatch(cell) or _COMMAED.fullmatch(cell))
 
 
-def _plain(text: str) -> str:
-    """Return the text without accents, with ' for primes, '' for double primes, a plain minus, and mu for micro."""
-    if not text.isascii():
-        text = unicodedata.normalize("NFKD", text)
-        text = "".join(c for c in text if not unicodedata.combining(c)).replace("−", "-")
-    return re.sub("[′’‘´`]", "'", re.sub('["”“″]', "''", text))
-
-
 def plain_title(text: str) -> str:
     """Return a title in lower case, without accents, spaces, brackets and most punctuation."""
-    return re.sub(r"[\s_\-.,:;=/^()\[\]{}]+", "", _plain(text).lower())
-
-
-def unit_of(text: str, units: Mapping[str, float]) -> str | None:
-    """Return the unit of `units` that is written, or None. `rad/s` is read as rads, `s^-1` as s-1, `µm` as um; capitals
-    count if only they differ: mPa is not MPa."""
-    unit = re.sub(r"[\s/·⋅.*^_()\[\]{}]+", "", _plain(text).replace("μ", "u"))
-    spellings = (unit, unit.lower(), _UNITS_BY_WORD.get(unit), _UNITS_BY_WORD.get(unit.lower()))
-    return next((spelling for spelling in spellings if spelling in units), None)
+    return re.sub(r"[\s_\-.,:;=/^()\[\]{}]+", "", plain_text(text).lower())

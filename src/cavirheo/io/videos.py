@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import as_path, require, sha256
+from cavirheo.errors import as_path, require
 from cavirheo.io.files import file_label, guarded
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
@@ -41,17 +41,12 @@ def examine(
     path, known = as_path(path), MeasureOptions.__annotations__
     unknown, names = ", ".join(sorted(options.keys() - known.keys())), ", ".join(known)
     require(not unknown, f"measure has no option {unknown}; it has {names}", "video.option")
-    with guarded(path, "expected a recording of a bubble", folder=True):
+    with guarded(path, "expected a recording of a bubble", folder=True) as source:
         measurement = measure_frames(path, **options)
-        return measurement, history(measurement, path, sheet=sheet)
+        origin: dict[str, Any] = {"name": path.stem, "group": path.stem, "source": file_label(path)}
+        origin["source_sha256"] = None if path.is_dir() else source.sha256
+        if sheet:
+            from cavirheo.video.picture import contact_sheet, data_url
 
-
-def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
-    """Return the curve of a measurement, with its name and the file it comes from. Raises InputError."""
-    digest = None if path.is_dir() else sha256(path)
-    origin = {"name": path.stem, "group": path.stem, "source": file_label(path), "source_sha256": digest}
-    if sheet:
-        from cavirheo.video.picture import contact_sheet, data_url
-
-        origin["contact_sheet"] = data_url(contact_sheet(measurement))
-    return measurement.curve(**origin)
+            origin["contact_sheet"] = data_url(contact_sheet(measurement))
+        return measurement, measurement.curve(**origin)

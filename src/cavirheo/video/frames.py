@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import read_bytes, require
 from cavirheo.messages import Message
+from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
 
 Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
 
@@ -45,9 +46,7 @@ _FFMPEG = {  # without playlists, which would open other files
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
     "protocol_whitelist": "file",
 }
-_UM_PER_UNIT = {"um": 1.0, "nm": 1e-3, "mm": 1e3, "cm": 1e4, "inch": 25_400.0}
-_UM_PER_UNIT |= dict.fromkeys(("micron", "microns", "micrometer", "micrometers", "micrometre", "micrometres"), 1.0)
-_S_PER_UNIT = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "usec": 1e-6, "ns": 1e-9}
+_LENGTHS = {**LENGTH_UNITS, "inch": 0.0254}
 _COARSEST = 20.0  # um; where a unit of print, inch or cm, gives larger pixels, the resolution is for printing
 _SLOWEST = 500.0  # frames per second; below it is how fast a stack is played
 
@@ -225,13 +224,17 @@ def _stated_by_stack(file: Any, first: Any, imagej: Mapping[str, Any]) -> tuple[
         size, interval = (_positive(pixels.get(name)) for name in ("PhysicalSizeX", "TimeIncrement"))
         size_unit, interval_unit = pixels.get("PhysicalSizeXUnit") or "um", pixels.get("TimeIncrementUnit") or "s"
         who = "OME"
-    scale = size * _UM_PER_UNIT.get(_plain(size_unit), 0.0)
-    rate = 1.0 / interval / _S_PER_UNIT.get(_plain(interval_unit), np.inf) if interval > 0.0 else 0.0
+    length, time = (
+        unit_of(unit.lower().replace(r"\u00b5", "u"), units)
+        for unit, units in ((size_unit, _LENGTHS), (interval_unit, TIME_UNITS))
+    )
+    scale = 1e6 * size * _LENGTHS[length] if length else 0.0
+    rate = 1.0 / interval / TIME_UNITS[time] if time and interval > 0.0 else 0.0
     notes = []
-    if scale > _COARSEST and _plain(size_unit) in ("inch", "cm"):
+    if scale > _COARSEST and length in ("inch", "cm"):
         notes.append(f"the resolution, {1 / size:.4g} per {size_unit}, is for printing and not used")
         scale = 0.0
-    elif size and not scale and _plain(size_unit) not in ("", "pixel", "pixels"):
+    elif size and not scale and size_unit.strip().lower() not in ("", "pixel", "pixels"):
         notes.append(f"the length of a pixel, {size:.4g} {size_unit}, is not used: give --um-per-px")
     if 0.0 < rate < _SLOWEST:
         notes.append(f"{rate:.4g} frames per second are how fast the stack is played, and not used")
@@ -246,11 +249,6 @@ def _positive(text: object) -> float:
     with suppress(TypeError, ValueError):
         return max(float(text), 0.0)  # type: ignore[arg-type]
     return 0.0
-
-
-def _plain(unit: str) -> str:
-    """Return a unit in plain letters, as ImageJ and OME write it: µ in two ways, or escaped."""
-    return re.sub("\\\\u00b5|[µμ]", "u", unit.strip().lower())
 
 
 def _pillow_images(path: Path, count: int | None = None) -> Iterator[Pixels]:

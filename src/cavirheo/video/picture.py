@@ -26,7 +26,6 @@ GREY = "#999999"
 _SHEET_WIDTH = 1600  # px, width of the contact sheet
 _CELL_SIZE = (190, 150)  # px, largest width and height of a frame in the sheet
 _MOST_FRAMES = 400  # most frames in the sheet
-_LARGEST_SCALE = 4.0  # largest magnification of a single frame
 _LEAST_FILM_WIDTH = 640  # px, smallest width of the film
 
 
@@ -53,16 +52,10 @@ def save_sheet(path: Path, sheet: Image.Image) -> None:
     sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(path, "png", optimize=True)
 
 
-def frame_url(measurement: Measurement, i: int, width: int) -> str:
-    """Return frame i with its circle, about `width` px wide, as a data URL."""
-    scale = min(width / measurement.recording.frames.shape[2], _LARGEST_SCALE)
-    return data_url(_frame(measurement, i, scale, _levels(measurement)), 80)
-
-
-def data_url(picture: Image.Image, quality: int = 60) -> str:
+def data_url(picture: Image.Image) -> str:
     """Return a picture as a data URL (JPEG) that a web page can show."""
     file = io.BytesIO()
-    picture.save(file, "jpeg", quality=quality)
+    picture.save(file, "jpeg", quality=60)
     return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
 
 
