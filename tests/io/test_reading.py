@@ -289,6 +289,7 @@ BLOCKS = lines(",", [0.0, -1000.0, *US, -1000.0, *US], [7e-310, -1000.0, *UM, -1
 ROWS = saved(shift_normRnew=np.stack([R_STAR, R_STAR]), Rmax=[[200.0], [300.0]], t=TIME)
 TWICE = HEAD + PLAIN + HEAD + lines(",", US, 1.5 * UM)
 PAIRS = lines(",", US, UM, US, 1.5 * UM)
+DOUBLED = {"R": np.r_[RADIUS, 1.5 * RADIUS], "t": np.r_[TIME, TIME]}
 SEVERAL = {  # two curves, their names, and what each says
     "plain": (f"t_us,R1_um,R2_um\n{RADII}", "R1_um", "R2_um", "2 columns of radii"),
     "words": (f"Time (us),Radius 1 (um),Radius 2 (um)\n{RADII}", "Radius 1", "Radius 2", "2 columns of radii"),
@@ -317,10 +318,8 @@ SEVERAL = {  # two curves, their names, and what each says
         "not used: G",
     ),
     "MATLAB numbers": (saved(R1=RADIUS, t1=TIME, R2=1.5 * RADIUS, t2=TIME, R0=1.0), "R1", "R2", "not used: R0"),
-    "MATLAB below each other": (saved(R=np.r_[RADIUS, 1.5 * RADIUS], t=np.r_[TIME, TIME]), "1", "2", "begin again"),
-    "MATLAB labels": (
-        saved(R=np.r_[RADIUS, 1.5 * RADIUS], t=np.r_[TIME, TIME], shot=np.repeat([1, 2], len(TIME))), "1", "2", "",
-    ),
+    "MATLAB below each other": (saved(**DOUBLED), "1", "2", "begin again"),
+    "MATLAB labels": (saved(**DOUBLED, shot=np.repeat([1, 2], len(TIME))), "1", "2", ""),
     "MATLAB columns with times": (saved(R=np.c_[RADIUS, 1.5 * RADIUS], t=np.c_[TIME, TIME]), "1", "2", ""),
 }
 

@@ -187,6 +187,8 @@ def _series(path: str, leaf: Leaf) -> _Series | None:
     word = _EXPERIMENT.sub("", plain)
     kind, unit, number = CURVES.name("radius" if word.lower() == "roft" else word)
     several = any(map(_several, leaf)) if isinstance(leaf, list) else _several(leaf)
+    if word.lower() == "curve":  # rather a fitted one than labels of shots
+        return None
     if "@" in path or not kind or not several or (isinstance(leaf, Other) and kind not in _ESSENTIAL):
         return None
     attribute = leaf.unit if isinstance(leaf, Numbers) else ""
