@@ -19,7 +19,7 @@ from cavirheo.errors import InputError, brief, expect, printable, require
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.messages import Message
 from cavirheo.parameters import INTERVAL, RADIUS
-from cavirheo.writing import export, style
+from cavirheo.writing import export, plots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -398,7 +398,7 @@ class RadiusCurve:
             _ = self.max_radius
             start, unit, labels = self.time_of_max, 1e-6, ("time after R_max (µs)", "R (µm)")
         if axes is None:
-            axes = style.new_axes(style.new_figure(3.0), (0.09, 0.16, 0.88, 0.74), *labels)
+            axes = plots.new_axes(3.0, *labels)
             axes.set_title(self.name, fontsize=9, parse_math=False)
-        axes.plot((self.time - start) * 1e6, self.radius / unit, ".-", lw=0.6, ms=3.5, color=style.BLUE)
+        axes.plot((self.time - start) * 1e6, self.radius / unit, ".-", lw=0.6, ms=3.5, color=plots.BLUE)
         return axes

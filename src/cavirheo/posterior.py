@@ -30,7 +30,7 @@ from cavirheo.parameters import (
 )
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
-from cavirheo.writing import digits, export
+from cavirheo.writing import digits, export, plots
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -343,7 +343,7 @@ class Posterior:
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
         usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
         chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
-        return export.corner_plot({name: self.draws(name) for name in chosen}, self.weights)
+        return plots.corner_plot({name: self.draws(name) for name in chosen}, self.weights)
 
     @property
     def _attributes(self) -> dict[str, str]:

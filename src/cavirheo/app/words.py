@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
@@ -13,17 +14,17 @@ from cavirheo.errors import InputError
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.cards import card, shipped
 from cavirheo.inference.what_if import compared_window
+from cavirheo.posterior import Checks
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods_paragraph
-from cavirheo.reporting.panels import curve_panels, overview_panels, preview_panels
-from cavirheo.reporting.pictures import curve_svg, overlay_svg
+from cavirheo.reporting.panels import all_curves_panel, curve_panels, preview_panels
+from cavirheo.reporting.pictures import all_curves_svg, curve_svg
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.table import (
     curve_warnings,
     curves_by_note,
     curves_by_remark,
-    groups_with_mixed_files,
     summary_cells,
 )
 from cavirheo.writing import digits
@@ -114,9 +115,13 @@ def shots_table(session: Session) -> str:
 
 
 def overview(session: Session) -> str:
-    """The pictures of all curves over each other."""
-    media = [session.settings_of(curve.name).analysis.medium_for(curve) for curve in session.curves]
-    return render("pictures", [overlay_svg(panel) for panel in overview_panels(session.curves, media)])
+    """The picture of all curves over each other, R/R_max over t*; those without R_max are left out."""
+    usable = []
+    for curve in session.curves:
+        with suppress(InputError):
+            medium = session.settings_of(curve.name).analysis.medium_for(curve)
+            usable.append((curve, Checks("ok", time_scale=medium.time_scale(curve.max_radius))))
+    return render("pictures", [all_curves_svg(all_curves_panel(usable))] if usable else [])
 
 
 def groups(session: Session) -> str:
@@ -168,7 +173,7 @@ def answers(session: Session) -> str:
     shots = html.render_macro("curves_table", rows, factor, unit, title, False)
     explanation = html.render_macro("reading"), *methods_paragraph(document)
     stale = session.stale and not run.records
-    done = len(document.curves), current.not_run, groups_with_mixed_files(document)
+    done = len(document.curves), current.not_run
     return render("answers", stale, run, *done, *groups, shots, curves_by_remark(rows), *explanation)
 
 

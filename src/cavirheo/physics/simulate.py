@@ -131,10 +131,10 @@ class Simulation:
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Plot R(t), um over us, on these axes or on those of a new figure. Raises InputError without matplotlib."""
-        from cavirheo.writing.style import BLUE, new_axes, new_figure
+        from cavirheo.writing.plots import BLUE, new_axes
 
         if axes is None:
-            axes = new_axes(new_figure(3.5), (0.085, 0.14, 0.89, 0.8), "time after the start (µs)", "radius (µm)")
+            axes = new_axes(3.5, "time after the start (µs)", "radius (µm)")
         axes.plot(1e6 * self.time, 1e6 * self.radius, color=BLUE, lw=1.5)
         return axes
 

@@ -6,27 +6,24 @@ A bound is an arrow at its limit, never a point.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
-from cavirheo.parameters import VISCOSITY_AT_RATE
-from cavirheo.posterior import Checks, Posterior
+from cavirheo.posterior import Posterior, weighted_quantile
 from cavirheo.reporting.answer import CurveRecord, Unit, display_unit, parameters_of
 from cavirheo.reporting.group import MATERIAL_CONSTANTS, GroupRecord
-from cavirheo.reporting.panels import RMAX, Axis, Layer, Panel, predicted_radius, sizes_in_words, tones_of
+from cavirheo.reporting.panels import MAX_DRAWN, RMAX, Axis, Layer, Panel, all_curves_panel, tones_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Spread
 
-MAX_DRAWN = 60  # most shots in a picture of a group; of more every k-th is drawn
 _SIZE = "R_max"  # used instead of the name of a parameter
-_REGION_DRAWS = 300  # draws from which the region of a shot is found
 _REGION_SHARE = 0.9  # share of the draws in a region
+_MIN_REGION_DRAWS = 10
 _ARROW = 0.09  # length of an arrow, of that of its axis
 _MARGIN = 0.07  # margin of an axis, of its length
 _LEAST_DECADES = 0.4  # least length of an axis
@@ -44,6 +41,19 @@ class Ends(NamedTuple):
     side: int = 0
 
 
+class _Place(NamedTuple):
+    """A shot, the material or the value of another method in the plane; None for a value that is not known.
+
+    region: (n, 2) corners; None: the rectangle of the two intervals."""
+
+    look: str
+    name: str
+    x: Ends | None
+    y: Ends | None
+    region: Floats | None = None
+    tone: float | None = None
+
+
 class _Quantity(NamedTuple):
     """What an axis of the plane shows: a parameter or _SIZE, its factor from SI, and its label."""
 
@@ -51,31 +61,22 @@ class _Quantity(NamedTuple):
     factor: float
     label: str
 
-    def of_shot(self, record: CurveRecord) -> Ends | None:
-        """The value of a shot."""
+    def ends(self, record: CurveRecord | GroupRecord) -> Ends | None:
+        """The value of a shot, or of the material of a group, on this axis."""
         if self.name == _SIZE:
-            return ends_of(Quantity(median=record.max_radius_m), self.factor)
-        known = record.viscosity if self.name in ("viscosity", VISCOSITY_AT_RATE) else record.value(self.name)
-        return ends_of(known, self.factor)
+            return ends_of(Quantity(median=getattr(record, "max_radius_m", None)), self.factor)
+        return ends_of(record.value(self.name), self.factor)
 
-    def of_material(self, group: GroupRecord) -> Ends | None:
-        """The value of the material of a group."""
-        known = group.viscosity if self.name in ("viscosity", VISCOSITY_AT_RATE) else group.value(self.name)
-        return ends_of(known, self.factor)
-
-    def of_method(self, value: Spread) -> Ends | None:
+    def ends_of_method(self, value: Spread) -> Ends | None:
         """Mean and standard deviation by another method."""
-        if not value.mean or value.mean <= 0.0:
-            return None
-        std = value.std or 0.0
-        low = max(value.mean - std, 0.1 * value.mean)
-        return Ends(*np.log10(self.factor * np.array([low, value.mean, value.mean + std])).tolist())
+        mean, std = value.mean or 0.0, value.std or 0.0
+        return ends_of(Quantity.from_interval(max(mean - std, 0.1 * mean), mean, mean + std), self.factor)
 
-    def axis(self, values: Sequence[Ends | None], regions: Sequence[Floats]) -> Axis:
+    def axis(self, ends: Iterable[Ends | None], regions: Iterable[Floats]) -> Axis:
         """A logarithmic axis around these values, and these places of the corners of regions."""
-        ends = [end for value in values if value for end in (value.low, value.high)]
-        ends += [end for places in regions for end in (places.min(), places.max())]
-        finite = [end for end in ends if np.isfinite(end)] or [0.0]
+        limits = [end for value in ends if value for end in (value.low, value.high)]
+        limits += [end for places in regions for end in (places.min(), places.max())]
+        finite = [end for end in limits if np.isfinite(end)] or [0.0]
         low, high = float(min(finite)), float(max(finite))
         missing = 0.5 * max(_LEAST_DECADES - (high - low), 0.0)
         margin = missing + (_MARGIN + _ARROW) * (high - low + 2.0 * missing)
@@ -87,37 +88,17 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
     result. A law without a modulus has R_max in its place."""
     names = dict(zip(indices, digits.distinct_names([result.curves[i].name for i in indices]), strict=True))
     members = [i for i in indices if result.curves[i].has_answer]
-    every = max(-(-len(members) // MAX_DRAWN), 1)
-    members = members[::every]
-    records = [result.curves[i] for i in members]
-    sizes = np.array([record.max_radius_m or np.nan for record in records])
-    end = 1.1 * max([record.window.t_star_end or 1.0 for record in records])
+    drawn = members[:: max(-(-len(members) // MAX_DRAWN), 1)]
+    records = [result.curves[i] for i in drawn]
     x, y = axes = _axes(records, result.modulus_unit)
-    places, regions, curves = [], [], list[Layer]()
-    for i, record, tone in zip(members, records, tones_of(sizes), strict=True):
-        curve, answer = pairs[i]  # draws of thousands need not be in memory
-        places.append((x.of_shot(record), y.of_shot(record)))
-        regions.append(_region(answer, axes))
-        curves += _curve_layers(curve, answer.checks, end, tone[None], 0.5 / len(members))
-    boxes = _boxes(group, x, y)
-    of_x, of_y = zip(*places, *((box.x, box.y) for box in boxes), strict=True)
-    corners = [region for region in regions if region is not None]
-    across = x.axis(of_x, [region[:, 0] for region in corners])
-    up = y.axis(of_y, [region[:, 1] for region in corners])
-    layers, labels = list[Layer](), list[Layer]()
-    for i, record, tone, (a, b), region in zip(members, records, tones_of(sizes), places, regions, strict=True):
-        if a is not None and b is not None:
-            layers += _shot_layers(a, b, across, up, region, tone[None], record.trusted)
-            look = f"shot-name{'' if region is not None or a.side or b.side else ' beside'}"
-            at = np.clip([a.middle], across.low, across.high), np.clip([b.middle], up.low, up.high)
-            text = digits.elide(names[i], _NAME)
-            labels.append(Layer("labels", f"{look}{'' if record.trusted else ' outside'}", *at, texts=(text,)))
-    for box in boxes:
-        layers += _box_layers(box, across, up)
-    left = dict(_KEY)
-    layers = [layer if layer.name else replace(layer, name=left.pop(layer.look, "")) for layer in layers]
-    note = f", 1 of {every} shots is drawn" if every > 1 else ""
-    return [Panel(across, up, (*layers, *labels)), _all_curves(curves, sizes, end, note)]
+    tones = tones_of(np.array([record.max_radius_m or np.nan for record in records]))
+    places = []
+    for i, record, tone in zip(drawn, records, tones.tolist(), strict=True):
+        look, tone = ("region", tone) if record.trusted else ("region-out", None)
+        places.append(_Place(look, "", x.ends(record), y.ends(record), _region(pairs[i][1], axes), tone))
+    end = 1.1 * max([record.window.t_star_end or 1.0 for record in records])
+    curves = all_curves_panel([(pairs[i][0], pairs[i][1].checks) for i in members], end)
+    return [_plane(places, _others(group, axes), axes, [names[i] for i in drawn]), curves]
 
 
 def _axes(records: Sequence[CurveRecord], unit: Unit) -> tuple[_Quantity, _Quantity]:
@@ -146,125 +127,76 @@ def ends_of(value: Quantity, factor: float = 1.0) -> Ends | None:
 
 
 def _region(answer: Posterior, axes: Sequence[_Quantity]) -> Floats | None:
-    """(n, 2) corners of the hull of the densest 90 % of the draws; None of a point answer, or of a value that is not
+    """(n, 2) corners of the ellipse that holds 90 % of the draws; None of a point answer, or of a value that is not
     among the draws."""
-    if len(answer.theta) < 2 or not {axis.name for axis in axes} <= set(answer.parameters):
+    if not {axis.name for axis in axes} <= set(answer.parameters):
         return None
     values = np.stack([answer.draws(axis.name) * axis.factor for axis in axes], axis=-1)
     positive = np.all(values > 0.0, axis=1)
-    weight = answer.weights[positive]
-    if np.count_nonzero(positive) < 10 or not weight.sum() > 0.0:
+    weights = answer.weights[positive]
+    if len(weights) < _MIN_REGION_DRAWS or not weights.sum() > 0.0:
         return None
-    cumulated = np.cumsum(weight) / weight.sum()
-    levels = (np.arange(_REGION_DRAWS) + 0.5) / _REGION_DRAWS
-    points = np.log10(values[positive])[np.minimum(np.searchsorted(cumulated, levels), len(weight) - 1)]
-    covariance = np.cov(points.T) + 1e-12 * np.eye(2)
-    white = np.linalg.solve(np.linalg.cholesky(covariance), points.T) * _REGION_DRAWS ** (1 / 6)  # Scott's width is 1
-    square = np.sum(white**2, axis=0)
-    distances = square[:, None] + square - 2.0 * white.T @ white
-    density = np.exp(-0.5 * np.maximum(distances, 0.0)).sum(axis=1)
-    return _hull(points[np.argsort(-density)[: round(_REGION_SHARE * len(points))]])
+    points = np.log10(values[positive])
+    middle = np.average(points, axis=0, weights=weights)
+    root = np.linalg.cholesky(np.cov(points.T, aweights=weights) + 1e-12 * np.eye(2))
+    distances = np.linalg.norm(np.linalg.solve(root, (points - middle).T), axis=0)
+    radius = weighted_quantile(distances, _REGION_SHARE, np.log(np.maximum(weights, 1e-300)))
+    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    return np.asarray(middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ root.T)
 
 
-def _hull(points: Floats) -> Floats:
-    """(n, 2) corners of the convex hull of points, in order (Andrew's monotone chain)."""
-    ordered = sorted(map(tuple, points.tolist()))
-    corners = list[tuple[float, ...]]()
-    for some in (ordered, ordered[::-1]):
-        side = list[tuple[float, ...]]()
-        for x, y in some:
-            while len(side) > 1 and _turn(side[-2], side[-1], (x, y)) <= 0.0:
-                side.pop()
-            side.append((x, y))
-        corners += side[:-1]
-    return np.array(corners or ordered[:1])
-
-
-def _turn(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def _shot_layers(
-    x: Ends, y: Ends, across: Axis, up: Axis, region: Floats | None, tone: Floats, trusted: bool
-) -> list[Layer]:
-    """The arrows of a shot, its region, or its intervals."""
-    look = "region" if trusted else "region-out"
-    if x.side or y.side:
-        return _bound_layers(x, y, across, up, look, tone if trusted else None)
-    if region is not None:
-        return [Layer("region", look, region[:, 0], region[:, 1], tones=tone if trusted else None)]
-    places = np.array([x[:3]]), np.array([y[:3]])
-    middle = places[0][:, 1], places[1][:, 1]
-    return [Layer("bars", "interval", *places, tones=tone), Layer("dots", "estimate", *middle, tones=tone)]
-
-
-class _Box(NamedTuple):
-    """The material, or the values of another method, in the plane; None for a value that is not known."""
-
-    look: str
-    name: str
-    x: Ends | None
-    y: Ends | None
-
-
-def _boxes(group: GroupRecord, x: _Quantity, y: _Quantity) -> list[_Box]:
+def _others(group: GroupRecord, axes: tuple[_Quantity, _Quantity]) -> list[_Place]:
     """The material and the values of other methods, where one of two values is known."""
-    boxes = list[_Box]()
+    x, y = axes
+    places = list[_Place]()
     if group.material and not group.material.heaps:
-        boxes.append(_Box("material", "material, 90 %", x.of_material(group), y.of_material(group)))
+        places.append(_Place("material", "material, 90 %", x.ends(group), y.ends(group)))
     for method, values in group.published.items():
-        a, b = (axis.of_method(values.get(axis.name, Spread())) for axis in (x, y))
-        boxes.append(_Box("published", digits.elide(method, _NAME), a, b))
-    return [box for box in boxes if box.x or box.y]
+        a, b = (axis.ends_of_method(values.get(axis.name, Spread())) for axis in axes)
+        places.append(_Place("published", digits.elide(method, _NAME), a, b))
+    return [place for place in places if place.x or place.y]
 
 
-def _bound_layers(x: Ends, y: Ends, across: Axis, up: Axis, look: str, tone: Floats | None) -> list[Layer]:
-    """Arrows from the limits of a bound into what it allows, and the interval of the other value at the limit."""
-    horizontal = np.clip(x[:3], across.low, across.high)
-    vertical = np.clip(y[:3], up.low, up.high)
-    arrows = [(x.side, 0), (0, y.side)]
-    length = _ARROW * np.array([across.high - across.low, up.high - up.low])
-    steps = np.array([arrow for arrow in arrows if any(arrow)]) * length
-    begin = np.array([horizontal[1], vertical[1]]) + 0.0 * steps
-    ends = np.stack([begin, begin + steps], axis=-1)
-    return [
-        Layer("arrows", f"arrow {look}", ends[:, 0], ends[:, 1], tones=tone),
-        Layer("line", f"limit {look}", horizontal[[0, 2]], vertical[[0, 2]], tones=tone),
-    ]
+def _plane(
+    shots: Sequence[_Place], others: Sequence[_Place], axes: tuple[_Quantity, _Quantity], names: Sequence[str]
+) -> Panel:
+    regions = [place.region for place in shots if place.region is not None]
+    across = axes[0].axis((place.x for place in (*shots, *others)), (region[:, 0] for region in regions))
+    up = axes[1].axis((place.y for place in (*shots, *others)), (region[:, 1] for region in regions))
+    layers, labels, key = list[Layer](), list[Layer](), dict(_KEY)
+    for place, name in zip(shots, names, strict=True):
+        if place.x and place.y:
+            layers += _layers(place, across, up)
+            at = np.clip([place.x.middle], across.low, across.high), np.clip([place.y.middle], up.low, up.high)
+            beside = " beside" if place.region is None or place.x.side or place.y.side else ""
+            look = f"shot-name{beside}{'' if place.look == 'region' else ' outside'}"
+            labels.append(Layer("labels", look, *at, texts=(digits.elide(name, _NAME),)))
+    layers = [replace(layer, name=key.pop(layer.look, "")) for layer in layers]
+    for place in others:
+        layers += _layers(place, across, up)
+    return Panel(across, up, (*layers, *labels))
 
 
-def _box_layers(box: _Box, across: Axis, up: Axis) -> list[Layer]:
-    """The rectangle of two intervals, over a whole axis for a value that is not known; arrows where one is a bound."""
-    x, y = (
-        ends or Ends(axis.low, 0.5 * (axis.low + axis.high), axis.high) for ends, axis in ((box.x, across), (box.y, up))
-    )
+def _layers(place: _Place, across: Axis, up: Axis) -> list[Layer]:
+    """The region of a place, over a whole axis for a value that is not known; a point of one without intervals; of a
+    bound an arrow from its limit into what it allows, and the interval of the other value at the limit."""
+    x = place.x or Ends(across.low, 0.5 * (across.low + across.high), across.high)
+    y = place.y or Ends(up.low, 0.5 * (up.low + up.high), up.high)
     if x.side or y.side:
-        arrows, limit = _bound_layers(x, y, across, up, box.look, None)
-        return [replace(limit, look=box.look, name=box.name), arrows]
-    corners = np.array([[x.low, y.low], [x.high, y.low], [x.high, y.high], [x.low, y.high]])
-    return [Layer("region", box.look, corners[:, 0], corners[:, 1], box.name)]
-
-
-def _curve_layers(curve: RadiusCurve, checks: Checks, end: float, tone: Floats, share: float) -> list[Layer]:
-    """Points of a curve and the area that its answer predicts, R/R_max over t*."""
-    unit, size = checks.time_scale or np.nan, curve.max_radius
-    layers = []
-    if (predicted := predicted_radius(checks, curve)) is not None:
-        time, radius = predicted
-        layers.append(Layer("area", "draws-shot", (time - curve.time_of_max) / unit, radius / size, "", tone, share))
-    elif (line := checks.reconstruction_radius) is not None and (times := checks.reconstruction_time) is not None:
-        if len(line) != len(times):
-            return []
-        time = (times - curve.time_of_max) / unit
-        layers.append(Layer("line", "shot", time, line / size, "", tone, share))
-    time = (curve.time - curve.time_of_max) / unit
-    some = (time >= -0.1) & (time <= end) & np.isfinite(curve.radius)
-    layers.append(Layer("dots", "measured-shot", time[some], curve.radius[some] / size, "", tone, share))
-    return [layer for layer in layers if len(layer.x)]
-
-
-def _all_curves(layers: Sequence[Layer], sizes: Floats, end: float, note: str) -> Panel:
-    ordered = sorted(layers, key=lambda layer: layer.shape == "dots")  # areas below
-    top = 1.06 * max([1.0, *(float(np.nanmax(layer.y)) for layer in ordered)])
-    axes = Axis(f"t* = t √(p/ρ) / {RMAX}", -0.1, end), Axis(f"R / {RMAX}", 0.0, top)
-    return Panel(*axes, tuple(ordered), note=sizes_in_words(sizes) + note)
+        horizontal, vertical = np.clip(x[:3], across.low, across.high), np.clip(y[:3], up.low, up.high)
+        sides = np.array([side for side in ((x.side, 0), (0, y.side)) if any(side)])
+        begin = np.array([horizontal[1], vertical[1]]) + 0.0 * sides
+        end = begin + _ARROW * sides * [across.high - across.low, up.high - up.low]
+        limit = "limit region" if place.look == "region" else "limit region-out"
+        look = place.look if place.name else limit
+        return [
+            Layer("line", look, horizontal[[0, 2]], vertical[[0, 2]], place.name, place.tone),
+            Layer("arrows", f"arrow {place.look}", *np.stack([begin, end], axis=-1).transpose(1, 0, 2), "", place.tone),
+        ]
+    if place.region is not None:
+        corners = place.region
+    elif x.low == x.high and y.low == y.high:
+        return [Layer("dots", "estimate", np.array([x.middle]), np.array([y.middle]), place.name, place.tone)]
+    else:
+        corners = np.array([[x.low, y.low], [x.high, y.low], [x.high, y.high], [x.low, y.high]])
+    return [Layer("region", place.look, corners[:, 0], corners[:, 1], place.name, place.tone)]

@@ -12,12 +12,12 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.writing import digits
 
 RMAX = "Rₘₐₓ"
+MAX_DRAWN = 60  # most shots in one picture; of more every k-th is drawn
 _LOG_DIGITS = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 3.0, 5.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 
 
@@ -61,26 +61,23 @@ class Layer:
     """Points of a panel that are drawn in one style.
 
     Attributes:
-        shape: "dots", "line", "bars" (values with their intervals), "band" (between two values of `y`), "area" (between
-            two lines), "ticks" (on the lower end of `y`), "region" (within corners), "arrows" (from the first to the
-            second place) or "labels" (`texts` at points).
+        shape: "dots", "line", "area" (between two lines), "ticks" (on the lower end of `y`), "region" (within corners),
+            "arrows" (from the first to the second place) or "labels" (`texts` at points).
         look: name of the style, for which SVG and matplotlib have colours and sizes: "measured", "simulated", ...
-        x: (n,); of bars (n, 3) lower ends, middles and upper ends; of a band (2,) the ends of the axis; of arrows
-            (n, 2).
-        y: as `x`; of an area (n, 2); of a band (2,) lower and upper value; of ticks zeros.
+        x: (n,); of arrows (n, 2).
+        y: as `x`; of an area (n, 2); of ticks zeros.
         name: text in the key of the picture; "": none.
-        tones: from 0 (dark) to 1 (light), (n,) for the colours of points, or (1,) for that of a line; None: the colour
-            of the look.
+        tone: of the colour, from 0 (dark) to 1 (light); None: the colour of the look.
         share: largest part of the points of a picture that this layer may have; None: all its points are drawn.
         texts: of labels.
     """
 
-    shape: Literal["dots", "line", "bars", "band", "area", "ticks", "region", "arrows", "labels"]
+    shape: Literal["dots", "line", "area", "ticks", "region", "arrows", "labels"]
     look: str
     x: Floats
     y: Floats
     name: str = ""
-    tones: Floats | None = None
+    tone: float | None = None
     share: float | None = None
     texts: tuple[str, ...] = ()
 
@@ -156,7 +153,7 @@ def curve_panels(
         note = f"RMSE {digits.significant(rmse, 2)} %" if rmse else ""
         band = bands[1:]
         if rmse and not band:
-            band = [Layer("band", "band", ends, np.array([-rmse, rmse]))]
+            band = [Layer("area", "band", ends, np.array([[-rmse, rmse], [-rmse, rmse]]))]
             note = f"band: ± {note}"
         largest = 1.15 * _largest([*residuals, *band], 0.1)
         zero = Layer("line", "zero", ends, np.zeros(2))
@@ -265,32 +262,29 @@ def _time_ends(time: Floats, window: Floats) -> tuple[float, float]:
     return first - margin, last + margin
 
 
-def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> list[Panel]:
-    """Panels of all curves in µs and µm, and as R/R_max over t* by the medium of each; unusable ones are left out."""
-    usable = []
-    for curve, medium in zip(curves, media, strict=True):
-        with suppress(InputError):
-            usable.append((curve, curve.max_radius, medium.time_scale(curve.max_radius)))
-    if not usable:
-        return []
-    sizes = np.array([size for _, size, _ in usable])
-    plain, scaled = list[Layer](), list[Layer]()
-    for (curve, size, unit), tone in zip(usable, tones_of(sizes), strict=True):
-        time = curve.time - curve.time_of_max
-        some = time >= -1.1 * unit
-        plain.append(Layer("line", "shot", 1e6 * time, 1e6 * curve.radius, tones=tone[None]))
-        scaled.append(Layer("line", "shot", time[some] / unit, curve.radius[some] / size, tones=tone[None]))
-    key = sizes_in_words(sizes)
-    first = min(float(layer.x.min()) for layer in plain)
-    return [
-        _overlay(plain, f"time after {RMAX} (µs)", "R (µm)", first, key),
-        _overlay(scaled, f"t* = t √(p/ρ) / {RMAX}", f"R / {RMAX}", -1.1, key),
-    ]
-
-
-def _overlay(layers: Sequence[Layer], x: str, y: str, low: float, key: str) -> Panel:
-    high = max(1.0, *(float(layer.x.max()) for layer in layers))
-    return Panel(Axis(x, low, high), Axis(y, 0.0, 1.06 * _largest(layers, 0.0) or 1.06), tuple(layers), note=key)
+def all_curves_panel(curves: Sequence[tuple[RadiusCurve, Checks]], end: float | None = None) -> Panel:
+    """Measured points of all curves, R/R_max over t*, with what their answers predict, up to `end` or all of them;
+    darker for smaller R_max. Only the time scale of the checks is needed. Raises InputError: a curve has no R_max."""
+    every = max(-(-len(curves) // MAX_DRAWN), 1)
+    drawn = curves[::every]
+    sizes = np.array([curve.max_radius for curve, _ in drawn])
+    areas, dots = list[Layer](), list[Layer]()
+    for (curve, checks), tone in zip(drawn, tones_of(sizes).tolist(), strict=True):
+        start, unit, share = curve.time_of_max, checks.time_scale or np.nan, 0.5 / len(drawn)
+        line, radius = checks.reconstruction_time, checks.reconstruction_radius
+        if (predicted := predicted_radius(checks, curve)) is not None:
+            area = (predicted[0] - start) / unit, predicted[1] / curve.max_radius
+            areas.append(Layer("area", "draws-shot", *area, "", tone, share))
+        elif line is not None and radius is not None:
+            areas.append(Layer("line", "shot", (line - start) / unit, radius / curve.max_radius, "", tone, share))
+        time = (curve.time - start) / unit
+        some = (time >= -0.1) & (time <= (end or np.inf)) & np.isfinite(curve.radius)
+        dots.append(Layer("dots", "measured-shot", time[some], curve.radius[some] / curve.max_radius, "", tone, share))
+    layers = tuple(layer for layer in (*areas, *dots) if len(layer.x))
+    last = end or max(1.0, *(float(layer.x.max()) for layer in layers))
+    x = Axis(f"t* = t √(p/ρ) / {RMAX}", -0.1, last)
+    note = sizes_in_words(sizes) + (f", 1 of {every} shots is drawn" if every > 1 else "")
+    return Panel(x, Axis(f"R / {RMAX}", 0.0, 1.06 * _largest(layers, 1.0)), layers, note=note)
 
 
 def tones_of(sizes: Floats) -> Floats:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, count
 from typing import Any
 
@@ -15,7 +15,6 @@ from markupsafe import Markup
 
 from cavirheo.arrays import Floats
 from cavirheo.reporting.panels import Axis, Panel
-from cavirheo.writing import digits, style
 from cavirheo.writing.document import short_name
 
 PX = 4  # SVG units per pixel
@@ -29,12 +28,17 @@ Key = list[tuple[str, str]]  # look, text
 _LEFT, _RIGHT, _BOTTOM = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
 _ROW = 17 * PX  # height of a line of text
 _TICK = 4 * PX
-_MIN_LINE_POINTS = 40  # least number of points of a line
-_TONES = 12  # steps from the darkest to the lightest tone
-_SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
+_TONES = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]])  # dark blue, grey, yellow: grey prints keep the order
+_SYMBOLS = {"dots": "●", "line": "—", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
 _SYMBOLS |= {"outlier": "○", "region": "▰", "region-out": "▱", "material": "▣", "published": "▢"}  # or by look
 _LETTER, _CAPITAL = 6 * PX, 10 * PX  # width and height of a letter of the name of a shot
 _AROUND = ((0, 0), (1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))  # places of a name at a point
+
+
+def colour_of(tone: float) -> str:
+    """The colour of a tone from 0 (dark) to 1 (light)."""
+    red, green, blue = (round(float(np.interp(tone, [0.0, 0.5, 1.0], stops))) for stops in _TONES.T)
+    return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 @dataclass(frozen=True)
@@ -78,18 +82,13 @@ class Frame:
         return path, ticks, names
 
     def paths(self, points: int) -> Iterator[tuple[str, str, str]]:
-        """Yield (look, path, colour) of each layer, and of each tone in a layer (_TONES steps). points: number of
-        points of the picture, of which each layer has its share."""
+        """Yield (look, path, colour) of each layer. points: number of points of the picture, of which each layer has
+        its share."""
         for layer in (layer for layer in self.panel.layers if layer.shape != "labels"):  # `names` writes these
             most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
             path: Any = getattr(self, f"_{layer.shape}")
-            tones = style.tone_colours([] if layer.tones is None else np.rint(_TONES * layer.tones) / _TONES)
-            rgb = np.rint(255 * tones).astype(int).tolist()
-            colours = np.array(["#{:02x}{:02x}{:02x}".format(*tone) for tone in rgb] or [""])
-            for colour in dict.fromkeys(colours.tolist()):
-                some = colours == colour if len(colours) == len(layer.x) else slice(None)
-                if data := path(layer.x[some], layer.y[some], most):
-                    yield layer.look, data, colour
+            if data := path(layer.x, layer.y, most):
+                yield layer.look, data, "" if layer.tone is None else colour_of(layer.tone)
 
     def _dots(self, x: Floats, y: Floats, most: int) -> str:
         """Path with a dot for each point, or for every k-th if there are more than `most`."""
@@ -105,22 +104,11 @@ class Frame:
             path += _path(*self.place(x[some], y[some])) if len(some) > 1 else self._dots(x[some], y[some], 1)
         return path
 
-    def _band(self, x: Floats, y: Floats, _: int) -> str:
-        (left, right), (bottom, top) = self.place(x, y)
-        return f"M{left} {top}h{right - left}V{bottom}H{left}z"
-
     def _area(self, x: Floats, y: Floats, most: int) -> str:
         """Path of the area between two lines, of each about `most` points or fewer."""
         some = self._thin(x, y[:, 1], most)
         ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
         return _path(*self.place(x[np.concatenate([some, some[::-1]])], ends)) + "z"
-
-    def _bars(self, x: Floats, y: Floats, _: int) -> str:
-        across, down = self.place(x, y)
-        return "".join(
-            (f"M{a} {m}H{b}" if a < b else "") + (f"M{k} {c}V{d}" if d < c else "")
-            for (a, k, b), (c, m, d) in zip(across.tolist(), down.tolist(), strict=True)
-        )
 
     def _region(self, x: Floats, y: Floats, _: int) -> str:
         return _path(*self.place(x, y)) + "z"
@@ -190,25 +178,17 @@ def curve_svg(
 def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
     """The pictures of a group beside each other: the plane of G and mu, and all curves."""
     plane, curves = panels
-    shots = digits.counted(sum(len(layer.texts) for layer in plane.layers), "shot")
-    about = f"{plane.y.label} over {plane.x.label} of {shots}, with the 90 % region of each and that of the material"
+    about = f"{plane.y.label} over {plane.x.label}: the 90 % region of each shot, and that of the material"
     key = _key(plane)
     if any(layer.look.startswith("arrow") for layer in plane.layers):
         key.append(("", "→ bound"))
-    pictures = [_picture([plane], about, key, points, GROUP_SIZE)]
-    about = f"{curves.y.label} over {curves.x.label} of {shots}: measured points and the predictions of the answers"
-    pictures.append(_picture([curves], about, [("", curves.note)], points, GROUP_SIZE))
-    return Markup("").join(pictures)
+    return _picture([plane], about, key, points, GROUP_SIZE) + all_curves_svg(curves, points)
 
 
-def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
-    """The picture of all shots in one panel. points: of all lines together; of too many shots every k-th is drawn."""
-    every = max(-(-len(panel.layers) * _MIN_LINE_POINTS // points), 1)
-    share = max(points // len(panel.layers[::every]), _MIN_LINE_POINTS) / points
-    layers = tuple(replace(layer, share=share) for layer in panel.layers[::every])
-    label = f"{panel.y.label} over {panel.x.label} of {digits.counted(len(panel.layers), 'shot')}"
-    note = panel.note + (f", 1 of {every} is drawn" if every > 1 else "")
-    return _picture([replace(panel, layers=layers)], label, [("", note)], points)
+def all_curves_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
+    """The picture of the curves of all shots."""
+    about = f"{panel.y.label} over {panel.x.label} of all shots: measured points, and the predictions of their answers"
+    return _picture([panel], about, [("", panel.note)], points, GROUP_SIZE)
 
 
 def _picture(

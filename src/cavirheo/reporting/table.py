@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.io.shots import stem_of
 from cavirheo.messages import Message, title
 from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, column_name, is_law_parameter
 from cavirheo.physics.media import WATER
@@ -29,13 +28,12 @@ from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.screen import print_result
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Spread, write_rows
+from cavirheo.writing.document import Quantity, Spread, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-WIDE_SCATTER = 0.4  # standard deviation of G from shot to shot over its mean; one batch of gel has less
 _ENDS = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}  # columns of a quantity in CSV
 
 
@@ -88,22 +86,6 @@ def _common_sentences(messages: Sequence[tuple[str, Message | Sentence]]) -> Ite
     for name, message in messages:
         common = title(message.code) if len(texts[message.code]) > 1 else ""
         yield name, common or message.text
-
-
-def groups_with_mixed_files(result: Result) -> list[tuple[str, str, list[str]]]:
-    """(group, scatter of G in %, stems of the file names) of groups that may be several materials: their scatter is
-    larger than WIDE_SCATTER, and their files have several stems, some of them with several numbers."""
-    from cavirheo.inference.population import relative_scatter
-
-    groups = []
-    for group, shots in result.rows_by_group():
-        spread = group.population.spreads_decades.get("shear_modulus") if group.population else None
-        scatter = relative_scatter(spread.median or 0.0) if spread else 0.0
-        files = {shot.source for shot in shots}
-        stems = sorted({stem_of(file) for file in files})
-        if scatter > WIDE_SCATTER and 1 < len(stems) < len(files):
-            groups.append((group.name, digits.significant(100 * scatter, 2), stems))
-    return groups
 
 
 def print_line(record: CurveRecord) -> None:
@@ -201,49 +183,14 @@ def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     return head, rows
 
 
-class ComparedParameter(NamedTuple):
-    """A parameter of a group by its natural name ("" for a group without parameters), and the methods with a value of
-    it, ours last; none of ours without a recording."""
-
-    group: GroupRecord
-    shots: Sequence[CurveRecord]
-    name: str
-    methods: list[str]
-
-    def number(self, method: str) -> float | None:
-        """The published mean, or the median of our answer."""
-        if method == OUR_METHOD:
-            return self.group.value(self.name).median
-        return self.group.published[method][self.name].mean
-
-    def words(self, method: str, factor: float) -> str:
-        """The value in words: a mean with its deviation, or our answer with its interval."""
-        if method == OUR_METHOD:
-            return digits.quantity(self.group.value(self.name), factor)
-        return digits.spread(self.group.published[method][self.name], factor)
-
-    def error(self, reference: str, method: str) -> float | None:
-        """|value - mean of the reference| / mean of the reference."""
-        return self.group.errors.get(reference, {}).get(method, {}).get(self.name)
-
-
-def misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
-    """Median, smallest and largest RMSE over R_max of the answered shots."""
-    numbers = [shot.rmse_over_rmax for shot in shots if shot.rmse_over_rmax is not None]
-    return [float(np.median(numbers)), min(numbers), max(numbers)] if numbers else [None] * 3
-
-
-def compared_parameters(result: Result) -> list[ComparedParameter]:
-    """One entry for each published or inferred parameter of each group, or one without a name if there is none."""
-    rows = []
-    for group, shots in result.rows_by_group():
-        inferred = [name for name in KEYS if any(shot.value(name).known for shot in shots)]
-        published = [name for values in group.published.values() for name in values]
-        for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
-            methods = [method for method, values in group.published.items() if name in values]
-            methods += [OUR_METHOD] if shots and name in (*KEYS, "") else []
-            rows.append(ComparedParameter(group, shots, name, methods))
-    return rows
+def compared(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[tuple[str, str, Spread | Quantity]]:
+    """Yield (parameter, method, value) of each value of a group by other methods and of its answer, which is last."""
+    for name in dict.fromkeys([*KEYS, *(name for values in group.published.values() for name in values)]):
+        for method, values in group.published.items():
+            if name in values:
+                yield name, method, values[name]
+        if name in KEYS and any(shot.value(name).known for shot in shots):
+            yield name, OUR_METHOD, group.value(name)
 
 
 def _references(result: Result) -> list[str]:
@@ -251,83 +198,67 @@ def _references(result: Result) -> list[str]:
     return list(dict.fromkeys(method for group in result.groups for method in group.errors))
 
 
-def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
-    """Lines on a group: its remarks, the counts of verdicts other than "ok", and why shots have no answer."""
-    lines = [message.text for message in group.messages]
-    doubts = {
-        words: group.verdicts.get(verdict, 0) for verdict, words in digits.VERDICT_WORDS.items() if verdict != "ok"
-    }
-    if counts := [f"{words} {n}" for words, n in doubts.items() if n]:
-        lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
-    reasons = terminal.names_by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
-    return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
+def _error(group: GroupRecord, reference: str, method: str, name: str) -> float | None:
+    return group.errors.get(reference, {}).get(method, {}).get(name)
+
+
+def write_comparison(path: Path, result: Result) -> None:
+    """Write CSV with a line for each group, quantity and method: SI, errors as fractions, empty cells for missing
+    numbers. A group without any value has one line."""
+    references = _references(result)
+    columns = ["set", "quantity", "method", "value", "std", "q05", "q95", "bound"]
+    columns += [*(f"error_to_{reference}" for reference in references), "n_shots", "n_counted", "verdict"]
+    lines = list[dict[str, Any]]()
+    for group, shots in result.rows_by_group():
+        facts = {"set": group.name, "n_shots": len(shots), "n_counted": group.n_counted, "verdict": group.verdict}
+        of_group = [
+            {
+                **vars(value),
+                **facts,
+                **{f"error_to_{reference}": _error(group, reference, method, name) for reference in references},
+                "quantity": KEYS.get(name, name),
+                "method": method,
+                "value": value.mean if isinstance(value, Spread) else value.median,
+            }
+            for name, method, value in compared(group, shots)
+        ]
+        lines += of_group or [facts]
+    write_rows(path, columns, lines)
 
 
 def print_comparison(result: Result) -> None:
-    """Print a line for each parameter and method of each group; then the key, remarks on each group, and notes."""
+    """Print the comparison of each group; then the key, remarks on each group, and notes."""
     console = terminal.console()
     print_comparison_tables(console, result)
-    key = f"{OUR_METHOD}: the material of all shots that count, with its 90 % interval; others: mean ± deviation. "
+    key = f"{OUR_METHOD}: the material of all shots that count, with its 90 % interval; others: mean ± deviation."
     if references := " or ".join(_references(result)):
-        key += f"Error to {references}: |value − its mean| / its mean, in %. "
-    key += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
+        key += f" Error to {references}: |value − its mean| / its mean, in %."
     if bubbles := ", ".join(dict.fromkeys(shot.bubble.title for shot in result.curves if shot.has_answer)):
         key += f" Our answers assume the {bubbles}."
     terminal.print_text(console, key, style="dim")
     for group, shots in result.rows_by_group():
-        terminal.print_remarks(console, {remark: [group.name] for remark in group_remarks(group, shots)})
+        reasons = [f"{shot.name}: {shot.message}" for shot in shots if not shot.has_answer]
+        remarks = [*(message.text for message in group.messages), *reasons]
+        terminal.print_remarks(console, {remark: [group.name] for remark in remarks})
     terminal.print_remarks(console, {}, result.notes)
 
 
 def print_comparison_tables(console: Console, result: Result) -> None:
-    """Print the comparison of each group with published values below its name and its shots."""
-    rows, references = compared_parameters(result), _references(result)
+    """Print a line for each parameter and method of each group, below its name and its shots."""
+    references = _references(result)
     heads = ["method", "value", *(f"error to\n{reference}, %" for reference in references)]
-    moduli = [row.number(method) for row in rows if row.name == "shear_modulus" for method in row.methods]
-    modulus_unit = digits.modulus_unit([0.0, *moduli])  # one unit for all rows
     for group, shots in result.rows_by_group():
-        table = terminal.table("", heads, left=heads[:1])
-        for row in (row for row in rows if row.group is group):
-            factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
-            if row.name in KEYS:
-                symbol, factor, unit = display_unit(row.name, modulus_unit)
+        table, previous = terminal.table("", heads, left=heads[:1]), ""
+        for name, method, value in compared(group, shots):
+            factor, label = 1.0, name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
+            if name in KEYS:
+                symbol, factor, unit = display_unit(name, result.modulus_unit)
                 label = f"{symbol} ({unit})"
-            for method in row.methods:
-                errors = ["" if method == to else digits.percent(row.error(to, method)) for to in references]
-                style = "bold" if method == OUR_METHOD else None
-                table.add_row(label or digits.MISSING, method, row.words(method, factor), *errors, style=style)
-                label = " "
-            table.add_section()
-        facts = ""
-        if shots:
-            misfit, *ends = map(digits.percent, misfits(shots))
-            counts = f"{group.n} of {digits.counted(len(shots), 'shot')} answered, {group.n_counted} in the material"
-            facts = f"  {counts}, RMSE {misfit} % ({'–'.join(ends)})"
-        terminal.print_text(console, facts, first=group.name, look="bold")
+            words = digits.spread(value, factor) if isinstance(value, Spread) else digits.quantity(value, factor)
+            errors = [digits.percent(_error(group, to, method, name)) if method != to else "" for to in references]
+            style = "bold" if method == OUR_METHOD else None
+            table.add_row("" if label == previous else label, method, words, *errors, style=style)
+            previous = label
+        facts = f"  {group.n} of {digits.counted(len(shots), 'shot')} answered, {group.n_counted} in the material"
+        terminal.print_text(console, facts if shots else "", first=group.name, look="bold")
         console.print(table)
-
-
-def write_comparison(path: Path, result: Result) -> None:
-    """Write CSV with a line for each group and parameter: SI, errors as fractions, empty cells for missing numbers."""
-    methods = list(dict.fromkeys(method for group in result.groups for method in group.published))
-    lines = list[dict[str, Any]]()
-    for row in compared_parameters(result):
-        group, ours = row.group, row.group.value(row.name)
-        line: dict[str, Any] = {"set": group.name, "quantity": KEYS.get(row.name, row.name)}
-        for method in methods:
-            value: Mapping[str, Any] = vars(group.published.get(method, {}).get(row.name, Spread()))
-            line |= {f"{method}_{part}": value[part] for part in ("mean", "std")}
-        line |= {OUR_METHOD + end: getattr(ours, part) for part, end in _ENDS.items()}
-        line |= {"n_counted": group.n_counted, "verdict": group.verdict}
-        for to in _references(result):
-            line |= {
-                f"{method}_error_to_{to}": row.error(to, method) for method in (*methods, OUR_METHOD) if method != to
-            }
-        line |= {"n_shots": len(row.shots), "n_answered": group.n}
-        line |= {f"n_{verdict}": group.verdicts.get(verdict, 0) for verdict in digits.VERDICT_STYLES}
-        names = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
-        line |= zip(names, misfits(row.shots), strict=True)
-        line["model"] = group.population.model if group.population else ""
-        line["message"] = "; ".join(group_remarks(group, row.shots))
-        lines.append(line)
-    write_rows(path, list(lines[0]) if lines else [], lines)

@@ -38,7 +38,7 @@ from cavirheo.parameters import (
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import TRUSTED, Evidence, Posterior, check_level
 from cavirheo.prior import Prior
-from cavirheo.writing import digits, export
+from cavirheo.writing import digits, export, plots
 from cavirheo.writing.document import Quantity
 
 if TYPE_CHECKING:
@@ -339,7 +339,7 @@ class Population:
         Raises InputError: no draws, or matplotlib is missing."""
         material = {name: self.quantity(name) for name in self.names}
         values = {name: [shot[name] for shot in self.shot_values] for name in self.names}
-        return export.interval_plot(self.shots, values, material)
+        return plots.interval_plot(self.shots, values, material)
 
     def corner(self, *names: str) -> Figure:
         """Figure of the draws of each of the material's parameters, with the median and the central 90 %, and of each
@@ -347,7 +347,7 @@ class Population:
 
         Raises InputError: no draws, no such parameter, or matplotlib is missing."""
         chosen = [self.names[self._column(name)] for name in names or self.names]
-        return export.corner_plot({name: self.draws(name) for name in chosen}, np.ones(len(self.centre)))
+        return plots.corner_plot({name: self.draws(name) for name in chosen}, np.ones(len(self.centre)))
 
     @property
     def _draws(self) -> dict[str, Floats]:
