@@ -16,6 +16,7 @@ from cavirheo.inference.cards import card, path_of
 from cavirheo.io import write_csv
 from cavirheo.reporting import laws, result, screen, table, write_report
 from cavirheo.reporting.group import PublishedValue
+from cavirheo.reporting.material import Systematic
 from cavirheo.training import dataset
 from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
@@ -106,6 +107,23 @@ def test_the_screen_has_one_number_of_each_quantity(monkeypatch, capsys):
     (group,) = document.groups
     assert float(below[0].split()[1]) == pytest.approx(group.population.shear_modulus_Pa.median / 1e3, rel=0.02)
     assert float(below[1].split()[1]) == pytest.approx(group.population.viscosity_Pa_s.median, rel=0.02)
+
+
+def test_shots_that_scatter_and_a_modulus_that_hangs_on_the_scale_are_said(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    pairs = one_group(5)
+    for k, (curve, made) in enumerate(pairs):
+        pairs[k] = curve, replace(made, theta=made.theta + [0.0, 0.15 * k, 0.0])
+    document = result(pairs, "")
+    (group,) = document.groups
+    group.systematic = Systematic(errors={}, slopes={"shear_modulus": {"scale": 25.0}}, statistics={})
+    screen.print_result(document)
+    lines = {line[:5].strip(): line for line in capsys.readouterr().out.splitlines()}
+    assert "shots disagree" in lines["µ"]
+    assert "shots disagree" not in lines["G"]
+    assert "G with care" in lines["use"]
+    assert "25 %" in lines["use"]
+    assert "--scale-error" in lines["next"]
 
 
 def clean(text: str) -> bool:

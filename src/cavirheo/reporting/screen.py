@@ -21,6 +21,8 @@ MOST_ROWS = 12  # shots of a group that all have a row; of a larger one the exce
 MOST_EXCEPTIONS = 11  # rows of exceptions
 WIDTH = 80  # columns of a terminal that is not wider
 MOST_NOTES = 3  # notes on the run; the report has all
+LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on G is to be used with care
+WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
 _NAME = 28  # most characters of the name of a shot; in a table that is too wide SHORT_NAME
 _LABEL = 5  # columns before the text of a line below the shots
 _SWITCHES = {"liquid": "liquid", "stiffening": "stiffens", "field_bubble": "field's bubble"}
@@ -189,15 +191,31 @@ def _value_line(result: Result, group: GroupRecord, name: str) -> list[str]:
     middle, interval = value_parts(value, factor)
     line = [f"{middle} {unit}", interval] if middle else [f"{interval} {unit}"]
     statistics = group.systematic.statistics.get(name) if group.systematic else None
-    if statistics and value.median is not None:
+    if scatter := _scatter(group, name):
+        line.append(f"(shots disagree: scatter {scatter} %)")
+    elif statistics and value.median is not None:
         line.append(f"(statistics alone {value_parts(statistics, factor)[1]})")
     return line
 
 
+def _scatter(group: GroupRecord, name: str) -> str:
+    """The standard deviation of the shots over the material, %, where it is wide and no chance; else ""."""
+    from cavirheo.inference.population import relative_scatter
+
+    material = group.material
+    decades = material.spreads_decades.get(name) if material else None
+    if material is None or decades is None or (material.log_evidence_of_scatter or 0.0) < 0.0:
+        return ""
+    scatter = relative_scatter(decades.median or 0.0)
+    return digits.significant(100.0 * scatter, 2) if scatter > WIDE_SCATTER else ""
+
+
 def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """Whether G and mu may be used, in a sentence."""
-    change = group.systematic.slopes.get("shear_modulus", {}).get("scale") if group.systematic else None
+    change = _change_by_scale(group, shots)
     moved = "" if change is None else f"; 1 % in scale or frame rate moves G by {digits.significant(change, 2)} %"
+    if abs(change or 0.0) >= LARGE_CHANGE:
+        moved = f"; G with care, for {moved[2:]}"
     disagreeing = list(group.heaps)
     if len(group.doubts) == len(disagreeing) == 1 and disagreeing[0] in _OTHERS:
         symbol, other = parameter_of(disagreeing[0]).symbol, parameter_of(_OTHERS[disagreeing[0]]).symbol
@@ -219,6 +237,14 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
         "unverified": "with care: a network gives one value, without an interval",
     }
     return uses[group.verdict]
+
+
+def _change_by_scale(group: GroupRecord, shots: Sequence[CurveRecord]) -> float | None:
+    """Change of G, %, by 1 % in scale or frame rate; None where it is not known, and of a single shot if it is small."""
+    if group.systematic:
+        return group.systematic.slopes.get("shear_modulus", {}).get("scale")
+    change = shots[0].diagnostics.modulus_over_scale if len(shots) == 1 else None
+    return change if abs(change or 0.0) >= LARGE_CHANGE else None
 
 
 def _facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
@@ -246,6 +272,8 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
         return f"cavirheo which-law {_files(shots, 2)}"
     if group.verdict == "unverified":
         return f"cavirheo infer {_files(shots, 2)}"
+    if abs(_change_by_scale(group, shots) or 0.0) >= LARGE_CHANGE:
+        return "check scale and frame rate, then the same command with --scale-error and --rate-error"
     if group.verdict == "bound":
         return f"cavirheo design {document}   (what to record)"
     return f"cavirheo cite {document}   (after a look at the pictures)"
