@@ -113,7 +113,7 @@ def test_shots_that_scatter_and_a_modulus_that_hangs_on_the_scale_are_said(monke
     monkeypatch.setenv("COLUMNS", "80")
     pairs = one_group(5)
     for k, (curve, made) in enumerate(pairs):
-        pairs[k] = curve, replace(made, theta=made.theta + [0.0, 0.15 * k, 0.0])
+        pairs[k] = curve, replace(made, theta=made.theta + np.array([0.0, 0.15 * k, 0.0]))
     document = result(pairs, "")
     (group,) = document.groups
     group.systematic = Systematic(errors={}, slopes={"shear_modulus": {"scale": 25.0}}, statistics={})

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
@@ -21,15 +21,19 @@ from cavirheo.writing import digits
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 MEDIUM_KEYS = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
 _DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
+_CITED = re.compile(r"\[([\w, ]+)\]")  # keys in a text
 _EQUATIONS = {
-    "keller-miksis": ("Keller and Miksis", "Keller1980"),
-    "rayleigh-plesset": ("Rayleigh and Plesset", "Plesset1949"),
-    "gilmore": ("Gilmore", "Gilmore1952"),
+    "keller-miksis": "Keller and Miksis [Keller1980]",
+    "rayleigh-plesset": "Rayleigh and Plesset [Plesset1949]",
+    "gilmore": "Gilmore [Gilmore1952]",
 }
-_SAMPLED = "by importance sampling of an emulator, each draw weighed by a full simulation"
-_NOISES = {
-    "verified": "noise of unknown size and a discrepancy between law and bubble",
-    "least_squares": "white noise of unknown size",
+_SAMPLED = "Posteriors were sampled by importance sampling of an emulator, each draw weighed by a full simulation"
+_INTERVALS = "values are medians with central 90 % intervals"
+_METHODS = {
+    "verified": f"{_SAMPLED} [Cornuet2012], with noise of unknown size and a discrepancy between law and bubble "
+    f"[Kennedy2001]; {_INTERVALS}.",
+    "least_squares": f"{_SAMPLED} [Cornuet2012], with white noise of unknown size; {_INTERVALS}.",
+    "bdt": "A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.",
 }
 
 
@@ -45,18 +49,6 @@ class Source(NamedTuple):
         return dict(re.findall(r"^  (\w+) = \{(.+)\},?$", self.bibtex, re.MULTILINE))
 
 
-@dataclass
-class _Keys:
-    """The keys of the references that a text cites, in order."""
-
-    keys: dict[str, None] = field(default_factory=dict)
-
-    def cited(self, *keys: str) -> str:
-        """' [Key, Key]', and the keys are noted; "" for none."""
-        self.keys |= dict.fromkeys(keys)
-        return f" [{', '.join(keys)}]" if keys else ""
-
-
 @cache
 def references() -> dict[str, Source]:
     """The entries of references.bib by their keys."""
@@ -67,8 +59,8 @@ def references() -> dict[str, Source]:
 
 def references_of_law(name: str) -> list[Source]:
     """The references whose DOIs are in the docstring of a law; an empty list for a name that is no law."""
-    by_doi = {source.fields.get("doi", ""): source for source in references().values()}
-    return [by_doi[doi] for doi in _DOI.findall(getattr(LAWS.get(name), "__doc__", None) or "")]
+    dois = _DOI.findall(getattr(LAWS.get(name), "__doc__", None) or "")
+    return [source for doi in dois for source in references().values() if source.fields.get("doi") == doi]
 
 
 def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
@@ -80,46 +72,48 @@ def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
     program = f"@misc{{cavirheo{year},\n  author = {{{{The cavirheo developers}}}},\n  title = {{{TITLE}}},\n"
     program += f"  year = {{{year}}},\n" if year else ""
     program += f"  note = {{version {result.version}}}\n}}"
-    to = _Keys()
     sizes = digits.ends([curve.max_radius_m for curve in answers], 1e6)
     bubbles = f"{digits.counted(len(answers), 'bubble')}{f' of R_max {sizes} um' if sizes else ''}"
+    verdicts = Counter(digits.VERDICT_WORDS[curve.verdict] for curve in result.curves)
+    has_material = any(group.material for group in result.groups)
     sentences = [
         f"Radius histories of {bubbles} were analysed with cavirheo {result.version} [cavirheo{year}].",
-        *(_model(*model, to) for model in dict.fromkeys((curve.material, curve.bubble) for curve in answers)),
-        *(_constants(medium, to) for medium in dict.fromkeys(curve.medium for curve in answers if curve.medium)),
-        *_inference(answers, to),
+        *(_model(*model) for model in dict.fromkeys((curve.material, curve.bubble) for curve in answers)),
+        *(_constants(medium) for medium in dict.fromkeys(curve.medium for curve in answers if curve.medium)),
+        *_inference(answers),
+        "The material of a group is the centre of a population of its shots [Hogg2010]." if has_material else "",
+        *(_group(group, shots, result) for group, shots in result.rows_by_group() if group.has_answer),
+        f"Verdicts: {', '.join(f'{words} {count}' for words, count in verdicts.items())}.",
     ]
-    if any(group.material for group in result.groups):
-        population = to.cited("Hogg2010")
-        sentences.append(f"The material of a group is the centre of a population of its shots{population}.")
-    sentences += [_group(group, shots, result) for group, shots in result.rows_by_group() if group.has_answer]
-    verdicts = Counter(digits.VERDICT_WORDS[curve.verdict] for curve in result.curves)
-    counts = ", ".join(f"{words} {count}" for words, count in verdicts.items())
-    sentences.append(f"Verdicts: {counts}. Command: {result.command}")
-    cited = [references()[key] for key in to.keys]
-    return " ".join(filter(None, sentences)), [Source(f"cavirheo{year}", program), *cited]
+    paragraph = " ".join(filter(None, sentences))
+    cited = dict.fromkeys(key for keys in _CITED.findall(paragraph) for key in keys.split(", "))
+    sources = [Source(f"cavirheo{year}", program), *(references()[key] for key in cited if key in references())]
+    return f"{paragraph} Command: {result.command}", sources
 
 
-def _model(material: str, bubble: Bubble, to: _Keys) -> str:
+def _cited(keys: Iterable[str]) -> str:
+    """' [Key, Key]'; "" for none."""
+    keys = ", ".join(dict.fromkeys(keys))
+    return f" [{keys}]" if keys else ""
+
+
+def _model(material: str, bubble: Bubble) -> str:
     """A sentence on law, wall and contents of a bubble."""
     keys = [source.key for part in material.split("+") for source in references_of_law(part.strip())]
     title = digits.MATERIAL_TITLES.get(material, material).partition(" (")[0]
-    name, key = _EQUATIONS[bubble.motion]
-    law = f"The medium was {title}{to.cited(*dict.fromkeys(keys))}, the wall followed {name}{to.cited(key)}"
+    law = f"The medium was {title}{_cited(keys)}, the wall followed {_EQUATIONS[bubble.motion]}"
     if bubble.exponent is not None:
         return f"{law}, with a polytropic gas of exponent {bubble.exponent:g}."
-    law += f", with heat and mass transfer between gas, vapour and medium{to.cited('Estrada2018')}"
+    law += ", with heat and mass transfer between gas, vapour and medium [Estrada2018]"
     if bubble.contents == "kinetic":
-        law += (
-            f" and vapour that condenses at a finite rate, whose diffusivity is that of Fuller{to.cited('Fuller1966')}"
-        )
+        law += " and vapour that condenses at a finite rate, whose diffusivity is that of Fuller [Fuller1966]"
     return f"{law} ({bubble.title})."
 
 
-def _constants(medium: Medium, to: _Keys) -> str:
+def _constants(medium: Medium) -> str:
     name = medium.name.removesuffix(", changed")
     changed = " with changes" if replace(medium, name=name, unusual=True) != MEDIA.get(name, medium) else ""
-    key = to.cited(MEDIUM_KEYS[name]) if name in MEDIUM_KEYS else ""
+    key = _cited([MEDIUM_KEYS[name]] if name in MEDIUM_KEYS else [])
     return (
         f"Constants of the medium were those of {name}{key}{changed}: density {medium.density:g} kg/m3, sound speed "
         f"{medium.sound_speed:g} m/s, surface tension {medium.surface_tension:g} N/m, pressure {medium.pressure:g} Pa, "
@@ -127,26 +121,19 @@ def _constants(medium: Medium, to: _Keys) -> str:
     )
 
 
-def _inference(answers: Sequence[CurveRecord], to: _Keys) -> list[str]:
+def _inference(answers: Sequence[CurveRecord]) -> list[str]:
     """Sentences on windows, methods, compared models and priors of the stretch."""
     sentences = []
     if collapses := sorted({curve.window.collapses for curve in answers if curve.window.collapses}):
         fewest = f"{collapses[0]} to " if len(collapses) > 1 else ""
         sentences.append(f"Each recording was compared over {fewest}{digits.counted(collapses[-1], 'collapse')}.")
-    for method in dict.fromkeys(curve.method for curve in answers):
-        if method in _NOISES:
-            draws = f"Its posterior was sampled {_SAMPLED}{to.cited('Cornuet2012')}, with {_NOISES[method]}"
-            sentences.append(f"{draws}{to.cited('Kennedy2001') if method == 'verified' else ''}; ")
-            sentences[-1] += "values are medians with central 90 % intervals."
-        else:
-            network = f"A Bubble Dynamics Transformer{to.cited('Bu2025')}"
-            sentences.append(f"{network} gave the values, at equal Cauchy and Reynolds numbers.")
+    sentences += [_METHODS.get(method, "") for method in dict.fromkeys(curve.method for curve in answers)]
     models = {curve.model for curve in answers}
     others = [model for curve in answers if curve.evidence for model in curve.other_models]
     rivals = dict.fromkeys(m.model_title for m in others if m.log_evidence is not None and m.model not in models)
     if rivals:
         preferred = sum(curve.preferred_model is not None for curve in answers)
-        compared = f"The evidence{to.cited('Kass1995')} compares this with {', '.join(rivals)}"
+        compared = f"The evidence [Kass1995] compares this with {', '.join(rivals)}"
         sentences.append(f"{compared}, and prefers one of these for {preferred} of {len(answers)}.")
     sources = dict.fromkeys(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
     return sentences + [f"The stretch was {source}." for source in sources]

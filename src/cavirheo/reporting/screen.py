@@ -240,7 +240,7 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
 
 
 def _change_by_scale(group: GroupRecord, shots: Sequence[CurveRecord]) -> float | None:
-    """Change of G, %, by 1 % in scale or frame rate; None where it is not known, and of a single shot if it is small."""
+    """Change of G, %, by 1 % in scale or frame rate; None where it is not known, or of a single shot small."""
     if group.systematic:
         return group.systematic.slopes.get("shear_modulus", {}).get("scale")
     change = shots[0].diagnostics.modulus_over_scale if len(shots) == 1 else None
