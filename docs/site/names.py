@@ -77,7 +77,7 @@ ANSWERS = Page(
             {
                 "cavirheo.reporting.record": "Result",
                 "cavirheo.reporting.answer": "CurveRecord Sentence OtherModel Compared",
-                "cavirheo.reporting.group": "GroupRecord PublishedValue Slope",
+                "cavirheo.reporting.group": "GroupRecord PublishedValue",
                 "cavirheo.reporting.material": "PopulationRecord HeapRecord Systematic GroupDifference MaterialRatio",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw",
                 "cavirheo.companions.design": "Design DesignedSetting CheckedSetting",

@@ -102,15 +102,17 @@ def state_in_words(kind: str, bubble: str) -> str:
     return f"{materials[kind]}, with the field's bubble" if bubble == "field" else materials[kind]
 
 
-def heaps_in_words(name: str, heaps: Sequence[tuple[float | None, float | None, Sequence[str]]]) -> str:
-    """'0.026 to 0.033 Pa s in 2, below 0.020 in 3' of (low, high, shots) of each heap, SI."""
-    ends = [end for low, high, _ in heaps for end in (low, high) if end]
+def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
+    """'0.026 to 0.033 Pa s in 2, below 0.020 in 3' of heaps with `low`, `high` (SI) and `shots`."""
+    ends = [end for heap in heaps for end in (heap.low, heap.high) if end]
     factor, unit = digits.unit_for(parameter_of(name).unit, max(ends))
     parts: list[str] = []
-    for low, high, shots in heaps:
-        first, last = (digits.number(end, factor, 2) for end in (low, high))
-        limits = f"above {first}" if high is None else f"below {last}" if low is None else f"{first} to {last}"
-        parts.append(f"{limits}{'' if parts else f' {unit}'} in {len(shots)}")
+    for heap in heaps:
+        first, last = (digits.number(end, factor, 2) for end in (heap.low, heap.high))
+        limits = f"{first} to {last}"
+        if heap.low is None or heap.high is None:
+            limits = f"above {first}" if heap.high is None else f"below {last}"
+        parts.append(f"{limits}{'' if parts else f' {unit}'} in {len(heap.shots)}")
     return ", ".join(parts)
 
 
@@ -221,14 +223,9 @@ def _ends(count: int, total: int, names: Sequence[str]) -> str:
     return f": {words}, in {count} of {total}: check the µm per pixel, the frame rate, and that R_max was recorded"
 
 
-def _group_rival(count: int | None, total: int, models: Sequence[str]) -> str:
-    where = "all shots together" if count is None else f"{count} of {total} shots"
-    return f" in {where}: {' or '.join(models)}"
-
-
-def _heaps(name: str, heaps: Sequence[tuple[float | None, float | None, Sequence[str]]]) -> str:
-    short = iter(digits.distinct_names([shot for *_, shots in heaps for shot in shots]))
-    shots = " | ".join(", ".join(next(short) for _ in of_heap) for *_, of_heap in heaps)
+def _heaps(name: str, heaps: Sequence[Any]) -> str:
+    short = iter(digits.distinct_names([shot for heap in heaps for shot in heap.shots]))
+    shots = " | ".join(", ".join(next(short) for _ in heap.shots) for heap in heaps)
     return f": {parameter_of(name).symbol} {heaps_in_words(name, heaps)} ({shots})"
 
 
@@ -289,7 +286,8 @@ _DETAILS: dict[str, Callable[..., str]] = {  # by code or its first part, of the
     "model.chosen": _chosen,
     "group.doubt.ends": _ends,
     "group.doubt.heaps": _heaps,
-    "group.rival": _group_rival,
+    "group.rival": lambda count, total, models: f" in {count} of {total} shots: {' or '.join(models)}",
     "group.not_given": lambda values: f": {constants_in_words(values)}",
+    "group.trend": lambda trends: f": {', '.join(trends)}; --column R_max measures it",
     "group.scale": lambda change: f": 1 % more by {digits.significant(change, 2)} %",
 }

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from answers import COMMAND, NAMES, Page, answer, bubble, empty, unanswered, with_verdict
 from conftest import refused, rows_of
-from scipy.stats import theilslopes
 
 from cavirheo import infer_many, load, population
 from cavirheo.column import read_column
@@ -204,39 +203,30 @@ def test_bounds_count_where_they_tell_something(tmp_path):
 
 def test_a_viscosity_that_grows_with_the_bubble_is_said():
     """Also of answers whose model does not fit, for there it is looked for; of four shots or of odd ones it is not."""
-    pairs = growing(2.4)
-    made = result(pairs, COMMAND)
-    found = made.groups[0].slopes["viscosity"]
-    assert (found.n, found.n_trusted, found.sign, made.groups[0].slopes["shear_modulus"].sign) == (7, 7, 1, 0)
-    assert any(message.text.startswith("µ rises") for message in made.groups[0].messages)
-    assert 1.8 < found.q05 < 2.4 < found.q95 < 3.0
-    for verdict, count, expected in (("does_not_fit", 7, (7, 0)), ("check_input", 7, None), ("ok", 4, None)):
-        (one,) = result(growing(2.4, count=count, verdict=verdict), COMMAND).groups
-        slope = one.slopes.get("viscosity")
-        assert (slope and (slope.n, slope.n_trusted)) == expected
+    for power, count, verdict, trends in (
+        (2.4, 7, "ok", ["µ rises"]),
+        (-2.4, 7, "does_not_fit", ["µ falls"]),
+        (2.4, 7, "check_input", None),
+        (2.4, 4, "ok", None),
+    ):
+        (one,) = result(growing(power, count=count, verdict=verdict), COMMAND).groups
+        said = [message.text for message in one.messages if message.code == "group.trend"]
+        assert [trend in text for text in said for trend in trends or []] == [True] * bool(trends)
+    pairs = growing(0.0)
+    same = [(curve, replace(one, theta=pairs[0][1].theta)) for curve, one in pairs]  # as of a joint fit
+    assert group.size_trends(result(same, COMMAND).curves) == []
 
 
-def test_a_slope_is_that_of_theil_and_sen_with_ties_too():
-    rng = np.random.default_rng(7)
-    for count, places in ((5, 9), (12, 9), (20, 9), (30, 1), (30, 0)):
-        x, y = np.round(rng.normal(size=(2, count)), places)
-        median, _, low, high = theilslopes(y, x, 0.9)
-        assert group.theil_sen(x, y) == (median, low, high)
-    radii = np.linspace(1.2e-4, 3.2e-4, 7)
-    assert group.slope(radii, [0.02] * 7) is None  # a joint fit
-    assert group.slope([2e-4] * 7, np.linspace(1.0, 2.0, 7)) is None
-    assert group.slope([*radii, None], [None, 0.1, 0.2, 0.3, 0.1, None, None, 0.2]) is None
-    radius = 1e-4 * np.exp(rng.normal(0.0, 0.3, 5000))
-    found = group.slope(radius, 0.05 * (radius / 1e-4) ** 0.7 * np.exp(rng.normal(0.0, 0.1, 5000)), trusted=5000)
-    assert found.n == found.n_trusted == 1000  # of very many: no table of all pairs
-    assert found.q05 < 0.7 < found.q95
-
-
-def test_another_model_that_all_shots_together_prefer_is_said():
-    for each, preferred in ((0.3, False), (1.0, True)):  # no shot rejects the answer by itself
-        pairs = [(c, replace(a, evidence=Evidence(0.0, 0.1), others=(beside(log=each),))) for c, a in growing(2.4)]
-        (about,) = result(pairs, COMMAND).groups
-        assert ("group.rival" in [message.code for message in about.messages]) == preferred
+def test_of_groups_without_a_trend_one_in_twenty_shows_one():
+    rng, seen = np.random.default_rng(7), 0
+    (row, *_) = result(growing(count=1), COMMAND).curves
+    for _ in range(200):
+        shots = [
+            row.model_copy(update={"max_radius_m": size, "viscosity_Pa_s": Quantity(median=value)})
+            for size, value in np.exp(rng.normal(size=(8, 2)))
+        ]
+        seen += bool(group.size_trends(shots))
+    assert 2 <= seen <= 22
 
 
 def test_numbers_show_the_digits_that_their_error_leaves():

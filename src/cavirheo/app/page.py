@@ -321,7 +321,7 @@ class Page:
         return {self.prepared_curve: next(texts, "")}
 
     def _warn(self, session: Session) -> _Updates:
-        return {self.input_warnings: words.render("input_warnings", words.warnings(session.curves))}
+        return {self.input_warnings: words.render("input_warnings", words.curve_warnings(session.curves))}
 
     def _change_settings(self, session: Session, name: str | None, *settings: Any) -> _Updates:
         before, curves, names = session.settings, session.curves, session.names

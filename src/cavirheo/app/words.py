@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
@@ -138,14 +137,9 @@ def check_plot(session: Session, name: str) -> str:
     return render("pictures", [curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
 
 
-def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    """The warnings on these shots: names of the shots by warning."""
-    return names_by_message(curve_warnings(curves))
-
-
 def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
     """The picture of a curve with its compared frames, or the error; its warnings, and remarks on how it was read."""
-    picture, remarks = "", warnings([curve])
+    picture, remarks = "", curve_warnings([curve])
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:

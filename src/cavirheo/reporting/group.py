@@ -1,8 +1,6 @@
 """The shots of one file or folder: the answer for their material, its verdict, and what a user must know of it.
 
-The verdict of a group obeys its rows. The slope d ln(value)/d ln R_max is that of Theil and Sen (Sen 1968,
-doi:10.1080/01621459.1968.10480934): it assumes only that the scatter is the same at all sizes, and a few shots in a
-false mode hardly change it.
+The verdict of a group obeys its rows.
 """
 
 from __future__ import annotations
@@ -12,26 +10,20 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from cavirheo.arrays import Floats
 from cavirheo.messages import Message, title
 from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, is_law_parameter, parameter_of
 from cavirheo.posterior import Verdict
-from cavirheo.reporting.answer import CurveRecord, OtherModel, Sentence, log_evidence_key
-from cavirheo.reporting.material import (
-    KEYS,
-    PopulationRecord,
-    Systematic,
-    size_trend_in_words,
-)
+from cavirheo.reporting.answer import CurveRecord, Sentence
+from cavirheo.reporting.material import KEYS, HeapRecord, PopulationRecord, Systematic
 from cavirheo.writing.document import Quantity, Record, Spread
 
-MIN_SLOPE_SHOTS = 5  # least number of shots for a slope
-MAX_SLOPE_SHOTS = 1000  # most shots in a slope, which needs all pairs; of more shots every k-th by size is used
+MIN_TREND_SHOTS = 5  # least number of shots in which a trend with R_max is looked for
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 REFERENCE_METHODS = ("IMR", "rheometer")  # methods relative to which errors are given, by default
+TWO_SIDED_95 = 1.96  # standard deviations
 MOST = 0.5  # share of the shots of a group, above which they decide its verdict
-_EQUAL_LOG_RANGE = 1e-6  # range of the logarithm of values, below which they count as equal
+_EQUAL = 1e-6  # relative range of values that count as equal
 
 
 class PublishedValue(Spread):
@@ -48,31 +40,8 @@ class PublishedValue(Spread):
 Published = Mapping[str, Mapping[str, PublishedValue]]  # by method and parameter, SI
 
 
-class Slope(Quantity):
-    """The slope d ln(value)/d ln R_max of a parameter over the shots of a group.
-
-    Attributes:
-        median: median of the slopes of all pairs of shots.
-        n: number of shots in the slope.
-        n_trusted: number of these shots that count.
-    """
-
-    n: int
-    n_trusted: int = 0
-
-    @property
-    def words(self) -> str:
-        """The slope with its interval: '2.4 [1.6, 3.1]'."""
-        median, low, high = (number or 0.0 for number in (self.median, self.q05, self.q95))
-        places = 1 if high - low > 1.0 else 2
-        return f"{median:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
-
-
 class GroupRecord(Record):
     """The shots of one file or folder, and the answer for their material.
-
-    Slopes are over the shots that count and determine the parameter; if there are fewer than 5, those with the verdict
-    "does_not_fit" are included.
 
     Attributes:
         name: name of the file or folder.
@@ -85,7 +54,6 @@ class GroupRecord(Record):
         verdict: "ok", or what is wrong (docs/method/verdicts.md).
         messages: reasons for the verdict first, then remarks.
         verdicts: number of curves by verdict.
-        slopes: slopes d ln(value)/d ln R_max of parameters that should not depend on R_max, by natural name.
         published: values of other methods, by method and parameter, SI; left out unless they were given. The parameter
             viscosity_at_1_rad_per_s is the viscosity by a rheometer at this angular frequency.
         errors: |value - mean of the reference| / mean of the reference, by reference, method ("cavirheo" for the answer
@@ -101,7 +69,6 @@ class GroupRecord(Record):
     verdict: Verdict
     messages: list[Sentence] = []
     verdicts: dict[str, int]
-    slopes: dict[str, Slope] = {}
     published: dict[str, dict[str, PublishedValue]] = {}
     errors: dict[str, dict[str, dict[str, float]]] = {}
     _omitted_if_empty = ("population", "systematic", "published", "errors")
@@ -126,10 +93,9 @@ class GroupRecord(Record):
         return self.population if self.population and self.population.has_material else None
 
     @property
-    def heaps(self) -> dict[str, list[tuple[float | None, float | None, list[str]]]]:
-        """(low, high, shots) of each of two heaps into which the shots fall, by parameter in which they disagree."""
-        heaps = self.population.heaps if self.population else {}
-        return {name: [(heap.low, heap.high, heap.shots) for heap in parts] for name, parts in heaps.items()}
+    def heaps(self) -> dict[str, list[HeapRecord]]:
+        """The two heaps into which the shots fall, by parameter in which they disagree."""
+        return self.population.heaps if self.population else {}
 
     @property
     def doubts(self) -> list[Sentence]:
@@ -168,62 +134,21 @@ def error_of(value: float | None, reference: float | None) -> float | None:
     return abs(value - reference) / reference
 
 
-def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
-    """The slope over the shots with both numbers; None if these are too few, or all sizes or values are equal."""
-    pairs = [(r, v) for r, v in zip(radius, values, strict=True) if r and v and v > 0]
-    if len(pairs) < MIN_SLOPE_SHOTS:
-        return None
-    if len(pairs) > MAX_SLOPE_SHOTS:
-        pairs = sorted(pairs)[:: -(-len(pairs) // MAX_SLOPE_SHOTS)]
-    x, y = np.log(np.array(pairs)).T
-    if min(np.ptp(x), np.ptp(y)) < _EQUAL_LOG_RANGE:
-        return None
-    median, low, high = theil_sen(x, y)
-    return Slope(median=median, q05=low, q95=high, n=len(pairs), n_trusted=min(trusted, len(pairs)))
-
-
-def shots_for_slope(members: Sequence[CurveRecord]) -> list[CurveRecord]:
-    """The shots for a slope: the trusted ones; if these are too few, also those that the model does not fit."""
-    trusted = [record for record in members if record.trusted]
-    followed = [record for record in members if record.trusted or record.verdict == "does_not_fit"]
-    return trusted if len(trusted) >= MIN_SLOPE_SHOTS else followed
-
-
-def slopes(shots: Sequence[CurveRecord]) -> dict[str, Slope]:
-    """Slopes of those MATERIAL_CONSTANTS that have one, by name, over these shots."""
-    radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
+def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
+    """Which parameters rise or fall with R_max over these shots, 'µ rises', by more than chance (1 in 20). Shots that
+    the model does not fit are among them. Ranks decide (Spearman's), so that few shots in a false mode hardly count."""
+    followed = [shot for shot in shots if shot.trusted or shot.verdict == "does_not_fit"]
+    trends = list[str]()
     for name in MATERIAL_CONSTANTS:
-        values = [shot.value(name).median for shot in shots]
-        trusted = sum(shot.trusted and value is not None for shot, value in zip(shots, values, strict=True))
-        if power := slope(radii, values, trusted):
-            slopes[name] = power
-    return slopes
-
-
-def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
-    """Median slope of all pairs, and the ends of its 90 % interval by Kendall's rank correlation; x and y: (n,).
-    Same method as theilslopes of scipy.stats, whose import takes 20 MB and half a second."""
-    from scipy.special import ndtri
-
-    across = np.subtract.outer(x, x)
-    slopes = np.sort(np.subtract.outer(y, y)[across > 0] / across[across > 0])
-    ties = [np.unique(values, return_counts=True)[1] for values in (x, y)]
-    n, *equal = ((k * (k - 1) * (2 * k + 5)).sum() for k in (np.array([len(x)]), *ties))
-    half = -ndtri(0.05) * np.sqrt((n - sum(equal)) / 18)
-    low = max(round((len(slopes) - half) / 2) - 1, 0)
-    high = min(round((len(slopes) + half) / 2), len(slopes) - 1)
-    return float(np.median(slopes)), float(slopes[low]), float(slopes[high])
-
-
-def slopes_in_words(slopes: Mapping[str, Slope]) -> str:
-    """One line on which parameters rise or fall with R_max, and which do not."""
-    clauses = [size_trend_in_words(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
-    most = max(slopes.values(), key=lambda power: power.n)
-    shots = f"{most.n} shots" + (f", {most.n_trusted} of which count" if most.n_trusted < most.n else "")
-    line = f"{', '.join(clauses)} over {shots}"
-    if any(power.sign for power in slopes.values()):
-        return f"{line}, and a constant should not: the law or the bubble may be wrong (by chance so in 1 group of 10)"
-    return line
+        pairs = np.array([(shot.max_radius_m, shot.value(name).median) for shot in followed], dtype=float)
+        logs = np.log(pairs[np.all(pairs > 0.0, axis=-1)]).reshape(-1, 2)
+        if len(logs) < MIN_TREND_SHOTS or np.min(np.ptp(logs, axis=0)) < _EQUAL:
+            continue
+        ranks = np.argsort(np.argsort(logs, axis=0), axis=0)
+        correlation = np.clip(np.asarray(np.corrcoef(ranks.T))[0, 1], -0.999999, 0.999999)
+        if abs(np.arctanh(correlation)) * np.sqrt((len(logs) - 3) / 1.06) > TWO_SIDED_95:
+            trends.append(f"{parameter_of(name).symbol} {'rises' if correlation > 0 else 'falls'}")
+    return trends
 
 
 def group_record(
@@ -234,12 +159,12 @@ def group_record(
 ) -> GroupRecord:
     """The record of a group, from the records of its curves and from its material."""
     answered = [record for record in members if record.has_answer]
-    followed = shots_for_slope(members)
     if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
         population = _of_one_shot(members[0])
-    powers = slopes(followed)
     doubts = _doubts(answered, population)
-    facts = [*_not_given(answered), *_rivals(answered), *_sensitivity(systematic), *_trends(powers)]
+    facts = [*_not_given(answered), *_rivals(answered), *_sensitivity(systematic)]
+    if trends := size_trends(answered):
+        facts.append(Message("group.trend", {"trends": trends}))
     return GroupRecord(
         name=name,
         n=len(answered),
@@ -250,7 +175,6 @@ def group_record(
         verdict=_verdict(answered, doubts, population),
         messages=[Sentence(code=message.code, text=message.text) for message in (*doubts, *facts)],
         verdicts=dict(Counter(record.verdict for record in members)),
-        slopes=powers,
     )
 
 
@@ -280,8 +204,7 @@ def _doubts(answered: Sequence[CurveRecord], population: PopulationRecord | None
         names = sorted({name for record in pulled for name in record.diagnostics.at_bound if name in CAMERA})
         messages.append(Message("group.doubt.ends", {"count": len(pulled), "total": total, "names": names}))
     for name, heaps in (population.heaps if population else {}).items():
-        parts = [(heap.low, heap.high, heap.shots) for heap in heaps]
-        messages.append(Message("group.doubt.heaps", {"name": name, "heaps": parts}))
+        messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
     return messages
 
 
@@ -320,37 +243,13 @@ def _not_given(answered: Sequence[CurveRecord]) -> list[Message]:
 
 
 def _rivals(answered: Sequence[CurveRecord]) -> list[Message]:
-    """A message on the models that the evidence of single shots, or of all together, prefers to that of the answers."""
+    """A message on the models that the evidence of single shots prefers to that of the answers."""
     preferred = Counter(model.model_title for record in answered if (model := record.preferred_model))
-    if preferred:
-        counts = {"count": sum(preferred.values()), "total": len(answered), "models": list(preferred)}
-        return [Message("group.rival", counts)]
-    jointly = _jointly_preferred([record for record in answered if record.trusted])
-    return [Message("group.rival", {"count": None, "total": len(answered), "models": jointly})] if jointly else []
-
-
-def _jointly_preferred(records: Sequence[CurveRecord]) -> list[str]:
-    """Models that the evidence of all shots together prefers to that of the answers, in words."""
-    from cavirheo.inference.alternatives import rejects
-
-    gains: dict[str, list[float]] = {}
-    for record in records:
-        for name, model in _by_model(record.other_models).items():
-            if record.evidence is not None and model.log_evidence is not None and name != record.model_title:
-                gains.setdefault(name, []).append(model.log_evidence - record.evidence.log)
-    return [name for name, mine in gains.items() if rejects(float(np.sum(mine)), [None] * len(mine))]
-
-
-def _by_model(answers: Iterable[OtherModel]) -> dict[str, OtherModel]:
-    """The answers by the title of their model; of several modes of a model, that with the largest evidence."""
-    return {answer.model_title: answer for answer in sorted(answers, key=log_evidence_key)}
+    counts = {"count": preferred.total(), "total": len(answered), "models": list(preferred)}
+    return [Message("group.rival", counts)] if preferred else []
 
 
 def _sensitivity(systematic: Systematic | None) -> list[Message]:
     """A message on what 1 % of scale or rate does to G."""
     change = systematic.slopes.get("shear_modulus", {}).get("scale") if systematic else None
     return [] if change is None else [Message("group.scale", {"change": change})]
-
-
-def _trends(powers: Mapping[str, Slope]) -> list[Message]:
-    return [Message("group.slopes", {"text": slopes_in_words(powers)})] if powers else []

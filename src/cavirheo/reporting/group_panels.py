@@ -184,14 +184,15 @@ def _layers(place: _Place, across: Axis, up: Axis) -> list[Layer]:
     y = place.y or Ends(up.low, 0.5 * (up.low + up.high), up.high)
     if x.side or y.side:
         horizontal, vertical = np.clip(x[:3], across.low, across.high), np.clip(y[:3], up.low, up.high)
-        sides = np.array([side for side in ((x.side, 0), (0, y.side)) if any(side)])
-        begin = np.array([horizontal[1], vertical[1]]) + 0.0 * sides
-        end = begin + _ARROW * sides * [across.high - across.low, up.high - up.low]
-        limit = "limit region" if place.look == "region" else "limit region-out"
-        look = place.look if place.name else limit
+        sides = np.array([side for side in ((x.side, 0), (0, y.side)) if any(side)], dtype=float)
+        steps = _ARROW * sides * [across.high - across.low, up.high - up.low]
+        from_x, from_y = horizontal[1] + 0.0 * sides[:, 0], vertical[1] + 0.0 * sides[:, 0]
+        arrows_x = np.column_stack([from_x, from_x + steps[:, 0]])
+        arrows_y = np.column_stack([from_y, from_y + steps[:, 1]])
+        look = place.look if place.name else f"limit {place.look}"
         return [
             Layer("line", look, horizontal[[0, 2]], vertical[[0, 2]], place.name, place.tone),
-            Layer("arrows", f"arrow {place.look}", *np.stack([begin, end], axis=-1).transpose(1, 0, 2), "", place.tone),
+            Layer("arrows", f"arrow {place.look}", arrows_x, arrows_y, "", place.tone),
         ]
     if place.region is not None:
         corners = place.region

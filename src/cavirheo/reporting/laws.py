@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cavirheo.inference.which_law import Pair, Ranking
 from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.group import Slope, shots_for_slope, slopes, slopes_in_words
+from cavirheo.reporting.group import size_trends
 from cavirheo.reporting.material import PopulationRecord, population_record
 from cavirheo.reporting.screen import value_parts
 from cavirheo.reporting.table import input_warnings
@@ -28,8 +28,6 @@ class WeighedLaw(Record):
         standard_error: standard error of log_evidence.
         probability: probability of the law among those that have an evidence, if all are equally likely in advance.
         answer: the answer by this law as in result.json; null for a group.
-        slopes: for a group of five shots or more, slopes d ln(value)/d ln R_max of parameters that should not depend on
-            R_max, by natural name; left out where there is none.
         population: for a group, its material by this law with the scatter of the shots and the evidence of the law;
             left out where there is none.
     """
@@ -38,9 +36,8 @@ class WeighedLaw(Record):
     standard_error: float | None
     probability: float | None
     answer: CurveRecord | None = None
-    slopes: dict[str, Slope] = {}
     population: PopulationRecord | None = None
-    _omitted_if_empty = ("slopes", "population")
+    _omitted_if_empty = ("population",)
 
 
 class WeighedLaws(Record):
@@ -88,9 +85,7 @@ def law_records(
     for group in groups:
         fields: dict[str, dict[str, Any]] = {}
         for law in group.evidence:
-            shots = shots_for_slope([answer for i in group.members if (answer := by_curve[i].laws[law].answer)])
-            material = population_record(group.populations.get(law), group.column)
-            fields[law] = {"slopes": slopes(shots), "population": material}
+            fields[law] = {"population": population_record(group.populations.get(law), group.column)}
         by_group.append(_record_of(group, fields))
     return by_curve, by_group
 
@@ -125,8 +120,10 @@ def print_table(document: Laws) -> None:
     terminal.print_warnings(console, input_warnings(answers))
     lines = [*_failure_lines(document), *preference_lines(document)]
     for group in document.groups:
-        slopes_of_laws = {law: entry.slopes for law, entry in group.laws.items() if entry.slopes}
-        lines += [f"{group.name}, {law}: {slopes_in_words(slopes)}" for law, slopes in slopes_of_laws.items()]
+        for law in group.laws:
+            shots = [answer for laws in document.curves if (answer := laws.laws[law].answer)]
+            if trends := size_trends(shot for shot in shots if shot.group == group.name):
+                lines.append(f"{group.name}, {law}: {', '.join(trends)} with R_max, which a constant does not")
         lines += _material_lines(group)
     terminal.print_remarks(console, {}, [*lines, *document.notes])
 

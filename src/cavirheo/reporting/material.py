@@ -112,11 +112,9 @@ class PopulationRecord(Record, ParameterValues):
         switches: probability of each switch of the default family, by all shots together; left out for other laws.
         heaps: the two heaps into which the shots fall in a parameter in which they disagree, by natural name; left out
             where there are none.
-        spread_decades: standard deviation of the shots about the material, decades (log10); root mean square over the
-            law's parameters.
-        spreads_decades: standard deviation of the shots in each parameter, decades, by natural name.
+        spreads_decades: standard deviation of the shots about the material in each parameter, decades (log10), by
+            natural name.
         correlation: correlation coefficients of the scatter of the shots, by "name, name".
-        common: the material's parameters if all shots but the outliers had exactly one material, by natural name, SI.
         outliers: probability that a shot is of another material, by the name of the shot; for shots above 0.5.
         left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
             "other_model" or "copy".
@@ -140,10 +138,8 @@ class PopulationRecord(Record, ParameterValues):
     shear_modulus_Pa: Quantity = Quantity()
     viscosity_Pa_s: Quantity = Quantity()
     other_parameters: dict[str, Quantity] = {}
-    spread_decades: Quantity = Quantity()
     spreads_decades: dict[str, Quantity] = {}
     correlation: dict[str, Quantity] = {}
-    common: dict[str, Quantity] = {}
     outliers: dict[str, float] = {}
     left_out: dict[str, int] = {}
     log_evidence: Finite = None
@@ -152,7 +148,7 @@ class PopulationRecord(Record, ParameterValues):
     column: str = ""
     column_at: Finite = None
     slopes_decades: dict[str, Quantity] = {}
-    _omitted_if_empty = ("switches", "heaps", "common", "column", "column_at", "slopes_decades")
+    _omitted_if_empty = ("switches", "heaps", "column", "column_at", "slopes_decades")
 
     @property
     def has_material(self) -> bool:
@@ -243,17 +239,13 @@ def population_record(
         fields["remarks"] = [f"all shots together: {state}", *population.remarks]
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
     fields["switches"] = dict(population.switches)
-    fields["heaps"] = {
-        name: [HeapRecord(low=heap.low, high=heap.high, shots=list(heap.shots)) for heap in heaps]
-        for name, heaps in population.heaps.items()
-    }
+    fields["heaps"] = {name: [heap._asdict() for heap in heaps] for name, heaps in population.heaps.items()}
     if not len(population.centre):
         return PopulationRecord(**fields)
 
     def each(of: Callable[[str], tuple[float, float, float]]) -> dict[str, Quantity]:
         return {name: Quantity.from_interval(*of(name)) for name in population.names}
 
-    whole = np.sqrt(np.mean(population.spread**2, axis=1))
     evidence, scattered = population.evidence, population.scattered
     if population.slope is not None:
         slopes = each(population.trend)
@@ -262,9 +254,7 @@ def population_record(
     return PopulationRecord(
         **fields,
         **PopulationRecord.fields_of({name: population.quantity(name) for name in population.quantities}),
-        spread_decades=Quantity.from_interval(*np.quantile(whole, [0.05, 0.5, 0.95]).tolist()),
         spreads_decades=each(population.scatter),
-        common=each(population.if_common),
         correlation={pair: Quantity.from_interval(*interval) for pair, interval in population.correlations().items()},
         log_evidence=evidence.log if evidence else None,
         log_evidence_error=evidence.error if evidence else None,
@@ -298,7 +288,7 @@ def _trends_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> 
     for name, slope in slopes.items():
         symbol, words = digits.symbol_and_unit(name)[0], digits.quantity(slope)
         if column == LOG_R_MAX:
-            clauses.append(size_trend_in_words(symbol, slope, words))
+            clauses.append(_size_trend_in_words(symbol, slope, words))
             continue
         clause = f"{symbol} {_TREND_VERBS[slope.sign]}: {words} decades per unit"
         factor = digits.significant(10.0 ** min(abs(slope.median or 0.0), 99.0), 2)
@@ -309,7 +299,7 @@ def _trends_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> 
     return f"with {column}: {'; '.join(clauses)}; the material is that at {column} = {digits.significant(at)}"
 
 
-def size_trend_in_words(symbol: str, power: Quantity, words: str) -> str:
+def _size_trend_in_words(symbol: str, power: Quantity, words: str) -> str:
     """A power of R_max in a sentence, 'µ rises as R_max^0.30 [0.10, 0.50]', or, if it may be 0, that this is so."""
     if power.sign:
         return f"{symbol} {_TREND_VERBS[power.sign]} as R_max^{words}"

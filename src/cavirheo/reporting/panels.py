@@ -281,7 +281,7 @@ def all_curves_panel(curves: Sequence[tuple[RadiusCurve, Checks]], end: float | 
         some = (time >= -0.1) & (time <= (end or np.inf)) & np.isfinite(curve.radius)
         dots.append(Layer("dots", "measured-shot", time[some], curve.radius[some] / curve.max_radius, "", tone, share))
     layers = tuple(layer for layer in (*areas, *dots) if len(layer.x))
-    last = end or max(1.0, *(float(layer.x.max()) for layer in layers))
+    last = end or max([1.0, *(float(layer.x.max()) for layer in layers)])
     x = Axis(f"t* = t √(p/ρ) / {RMAX}", -0.1, last)
     note = sizes_in_words(sizes) + (f", 1 of {every} shots is drawn" if every > 1 else "")
     return Panel(x, Axis(f"R / {RMAX}", 0.0, 1.06 * _largest(layers, 1.0)), layers, note=note)

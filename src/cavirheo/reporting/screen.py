@@ -281,7 +281,7 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
 
 def _first_heap(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """The files of the shots in the first heap in which a group disagrees, or their numbers in the only file."""
-    names = {name for _, _, shots_of_heap in next(iter(group.heaps.values()), [])[:1] for name in shots_of_heap}
+    names = {name for heap in next(iter(group.heaps.values()), [])[:1] for name in heap.shots}
     heap = [shot for shot in shots if shot.name in names]
     sources = {shot.source for shot in heap}
     if any(shot.source in sources and shot.name not in names for shot in shots):

@@ -47,17 +47,27 @@ def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
     return top, digits.number(curve.frame_rate, 1e-3), frames, recorded, collapses
 
 
-def curve_warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
-    """Yield (name, sentence) for each warning on scales and settings, and for each curve without R_max."""
+def names_by_sentence(messages: Sequence[tuple[str, Message | Sentence]]) -> dict[str, list[str]]:
+    """The names by sentence, of (name, message). Different sentences with the same code are replaced by what they have
+    in common, if the code has such a title."""
+    texts: dict[str, set[str]] = {}
+    for _, message in messages:
+        texts.setdefault(message.code, set()).add(message.text)
+    common = {code: title(code) for code, different in texts.items() if len(different) > 1}
+    return terminal.names_by_message((name, common.get(message.code) or message.text) for name, message in messages)
+
+
+def curve_warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """The warnings on scales and settings, and why a curve has no R_max, each with the names of its curves."""
     from cavirheo.inference import checks  # imports the solver, which is not needed to show a document
 
     warnings = [(curve.name, warning) for curve in curves for warning in checks.curve_warnings(curve, WATER)]
-    yield from _common_sentences(warnings)
     for curve in curves:
         try:
             _ = curve.max_radius
         except InputError as error:
-            yield curve.name, error.message
+            warnings.append((curve.name, Message(error.code, {"text": error.message})))
+    return names_by_sentence(warnings)
 
 
 def curves_by_note(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
@@ -65,27 +75,15 @@ def curves_by_note(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     return terminal.names_by_message((curve.name, note) for curve in curves for note in curve.notes)
 
 
-def input_warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
-    """(name, sentence) for each input warning of these records."""
-    return _common_sentences([(record.name, warning) for record in records for warning in record.warnings])
+def input_warnings(records: Iterable[CurveRecord]) -> dict[str, list[str]]:
+    """The input warnings of all answers, each with the names of its curves."""
+    return names_by_sentence([(record.name, warning) for record in records for warning in record.warnings])
 
 
 def curves_by_remark(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
     """The remarks of all answers, the most frequent first, each with the names of its curves."""
-    remarks = _common_sentences([(record.name, message) for record in records for message in record.remarks])
-    names = terminal.names_by_message(remarks)
+    names = names_by_sentence([(record.name, message) for record in records for message in record.remarks])
     return dict(sorted(names.items(), key=lambda item: len(item[1]), reverse=True))
-
-
-def _common_sentences(messages: Sequence[tuple[str, Message | Sentence]]) -> Iterator[tuple[str, str]]:
-    """(name, sentence) of each (name, message). Different sentences with the same code are replaced by what they have
-    in common, if the code has such a title."""
-    texts: dict[str, set[str]] = {}
-    for _, message in messages:
-        texts.setdefault(message.code, set()).add(message.text)
-    for name, message in messages:
-        common = title(message.code) if len(texts[message.code]) > 1 else ""
-        yield name, common or message.text
 
 
 def print_line(record: CurveRecord) -> None:

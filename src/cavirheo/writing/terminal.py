@@ -141,6 +141,6 @@ def print_remarks(
         print_text(to, note, first="• ")
 
 
-def print_warnings(to: Console, warnings: Iterable[tuple[str, str]]) -> None:
-    """Print input warnings on recordings and settings, from (name, sentence): each sentence once, with its names."""
-    print_remarks(to, names_by_message(warnings), most=2, mark=f"{VERDICT_STYLES['check_input'].words}:")
+def print_warnings(to: Console, warnings: Mapping[str, Sequence[str]]) -> None:
+    """Print input warnings on recordings and settings, each after the names of its curves."""
+    print_remarks(to, warnings, most=2, mark=f"{VERDICT_STYLES['check_input'].words}:")
