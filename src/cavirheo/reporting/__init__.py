@@ -22,16 +22,11 @@ from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_
 if TYPE_CHECKING:
     from cavirheo.inference.population import CommonErrors
 
-__all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
+__all__ = ["file_names", "read_json", "result", "write_report"]
 
 MAX_GROUP_PICTURES = 50  # most groups of a run that have a picture in the report
 MAX_PAGE_POINTS = 240_000  # most points in the pictures of all curves of a report; those of all groups have 1/24 of it
 DOCUMENTS = ("result.json", "result.csv", "report.html")
-
-
-def outputs(directory: str | Path, curves: Sequence[RadiusCurve]) -> Outputs:
-    """The files that `write_report` writes, after a test of their folder. Raises InputError: as `write_report`."""
-    return Outputs(directory, *DOCUMENTS, inputs=[curve.source for curve in curves if curve.source])
 
 
 def write_report(
@@ -73,7 +68,7 @@ def write_report(
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
     claim = Claim(command, {"command": command, "curves": sources}, replace)
     with nullcontext() if CLAIM.get() else claim.running():  # a verb of the command line has set its claim already
-        folder = outputs(directory, pairs.curves)
+        folder = Outputs(directory, *DOCUMENTS, inputs=[curve.source for curve in pairs.curves if curve.source])
         document = result(pairs, command, date=date, notes=notes, errors=errors)
         document.add_published(published or {})
         of_curves = _curve_pictures(pairs, document) if draw else []

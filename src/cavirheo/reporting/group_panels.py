@@ -28,7 +28,7 @@ _ARROW = 0.09  # length of an arrow, of that of its axis
 _MARGIN = 0.07  # margin of an axis, of its length
 _LEAST_DECADES = 0.4  # least length of an axis
 _NAME = 14  # most letters of a name in a picture
-_KEY = {"region": "shot, 90 %", "region-out": "does not count", "estimate": "shot"}  # name of the first of each look
+_KEY = {"region": "shot", "region-out": "not counted", "estimate": "shot"}  # name of the first of each look
 
 
 class Ends(NamedTuple):
@@ -95,7 +95,10 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
     places = []
     for i, record, tone in zip(drawn, records, tones.tolist(), strict=True):
         look, tone = ("region", tone) if record.trusted else ("region-out", None)
-        places.append(_Place(look, "", x.ends(record), y.ends(record), _region(pairs[i][1], axes), tone))
+        ends = x.ends(record), y.ends(record)
+        bounded = any(end is not None and end.side for end in ends)
+        region = None if bounded else _region(pairs[i][1], axes)
+        places.append(_Place(look, "", *ends, region, tone))
     end = 1.1 * max([record.window.t_star_end or 1.0 for record in records])
     curves = all_curves_panel([(pairs[i][0], pairs[i][1].checks) for i in members], end)
     return [_plane(places, _others(group, axes), axes, [names[i] for i in drawn]), curves]
@@ -150,7 +153,7 @@ def _others(group: GroupRecord, axes: tuple[_Quantity, _Quantity]) -> list[_Plac
     x, y = axes
     places = list[_Place]()
     if group.material and not group.material.heaps:
-        places.append(_Place("material", "material, 90 %", x.ends(group), y.ends(group)))
+        places.append(_Place("material", "material", x.ends(group), y.ends(group)))
     for method, values in group.published.items():
         a, b = (axis.ends_of_method(values.get(axis.name, Spread())) for axis in axes)
         places.append(_Place("published", digits.elide(method, _NAME), a, b))
@@ -168,7 +171,7 @@ def _plane(
         if place.x and place.y:
             layers += _layers(place, across, up)
             at = np.clip([place.x.middle], across.low, across.high), np.clip([place.y.middle], up.low, up.high)
-            beside = " beside" if place.region is None or place.x.side or place.y.side else ""
+            beside = " beside" if place.region is None else ""
             look = f"shot-name{beside}{'' if place.look == 'region' else ' outside'}"
             labels.append(Layer("labels", look, *at, texts=(digits.elide(name, _NAME),)))
     layers = [replace(layer, name=key.pop(layer.look, "")) for layer in layers]
