@@ -305,6 +305,9 @@ def test_panels_are_the_measurement_the_simulation_and_the_residual(pairs):
     plane, curves = panels_of_group(pairs, result(pairs, COMMAND))
     assert [layer.look for layer in curves.layers] == ["shot", "shot", "measured-shot", "measured-shot"]
     assert len(plane.layer("material").x) == 0  # two shots are no material, and there is no mean of them
+    points = [(one, with_verdict(made, "unverified")) for one, made in pairs[:2]]  # as of the paper's networks
+    plane, _ = panels_of_group(points, result(points, COMMAND))
+    assert [layer.tone for layer in plane.layers if layer.look == "estimate"] == [0.0, 1.0]  # each has a colour
     spiking = curve.radius.copy()
     spiking[39] = 0.8 * curve.max_radius
     curve = replace(curve, radius=spiking)

@@ -94,7 +94,7 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
     tones = tones_of(np.array([record.max_radius_m or np.nan for record in records]))
     places = []
     for i, record, tone in zip(drawn, records, tones.tolist(), strict=True):
-        look, tone = ("region", tone) if record.trusted else ("region-out", None)
+        look = "region" if record.trusted else "region-out"
         ends = x.ends(record), y.ends(record)
         bounded = any(end is not None and end.side for end in ends)
         region = None if bounded else _region(pairs[i][1], axes)
@@ -183,6 +183,7 @@ def _plane(
 def _layers(place: _Place, across: Axis, up: Axis) -> list[Layer]:
     """The region of a place, over a whole axis for a value that is not known; a point of one without intervals; of a
     bound an arrow from its limit into what it allows, and the interval of the other value at the limit."""
+    tone = None if place.look == "region-out" else place.tone
     x = place.x or Ends(across.low, 0.5 * (across.low + across.high), across.high)
     y = place.y or Ends(up.low, 0.5 * (up.low + up.high), up.high)
     if x.side or y.side:
@@ -194,13 +195,13 @@ def _layers(place: _Place, across: Axis, up: Axis) -> list[Layer]:
         arrows_y = np.column_stack([from_y, from_y + steps[:, 1]])
         look = place.look if place.name else f"limit {place.look}"
         return [
-            Layer("line", look, horizontal[[0, 2]], vertical[[0, 2]], place.name, place.tone),
-            Layer("arrows", f"arrow {place.look}", arrows_x, arrows_y, "", place.tone),
+            Layer("line", look, horizontal[[0, 2]], vertical[[0, 2]], place.name, tone),
+            Layer("arrows", f"arrow {place.look}", arrows_x, arrows_y, "", tone),
         ]
     if place.region is not None:
         corners = place.region
-    elif x.low == x.high and y.low == y.high:
-        return [Layer("dots", "estimate", np.array([x.middle]), np.array([y.middle]), place.name, place.tone)]
+    elif not place.name and x.low == x.high and y.low == y.high:
+        return [Layer("dots", "estimate", np.array([x.middle]), np.array([y.middle]), tone=place.tone)]
     else:
         corners = np.array([[x.low, y.low], [x.high, y.low], [x.high, y.high], [x.low, y.high]])
-    return [Layer("region", place.look, corners[:, 0], corners[:, 1], place.name, place.tone)]
+    return [Layer("region", place.look, corners[:, 0], corners[:, 1], place.name, tone)]

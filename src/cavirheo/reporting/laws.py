@@ -121,8 +121,8 @@ def print_table(document: Laws) -> None:
     lines = [*_failure_lines(document), *preference_lines(document)]
     for group in document.groups:
         for law in group.laws:
-            shots = [answer for laws in document.curves if (answer := laws.laws[law].answer)]
-            if trends := size_trends(shot for shot in shots if shot.group == group.name):
+            answers_by_law = [laws.laws[law].answer for laws in document.curves if law in laws.laws]
+            if trends := size_trends(shot for shot in answers_by_law if shot and shot.group == group.name):
                 lines.append(f"{group.name}, {law}: {', '.join(trends)} with R_max, which a constant does not")
         lines += _material_lines(group)
     terminal.print_remarks(console, {}, [*lines, *document.notes])
