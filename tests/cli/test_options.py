@@ -187,7 +187,7 @@ def test_options_count_before_what_the_file_states_of_the_medium(run, words, den
 
 
 def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
-    monkeypatch.setattr("cavirheo.writing.style.new_figure", lambda _: pytest.fail("it draws"))
+    monkeypatch.setattr("cavirheo.writing.plots.subplots", lambda *_, **__: pytest.fail("it draws"))
     words = ("infer", "shot.csv", *BDT, "--no-pictures", "--replace", "-o", "r")
     more = ("--seed", 7, "--trust-input", "--group", "folder", "--medium", "zhu2025", "--stretch", 9, "--window", 1)
     for given in ((), (*more, "--density", 1040, "--rmax-um", 200)):
