@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from copy import deepcopy
 from importlib.metadata import version
 from typing import Any
@@ -23,7 +23,6 @@ from cavirheo.training.dataset import Dataset
 from cavirheo.training.muon import Muon
 from cavirheo.training.networks import BubbleTransformer, EmulatorNetwork
 from cavirheo.training.recipe import EmulatorRecipe, PointRecipe, Recipe
-from cavirheo.training.scores import metrics
 from cavirheo.training.trajectories import compared_end
 
 EVALUATION_BATCH = 512
@@ -38,62 +37,26 @@ SLOW = 0.03  # least velocity by which an error of the time counts
 FRAMES = 100  # of a bubble, of which the errors on the card are
 
 
-class Task(ABC):
-    """A network with its data.
+class PointTask:
+    """A network that gives one value for each parameter, and the curves that it learns: by the mean squared error of
+    standardised values.
 
     Attributes:
         network: the network that is trained.
-        average: its averaged weights, which are exported; None: its own are.
-        optimiser: of its weights.
+        average: averaged weights of the network; None: there are none.
+        exported: the network that is validated and exported.
+        optimiser: of the weights.
         dropout_epochs: number of epochs with dropout.
         count: number of curves in the training part.
         test_inputs: (curves, ...) inputs of the test part, which is used once, at the end.
     """
 
-    network: BubbleTransformer | EmulatorNetwork
-    average: EmulatorNetwork | None = None
-    optimiser: torch.optim.Optimizer
-    dropout_epochs: int = 0
-    count: int
-    test_inputs: NDArray[np.float32]
-
-    @property
-    def exported(self) -> BubbleTransformer | EmulatorNetwork:
-        """The network that is validated and exported."""
-        return self.average or self.network
-
-    @abstractmethod
-    def loss(self, rows: Tensor, step: int, steps: int) -> tuple[Tensor, Tensor]:
-        """Loss at a step (from 0) of `steps`, of these curves of the training part, and the loss that is reported."""
-
-    @abstractmethod
-    def validation_loss(self) -> float:
-        """Loss of the exported network on the validation part."""
-
-    @abstractmethod
-    def computed(self, arrays: Arrays, inputs: NDArray[np.float32]) -> Floats:
-        """What numpy computes from the arrays of a file of weights."""
-
-    @abstractmethod
-    def entries(self, predicted: Floats) -> dict[str, Any]:
-        """Entries of the card, with the errors of what the exported file gives for the test part."""
-
-
-def task_of(recipe: Recipe, data: Dataset, device: torch.device) -> Task:
-    """The task of a recipe. Raises InputError: the set is of another problem, or has too few curves."""
-    made_for, wanted = (getattr(problem, "id", "the emulator") for problem in (data.problem, recipe.problem))
-    message = f"the training set was made for {made_for}, the recipe is of {wanted}: generate the data with this recipe"
-    require(made_for == wanted, message, "training.another_problem")
-    return EmulatorTask(recipe, data, device) if isinstance(recipe, EmulatorRecipe) else PointTask(recipe, data, device)
-
-
-class PointTask(Task):
-    """The mean squared error of standardised values, of curves on a grid of times."""
+    average = None
 
     def __init__(self, recipe: PointRecipe, data: Dataset, device: torch.device) -> None:
         training = recipe.training
         self.recipe, self.data, self.device = recipe, data, device
-        self.network = network = BubbleTransformer.of(recipe).to(device)
+        self.network = self.exported = network = BubbleTransformer.of(recipe).to(device)
         self.optimiser = torch.optim.Adam(network.parameters(), lr=training.lr)
         self.dropout_epochs = training.dropout_epochs or training.epochs
         # R/R_max (curves, frames) and standardised values (curves, outputs) of "train", "validation", "test"
@@ -107,6 +70,7 @@ class PointTask(Task):
         self.test_inputs = self.parts["test"][0].cpu().numpy()
 
     def loss(self, rows: Tensor, step: int, steps: int) -> tuple[Tensor, Tensor]:
+        """Loss at a step (from 0) of `steps`, of these curves of the training part, and the loss that is reported."""
         radius, target = self.parts["train"]
         at = rows.to(self.device)
         loss = functional.mse_loss(self.network(radius[at]), target[at])
@@ -114,16 +78,19 @@ class PointTask(Task):
 
     @torch.inference_mode()
     def validation_loss(self) -> float:
+        """Loss of the exported network on the validation part."""
         radius, target = self.parts["validation"]
         self.network.eval()
         predicted = torch.cat([self.network(batch) for batch in radius.split(EVALUATION_BATCH)])
         return float(functional.mse_loss(predicted, target))
 
     def computed(self, arrays: Arrays, inputs: NDArray[np.float32]) -> Floats:
+        """What numpy computes from the arrays of a file of weights."""
         layers = Layers.model_validate(self.recipe.network.model_dump())
         return Forward(layers, len(self.recipe.outputs), arrays)(inputs.astype(float))
 
     def entries(self, predicted: Floats) -> dict[str, Any]:
+        """Entries of the card, with the errors of what the exported file gives for the test part."""
         problem, outputs = self.recipe.problem, self.recipe.outputs
         truth = self.data.truth(outputs)[self.data.split(self.recipe.training.seed)["test"]]
         meaning = "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)"
@@ -140,14 +107,16 @@ class PointTask(Task):
         }
 
 
-class EmulatorTask(Task):
-    """The trajectories of simulated bubbles; the weights are averaged over the steps.
+class EmulatorTask:
+    """An emulator, and the trajectories that it learns, as `PointTask`; the weights are averaged over the steps.
 
     The loss of a trajectory is the logarithm of its mean squared error above a floor, which falls: bubbles that are
     hard do not decide alone. The error of a node is that of R at its time t, so what is wrong in t counts by the
     velocity, or by SLOW where that is slower, so that slow bubbles do not end early; it counts less where the wall is
     fast, and after the rebound of the third collapse.
     """
+
+    dropout_epochs = 0
 
     def __init__(self, recipe: EmulatorRecipe, data: Dataset, device: torch.device) -> None:
         message = f"the training set was made by cavirheo {data.made_by}: generate it with this version"
@@ -167,7 +136,7 @@ class EmulatorTask(Task):
         first = slice(0, min(self.count, MOST_FITTED))
         network.fit(self.inputs[: self.count].astype(float), self.trajectories[first].astype(float))
         self.network = network.to(device)
-        self.average = deepcopy(self.network).requires_grad_(False)
+        self.average = self.exported = deepcopy(self.network).requires_grad_(False)
         self.optimiser = Muon(self.network.parameters(), recipe.training.lr)
         self.test_inputs = self.inputs[self.test]
 
@@ -208,6 +177,27 @@ class EmulatorTask(Task):
             "data": self.data.origin | {"train": self.count, "test": len(self.test)},
             "errors": {name: float(f"{value:.3g}") for name, value in quantiles},
         }
+
+
+Task = PointTask | EmulatorTask
+
+
+def task_of(recipe: Recipe, data: Dataset, device: torch.device) -> Task:
+    """The task of a recipe. Raises InputError: the set is of another problem, or has too few curves."""
+    made_for, wanted = (getattr(problem, "id", "the emulator") for problem in (data.problem, recipe.problem))
+    message = f"the training set was made for {made_for}, the recipe is of {wanted}: generate the data with this recipe"
+    require(made_for == wanted, message, "training.another_problem")
+    return EmulatorTask(recipe, data, device) if isinstance(recipe, EmulatorRecipe) else PointTask(recipe, data, device)
+
+
+def metrics(names: Sequence[str], truth: Floats, predicted: Floats) -> dict[str, dict[str, float]]:
+    """Accuracy of each output from truth and prediction (curves, outputs), in the prior's scale (decades for log10
+    names): R², and the median of the absolute errors."""
+    found = {}
+    for name, t, p in zip(names, truth.T, predicted.T, strict=True):
+        r2 = 1.0 - np.sum((p - t) ** 2) / np.sum((t - t.mean()) ** 2)
+        found[name] = {"r2": float(r2), "median_absolute_error": float(np.median(np.abs(p - t)))}
+    return found
 
 
 def squared_errors(predicted: Tensor, truth: Tensor, weight: Tensor) -> Tensor:

@@ -148,11 +148,11 @@ def summary(name: str, content: dict[str, Any]) -> list[str]:
     trained = f"  trained on {content['data']['train']} simulated curves, {training['seconds'] / 60:.0f} min on "
     trained += training["device"]
     if content["kind"] == "emulator":
-        from cavirheo.training.scores import quantiles
-
+        words = {"median": "median", "p90": "90 % below", "p95": "95 % below", "p99": "99 % below"}
+        errors = ", ".join(f"{words[name]} {value:.2%}" for name, value in content["errors"].items())
         return [
             f"{name}: R(t) of a bubble, from which `infer` draws",
-            f"  error of the frames over R_max: {quantiles(content['errors'])} ({content['data']['test']} test curves)",
+            f"  error of the frames over R_max: {errors} ({content['data']['test']} test curves)",
             trained,
         ]
     lines = [f"{name}: {content['material']}, one value each without an interval"]
