@@ -14,14 +14,12 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.interpolate import PchipInterpolator
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable, require
@@ -32,11 +30,13 @@ from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
 from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of, write_rows
 
-_LEAST_RANGE = 3.0  # smallest ratio of the ends of a linear range
-_OUTLIER_SHARE = 0.2  # largest share of outliers among the points of a linear range
-_PLATEAU_SLOPE = 0.1  # largest |d ln G'/d ln omega| of a plateau
-_DECADE = 0.99 * math.log(10.0)  # smallest range of ln(omega) of a plateau; frequencies of instruments are off by 1 %
-Measured = Annotated[Any, Field(exclude=True, repr=False)]  # array (n,), which is not written into documents
+_LEAST_STRAINS, _LEAST_FREQUENCIES = 4.0, 9.9  # smallest ratio of the ends of a plateau; instruments are off by 1 %
+_FLAT = 0.12  # largest relative deviation of G' from its plateau in a frequency sweep: a power of 0.1 over a decade
+_OUTLIER_SHARE = 0.2  # largest share of outliers among the points of a plateau
+_WIDEST_GAP = 10.0  # ratio of two frequencies between which nothing is interpolated
+_SWEPT_RATIO = 2.0  # largest over smallest value from which a column counts as swept
+_RESOLUTION = 0.02  # relative difference below which two settings of the instrument count as one
+_NO_SWEEP = "rheometer.no_sweep"  # error code of a table of moduli that is no sweep: one frequency, one strain
 _PASCAL = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "pa": 1.0, "KPa": 1e3, "kpa": 1e3, "dyncm2": 0.1}
 _PER_SECOND = dict.fromkeys(("rad/s", "rads", "radsec", "radpers", "rads-1", "rads1", "radsec-1"), 1.0)
 _INVERSE = ("1s", "s-1", "pers", "1sec")  # Hz or rad/s: only the title can tell
@@ -45,8 +45,15 @@ _STRAIN = dict.fromkeys(("%", "percent", "pct"), 0.01)
 _STRAIN |= dict.fromkeys(("1", "-", "–", "—", "fraction", "dimensionless", "unitless"), 1.0)
 _HZ_HINT = "Hz and rad/s differ by a factor of 2 pi; write 'Frequency (Hz)' or 'Angular frequency (rad/s)'"
 _STRAIN_HINT = "per cent and fraction differ by a factor of 100; write 'Strain (%)' or 'Strain [1]'"
-_strain = partial(Term, units=_STRAIN, hint=_STRAIN_HINT)
-_NO_SWEEP = "rheometer.no_sweep"  # error code of a table of moduli that is no sweep: one frequency, one strain
+# titles in exports of rheometers, in English, German and French; those of moduli may have the symbol beside them
+_STORAGE = """storagemodulus shearstoragemodulus elasticmodulus shearmoduluselasticcomponent speichermodul
+modulestockage moduledestockage moduleconservation moduledeconservation moduleelastique"""
+_LOSS = """lossmodulus shearlossmodulus viscousmodulus shearmodulusviscouscomponent verlustmodul moduleperte
+moduledeperte modulevisqueux"""
+_OMEGA = "angularfrequency angfrequency angularfreq angfreq omega ω w kreisfrequenz frequenceangulaire pulsation"
+_OSCILLATION = "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
+_SHEAR = "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"
+_INTERVAL = "actionname interval intervalno step stepname segment sweep sample run repeat replicate test"
 
 
 def _modulus(symbol: str, words: str, names: str) -> Term:
@@ -55,35 +62,17 @@ def _modulus(symbol: str, words: str, names: str) -> Term:
     return Term(" ".join([symbol, words, names, *with_symbol]), _PASCAL, unit="Pa", label=symbol.upper())
 
 
-VOCABULARY = Vocabulary(  # titles in exports of rheometers, in English, German and French
+VOCABULARY = Vocabulary(
     {
-        "storage": _modulus(
-            "g'",
-            "gp gprime gstorage",
-            "storagemodulus shearstoragemodulus elasticmodulus shearmoduluselasticcomponent speichermodul "
-            "modulestockage moduledestockage moduleconservation moduledeconservation moduleelastique",
-        ),
-        "loss": _modulus(
-            "g''",
-            "gpp gdp gdoubleprime gloss",
-            "lossmodulus shearlossmodulus viscousmodulus shearmodulusviscouscomponent verlustmodul moduleperte "
-            "moduledeperte modulevisqueux",
-        ),
-        "omega": Term(
-            "angularfrequency angfrequency angularfreq angfreq omega ω w kreisfrequenz frequenceangulaire pulsation",
-            _PER_SECOND | _HERTZ | dict.fromkeys(_INVERSE, 1.0),
-            unit="rad/s",
-        ),
+        "storage": _modulus("g'", "gp gprime gstorage", _STORAGE),
+        "loss": _modulus("g''", "gpp gdp gdoubleprime gloss", _LOSS),
+        "omega": Term(_OMEGA, _PER_SECOND | _HERTZ | dict.fromkeys(_INVERSE, 1.0), unit="rad/s"),
         "frequency": Term(
             "frequency freq frequenz frequence", _HERTZ | _PER_SECOND | dict.fromkeys(_INVERSE, math.nan), hint=_HZ_HINT
         ),
-        "strain": _strain(
-            "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
-        ),
-        "shear strain": _strain(  # used if no other title is more specific
-            "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"
-        ),
-        "interval": Term("actionname interval intervalno step stepname segment sweep sample run repeat replicate test"),
+        "strain": Term(_OSCILLATION, _STRAIN, hint=_STRAIN_HINT),
+        "shear strain": Term(_SHEAR, _STRAIN, hint=_STRAIN_HINT),  # used if no other title is more specific
+        "interval": Term(_INTERVAL),
     },
     "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)",
     ("storage", "loss"),
@@ -91,8 +80,7 @@ VOCABULARY = Vocabulary(  # titles in exports of rheometers, in English, German 
     | {"no_unit": "rheometer.no_unit", "unit": "rheometer.unknown_unit"},
     sections=True,
 )
-_SWEPT_RATIO = 2.0  # largest over smallest value from which a column counts as swept
-_RESOLUTION = 0.02  # relative difference below which two settings of the instrument count as one
+Measured = Annotated[Any, Field(exclude=True, repr=False)]  # array (n,), which is not written into documents
 
 
 class Sweep(Record):
@@ -106,16 +94,13 @@ class Sweep(Record):
         name: name of the sweep.
         source: file of the sweep, as it was given.
         source_sha256: SHA-256 of the file.
-        points: number of points.
         held: median of the quantity that is held: the angular frequency of a strain sweep, rad/s, or the strain of a
             frequency sweep; null where it is not known.
         x_from: smallest x.
         x_to: largest x.
-        plateau_storage_Pa: G' of the plateau, Pa, which is the linear range in a strain sweep; null without a plateau.
-        plateau_loss_Pa: G'' of the linear range of a strain sweep, Pa; null in a frequency sweep.
-        plateau_from: first x of the plateau.
+        plateau_from: first x of the plateau, which is the linear range in a strain sweep; null without one.
         plateau_to: last x of the plateau; in a strain sweep the x at which G' leaves its band, if it does.
-        departs: "softens" or "stiffens": change of G' beyond the linear range; null where G' stays in the band.
+        plateau_storage_Pa: G' of the plateau, Pa; null without one, and in a strain sweep in which it is below G''.
         viscosity_Pa_s: G''/omega at the angular frequency of the document, Pa s; null in a strain sweep.
         notes: what was recognised, converted or left out.
         message: reason why a value is missing; else empty.
@@ -128,113 +113,93 @@ class Sweep(Record):
     name: str = ""
     source: str = ""
     source_sha256: str = ""
-    points: int = 0
     held: Finite = None
     x_from: Finite = None
     x_to: Finite = None
-    plateau_storage_Pa: Finite = None
-    plateau_loss_Pa: Finite = None
     plateau_from: Finite = None
     plateau_to: Finite = None
-    departs: str | None = None
+    plateau_storage_Pa: Finite = None
     viscosity_Pa_s: Finite = None
     notes: list[str] = []
     message: str = ""
 
     def model_post_init(self, _: Any) -> None:
         if len(self.x):  # empty in a document that is read from a file
-            self.points, self.x_from, self.x_to = len(self.x), self.x[0], self.x[-1]
+            self.x_from, self.x_to = self.x[0], self.x[-1]
+
+    @property
+    def ends_flat(self) -> bool:
+        """Whether the sweep ends before its plateau does."""
+        return self.plateau_to == self.x_to
 
 
 def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
-    """The same sweep with its linear range and plateau.
-
-    The linear range is the longest one (at least a factor of 3 in strain) in which G' stays within `tolerance` of its
-    median and has no trend: the median slope of all pairs of points, |d ln G'/d ln strain|, is at most `tolerance`.
-    One outlier does not end it, two neighbours on the same side do. It may begin above the smallest strain, where
-    the torque is low. It ends where G', interpolated between two points, leaves the band, if it does.
-    """
+    """The same sweep with its linear range: the longest range (at least a factor of 4 in strain) in which G' stays
+    within `tolerance` of its median. It may begin above the smallest strain, where the torque is low, and ends where
+    G', interpolated between two points, leaves the band, if it does."""
     gamma, storage = sweep.x, sweep.storage
-    if linear := _linear_range(gamma, storage, tolerance):
-        first, last, level = linear
-        sweep.plateau_from, sweep.plateau_storage_Pa = gamma[first], level
-        sweep.plateau_loss_Pa = float(np.median(sweep.loss[first : last + 1]))
-        end = gamma[last]
-        if last + 1 < len(gamma):
-            sweep.departs, edge = ("softens", -1) if storage[last + 1] < level else ("stiffens", 1)
-            inside, outside = np.log(storage[last : last + 2] / (level * (1 + edge * tolerance)))
-            part = np.clip(inside / (inside - outside), 0.0, 1.0) if inside != outside else 1.0
-            end *= (gamma[last + 1] / gamma[last]) ** part
-        sweep.plateau_to = end
-        if first:
-            off = 100 * np.max(np.abs(storage[:first] / level - 1))
-            points = f"{counted(first, 'point')} below the linear range left out of it"
-            sweep.notes.append(f"{points}: up to {off:.2g} % off (low torque, or a plateau below the data)")
-    else:
-        band = f"within {100 * tolerance:g} % over a factor of {_LEAST_RANGE:g} in strain"
+    flat = _plateau(gamma, storage, tolerance, _LEAST_STRAINS)
+    if flat is None:
+        band = f"within {100 * tolerance:g} % over a factor of {_LEAST_STRAINS:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
+        return sweep
+    first, last, level = flat
+    sweep.plateau_from, sweep.plateau_to = gamma[first], gamma[last]
+    if last + 1 < len(gamma):
+        softens = storage[last + 1] < level
+        edge = level * (1 - tolerance if softens else 1 + tolerance)
+        ends = [last + 1, last] if softens else [last, last + 1]
+        sweep.plateau_to = math.exp(np.interp(math.log(edge), np.log(storage[ends]), np.log(gamma[ends])))
+    loss = float(np.median(sweep.loss[first : last + 1]))
+    if loss < level:
+        sweep.plateau_storage_Pa = level
+    else:
+        sweep.notes.append(f"no modulus: G'' ({loss:.3g} Pa) is above G' ({level:.3g} Pa), as in a liquid")
+    if first:
+        off = 100 * np.max(np.abs(storage[:first] / level - 1))
+        points = f"{counted(first, 'point')} below the linear range left out of it"
+        sweep.notes.append(f"{points}: up to {off:.2g} % off (low torque, or a plateau below the data)")
     return sweep
 
 
-def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int, int, float] | None:
-    """First and last point, and the level: the median of the points within the band. None: there is none."""
-    x, y = np.log(gamma), np.log(storage)
-    first, last = np.triu_indices(len(x), 2)
-    order = np.lexsort((first, x[first] - x[last]))  # the longest, then the one at smaller strain
-    for i, j in zip(first[order], last[order], strict=True):
-        if x[j] - x[i] < math.log(_LEAST_RANGE):
-            break
-        part = storage[i : j + 1]
-        deviation = part / np.median(part) - 1
-        outside = np.abs(deviation) > tolerance
-        two_neighbours = outside[1:] & outside[:-1] & (deviation[1:] * deviation[:-1] > 0)
-        if outside[0] or outside[-1] or two_neighbours.any() or outside.mean() > _OUTLIER_SHARE:
-            continue
-        a, b = np.triu_indices(len(part), 1)
-        if abs(np.median((y[i + b] - y[i + a]) / (x[i + b] - x[i + a]))) <= tolerance:
-            return int(i), int(j), float(np.median(part[~outside]))
-    return None
-
-
 def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
-    """The same sweep with its plateau, and its viscosity at the angular frequency `at` (rad/s).
-
-    The plateau is the longest range of at least a decade in which |d ln G'/d ln omega|, fitted over half a decade round
-    each point, is at most 0.1. The viscosity is G''/omega; G'' is interpolated by monotone cubics (PCHIP) through its
-    logarithms, never extrapolated.
-    """
+    """The same sweep with its plateau, the longest range of at least a decade in which G' stays within 12 % of its
+    median, and its viscosity G''/omega at the angular frequency `at` (rad/s), between two points interpolated linearly
+    in their logarithms."""
     omega = sweep.x
-    if flat := _plateau(omega, sweep.storage):
-        first, last = flat
+    flat = _plateau(omega, sweep.storage, _FLAT, _LEAST_FREQUENCIES)
+    if flat:
+        first, last, sweep.plateau_storage_Pa = flat
         sweep.plateau_from, sweep.plateau_to = omega[first], omega[last]
-        sweep.plateau_storage_Pa = float(np.median(sweep.storage[first : last + 1]))
     else:
-        sweep.notes.append(f"no plateau of G': nowhere is d ln G'/d ln ω within ±{_PLATEAU_SLOPE:g} over a decade")
+        sweep.notes.append(f"no plateau: nowhere does G' stay within {100 * _FLAT:g} % over a decade")
     above = int(np.clip(np.searchsorted(omega, at), 1, len(omega) - 1))
     if not omega[0] * 0.999 <= at <= omega[-1] * 1.001:  # tolerance for the rounding of exports
         outside = f"{at:g} rad/s lies outside the data, {omega[0]:.3g} to {omega[-1]:.3g} rad/s"
         sweep.message = f"{outside}: µ is not extrapolated; ask for another frequency with --at"
-    elif omega[above] > 10 * omega[above - 1]:
+    elif omega[above] > _WIDEST_GAP * omega[above - 1]:
         gap = f"the data nearest to {at:g} rad/s are more than a decade apart"
         sweep.message = f"{gap}: µ is not interpolated over such a gap"
     else:
-        loss = PchipInterpolator(np.log(omega), np.log(sweep.loss))
-        sweep.viscosity_Pa_s = math.exp(loss(math.log(np.clip(at, omega[0], omega[-1])))) / at
+        sweep.viscosity_Pa_s = math.exp(np.interp(math.log(at), np.log(omega), np.log(sweep.loss))) / at
     return sweep
 
 
-def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
-    """First and last point of the longest flat range."""
-    x, y = np.log(omega), np.log(storage)
-    flat = np.zeros(len(x), dtype=bool)
-    for k in range(len(x)):
-        window = np.abs(x - x[k]) <= 0.25 * math.log(10.0) * 1.01
-        window[max(k - 1, 0) : k + 2] = True
-        flat[k] = abs(np.polyfit(x[window], y[window], 1)[0]) <= _PLATEAU_SLOPE
-    edges = np.flatnonzero(np.diff(flat, prepend=False, append=False))
-    runs = zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
-    first, last = max(runs, key=lambda run: x[run[1]] - x[run[0]], default=(0, 0))
-    return (first, last) if x[last] - x[first] >= _DECADE else None
+def _plateau(x: Floats, storage: Floats, tolerance: float, least: float) -> tuple[int, int, float] | None:
+    """First and last point of the longest range, by at least the factor `least` in x, in which G' stays within
+    `tolerance` of its median, and the median of the points that do. One outlier does not end it, two in succession do.
+    None: there is none."""
+    first, last = np.triu_indices(len(x), 2)
+    for k in np.lexsort((first, x[first] / x[last])):  # the longest, then the one at smaller x
+        i, j = int(first[k]), int(last[k])
+        if x[j] < least * x[i]:
+            break
+        part = storage[i : j + 1]
+        outside = np.abs(part / np.median(part) - 1) > tolerance
+        ends = outside[0] or outside[-1]
+        if not (ends or np.any(outside[1:] & outside[:-1]) or outside.mean() > _OUTLIER_SHARE):
+            return i, j, float(np.median(part[~outside]))
+    return None
 
 
 def read_sweeps(path: str | Path) -> list[Sweep]:
@@ -277,41 +242,37 @@ def _intervals(table: Table) -> list[tuple[str, Table]]:
 
 def _sweep(table: Table, label: str) -> Sweep:
     """The sweep that a table holds. Raises InputError: it holds none, or two."""
-    rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
-    invalid, table = len(table.rows) - len(rows), replace(table, rows=rows)
+    valid = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
+    count, table = len(table.rows), replace(table, rows=valid)
     kind, swept, second = _settings(table, label)
     columns = [swept, table.column("storage"), table.column("loss")]
     numbers = np.stack([column.numbers for column in columns])  # in units of the file
-    finite = np.isfinite(numbers).all(axis=0)
-    usable = np.asarray(finite & (numbers > 0).all(axis=0))
-    dropped = {
-        "marked invalid": invalid,
-        "without a number": int(np.sum(~finite)),
-        "with a modulus or setting that is not positive": int(np.sum(finite & ~usable)),
-    }
-    notes = table.notes + [f"{counted(count, 'row')} {why} left out" for why, count in dropped.items() if count]
+    usable = np.asarray(np.all(np.isfinite(numbers) & (numbers > 0), axis=0))
+    notes, left = list(table.notes), count - int(np.sum(usable))
+    if left:
+        notes.append(f"{counted(left, 'row')} left out: marked invalid, or without three positive numbers")
     few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
     require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
     assumed = [column for column in columns if column.name.unit is None and column.term.unit]
     notes += [f"{column.title!r} has no unit: taken to be in {column.term.unit}" for column in assumed]
     if swept.unit in _HERTZ:
         notes.append(f"{swept.title!r} is in {swept.unit}: converted to rad/s by 2 pi")
-    data = np.stack([column.factor * column.numbers[usable] for column in columns])
+    order = np.argsort(swept.numbers[usable], kind="stable")
+    data = np.stack([column.si[usable][order] for column in columns])
+    setting = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _RESOLUTION * np.roll(data[0], 1))  # number of each row
+    rows = np.bincount(setting)
     held = None
     if second:
-        values = second.numbers[usable]
+        values = second.numbers[usable][order]
         if kind == "frequency":
-            _check_one_sweep(data[0], values)
+            _check_one_sweep([values[setting == k] for k in range(len(rows))])
         try:
             held = float(np.nanmedian(values) * second.factor) if np.isfinite(values).any() else None
         except InputError:
             notes.append(f"{second.title!r} is not used: its unit is missing or not known")
-    data = data[:, np.argsort(data[0], kind="stable")]
-    group = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _RESOLUTION * np.roll(data[0], 1))  # setting of each row
-    count = np.bincount(group)
-    x, storage, loss = (np.bincount(group, row) / count for row in data)
-    if repeated := data.shape[1] - len(count):
-        notes.append(f"{counted(repeated, 'row')} at the {kind} of another averaged with it")
+    x, storage, loss = (np.bincount(setting, row) / rows for row in data)
+    if len(rows) < len(setting):
+        notes.append(f"{counted(len(setting) - len(rows), 'row')} at the {kind} of another averaged with it")
     return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=label, held=held, notes=notes)
 
 
@@ -331,14 +292,13 @@ def _settings(table: Table, label: str) -> tuple[Any, Column, Column | None]:
     return kind, settings.pop(kind), next(iter(settings.values()), None)
 
 
-def _check_one_sweep(omega: Floats, strain: Floats) -> None:
-    """Raises InputError: the rows of one frequency are a sweep of the strain."""
-    for each in np.unique(omega):
-        strains = strain[np.abs(omega / each - 1) < _RESOLUTION]
-        trouble = f"{len(strains)} rows at {each:.4g} rad/s with strains that differ by more than a factor of"
-        remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
-        fine = len(strains) < 3 or _ratio(strains) <= _SWEPT_RATIO
-        require(fine, f"{trouble} {_SWEPT_RATIO:g}: {remedy}", "rheometer.two_sweeps")
+def _check_one_sweep(strains: Sequence[Floats]) -> None:
+    """Raises InputError: the strains at one of the frequencies are a sweep of their own."""
+    for each in strains:
+        if len(each) > 2 and _ratio(each) > _SWEPT_RATIO:
+            rows = f"{len(each)} rows of one frequency with strains that differ by more than a factor of"
+            remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
+            raise InputError(f"{rows} {_SWEPT_RATIO:g}: {remedy}", "rheometer.two_sweeps")
 
 
 def _ratio(values: Floats) -> float:
@@ -354,8 +314,8 @@ class Rheometry(Document):
         material: name of the material.
         tolerance: largest relative deviation of G' from its plateau in the linear range of a strain sweep.
         at_rad_per_s: angular frequency at which mu is taken, rad/s.
-        shear_modulus_Pa: G, Pa, over the plateaus of the frequency sweeps; without one, over those of the strain sweeps
-            in which G' > G''.
+        shear_modulus_Pa: G, Pa, over the plateaus of the frequency sweeps; without one, over those of the strain
+            sweeps.
         shear_modulus_from: origin of G, or "no plateau".
         viscosity_Pa_s: G''/omega at this frequency, Pa s, over the frequency sweeps.
         sweeps: the strain sweeps, then the frequency sweeps.
@@ -370,25 +330,17 @@ class Rheometry(Document):
     viscosity_Pa_s: Spread
     sweeps: list[Sweep]
 
-    def sweeps_over(self, kind: str) -> list[Sweep]:
-        return [sweep for sweep in self.sweeps if sweep.kind == kind]
-
-    @property
-    def unit(self) -> tuple[float, str]:
-        """(factor from Pa, name of the unit) of moduli in all tables and pictures of this document."""
-        return digits.modulus_unit([sweep.plateau_storage_Pa for sweep in self.sweeps])
-
     @property
     def published(self) -> Published:
         """Values of a method whose name states the regime; this viscosity is not compared with that of a bubble."""
-        strain, frequency = self.sweeps_over("strain"), self.sweeps_over("frequency")
+        strain, frequency = ([s for s in self.sweeps if s.kind == kind] for kind in ("strain", "frequency"))
         omegas = [end for s in frequency for end in (s.x_from, s.x_to)] or [s.held for s in strain]
         strains = _present(s.held for s in frequency) or _present(s.plateau_to for s in strain)
         deformation = f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain"
         viscosity = f"viscosity_at_{self.at_rad_per_s:g}_rad_per_s"
         values = {"shear_modulus": self.shear_modulus_Pa, viscosity: self.viscosity_Pa_s}
         published = {name: PublishedValue(**dict(value)) for name, value in values.items() if value.mean is not None}
-        return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": published}
+        return {f"rheometer, {digits.ends(omegas, count=2)} rad/s, {deformation}": published}
 
 
 def rheometry(
@@ -399,9 +351,8 @@ def rheometry(
     frequency = [frequency_sweep(sweep, at) for sweep in sweeps if sweep.kind == "frequency"]
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
     if modulus.mean is None:
-        solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
-        held = _present(s.held for s in solid)
-        modulus = spread_of([s.plateau_storage_Pa for s in solid])
+        modulus = spread_of([s.plateau_storage_Pa for s in strain])
+        held = _present(s.held for s in strain if s.plateau_storage_Pa)
         origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
     document = Rheometry(
         material=material,
@@ -413,7 +364,7 @@ def rheometry(
         sweeps=[*strain, *frequency],
         **head,
     )
-    limit = min(_present(sweep.plateau_to for sweep in strain if sweep.departs), default=math.inf)
+    limit = min(_present(sweep.plateau_to for sweep in strain if not sweep.ends_flat), default=math.inf)
     document.notes += [
         f"{sweep.name} was run at a strain of {digits.percent(sweep.held)} %, beyond the linear range "
         f"(to {digits.percent(limit)} %): its moduli are not those of the linear range"
@@ -421,6 +372,10 @@ def rheometry(
         if (sweep.held or 0.0) > limit
     ]
     return document
+
+
+def _present(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
 
 
 def write_csv(path: Path, document: Rheometry) -> None:
@@ -438,52 +393,28 @@ def shared_name(files: Sequence[Path]) -> str:
 
 def print_rheometry(document: Rheometry) -> None:
     """Print the sweeps, the values of the material, and the remarks."""
-    from rich.text import Text
-
-    console, (factor, unit) = terminal.console(), document.unit
-    plateau = {f"plateau G'\n{unit}": ("plateau_storage_Pa", factor)}
-    linear = {f"linear, ±{100 * document.tolerance:g} %\n%": ("plateau_to", 100.0)}
-    frequency = plateau | {"over\nrad/s": ("plateau_to", 1.0), "µ = G''/ω\nPa s": ("viscosity_Pa_s", 1.0)}
-    for kind, columns in (("strain", linear | plateau), ("frequency", frequency)):  # field and factor from SI by title
-        if not (sweeps := document.sweeps_over(kind)):
-            continue
-        table = terminal.table(f"{kind} sweep", list(columns))
-        for sweep in sweeps:
-            table.add_row(sweep.name, *(_cell(sweep, *column) for column in columns.values()))
-        table.add_section()
-        if len(sweeps) > 1:
-            means = (digits.spread(spread_of([getattr(s, name) for s in sweeps]), x) for name, x in columns.values())
-            table.add_row("mean ± std", *means, style="bold")
-        console.print(table)
-    answer = f": G = {_with_unit(document.shear_modulus_Pa, *document.unit)} ({document.shear_modulus_from})"
-    if document.sweeps_over("frequency"):
-        answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {document.at_rad_per_s:g} rad/s"
-    console.print(Text.assemble((digits.printable(document.material), "bold"), answer))
+    console = terminal.console()
+    factor, unit = digits.modulus_unit(sweep.plateau_storage_Pa for sweep in document.sweeps)
+    heads = [f"plateau G'\n{unit}", "over", "µ = G''/ω\nPa s"]
+    table = terminal.table("sweep", heads, title=f"linear range: G' within {100 * document.tolerance:g} %")
+    for sweep in document.sweeps:
+        modulus, viscosity = digits.number(sweep.plateau_storage_Pa, factor), digits.number(sweep.viscosity_Pa_s)
+        table.add_row(sweep.name, modulus, _range(sweep), viscosity)
+    console.print(table)
+    modulus = digits.spread(document.shear_modulus_Pa, factor)
+    answer = f": G = {modulus} {unit} ({document.shear_modulus_from})"
+    if any(sweep.kind == "frequency" for sweep in document.sweeps):
+        answer += f", µ = {digits.spread(document.viscosity_Pa_s)} Pa s at {document.at_rad_per_s:g} rad/s"
+    terminal.print_text(console, answer, first=digits.printable(document.material), look="bold")
     remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
     terminal.print_remarks(console, terminal.names_by_message(remarks), document.notes)
 
 
-def _cell(sweep: Sweep, field: str, factor: float) -> str:
-    """Text of a number, or of the ends of the plateau."""
-    if field != "plateau_to":
-        return digits.number(getattr(sweep, field), factor)
-    ends = [factor * end for end in _present([sweep.plateau_from, sweep.plateau_to])]
-    return _span(ends, to=" to " if sweep.departs or sweep.kind == "frequency" else " to ≥ ")
-
-
-def _present(values: Iterable[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
-
-
-def _span(values: Iterable[float | None], count: int = 3, to: str = " to ") -> str:
-    """'0.10 to 100', '1.5e5 to 2.5e5', or one number where both ends read the same."""
-    finite = _present(values)
-    ends = [
-        digits.significant(end, count) if end < 1e4 else f"{end:.{count - 1}e}".replace("e+0", "e")
-        for end in ([min(finite), max(finite)] if finite else [])
-    ]
-    return to.join(dict.fromkeys(ends)) or digits.MISSING
-
-
-def _with_unit(value: Spread, factor: float, unit: str) -> str:
-    return digits.spread(value, factor) + ("" if value.mean is None else f" {unit}")
+def _range(sweep: Sweep) -> str:
+    """'0.10 to 7.9 %' of strain, where the sweep ends before G' changes '≥ 7.9 %'; '0.10 to 100 rad/s'."""
+    if sweep.plateau_to is None:
+        return digits.MISSING
+    if sweep.kind == "frequency":
+        return f"{digits.ends([sweep.plateau_from, sweep.plateau_to])} rad/s"
+    to = "to ≥" if sweep.ends_flat else "to"
+    return f"{digits.percent(sweep.plateau_from)} {to} {digits.percent(sweep.plateau_to)} %"
