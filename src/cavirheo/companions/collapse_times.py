@@ -15,7 +15,7 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import checks
-from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
+from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
 from cavirheo.io.files import file_label, guarded
 from cavirheo.io.matlab import opened
 from cavirheo.io.named_arrays import Numbers
@@ -24,7 +24,7 @@ from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.media import CONSTANTS, Medium
 from cavirheo.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
+from cavirheo.writing.document import Document, Finite, Record, write_rows
 
 VARIABLE = "pIMR_array"
 VOCABULARY = Vocabulary(
@@ -53,7 +53,7 @@ class CollapseShot(Record):
         stretch_from: origin of lambda: "table", "given", "late plateau" or "stated in the file".
         collapse_time_s: t_1, time from R_max to the first minimum of the radius, s.
         measured: measured t_1 over the Rayleigh collapse time t_RC; null without an estimate.
-        model: t_1/t_RC of the model; null without an estimate of both G and mu.
+        model: t_1/t_RC of the model; null without an estimate.
         message: reason why the shot cannot be used; empty if it can.
     """
 
@@ -106,22 +106,25 @@ class CollapseGroup(Record):
         """Whether a shot was left out, its input has a warning, or there is no answer."""
         return bool(self.unusable or self.warnings) or self.estimate is None or not self.estimate.complete
 
-    def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
-        """Estimate G and mu from the usable shots, if any, with `options` of `inference.collapse_time.estimate`. If a
-        simulation fails, the analytic answer stays, with a note."""
+    def answer(self, material: str, medium: Medium, *, exact: bool = False, **given: Any) -> None:
+        """Estimate G and mu from the usable shots, if any; given: one of them, as in `estimate`. If a simulation fails,
+        the analytic answer stays, with a note."""
         if not self.usable:
             return
         values = [(shot.max_radius_m, shot.stretch, shot.collapse_time_s) for shot in self.usable]
         radius, stretch, time = np.array(values, dtype=float).T
         measured = Shots(radius, stretch, time, [shot.name for shot in self.usable])
-        self.estimate = estimate(measured, material, **options)
-        try:
-            if exact:
-                self.estimate, self.model = estimate(measured, material, exact=True, **options), "exact"
-        except SolverError as error:
-            self.notes.append(f"no exact answer: {error}")
-        for record, ratio, model in zip(self.usable, self.estimate.measured, self.estimate.model, strict=True):
-            record.measured, record.model = ratio, model
+        self.estimate = estimate(measured, material, medium=medium, **given)
+        if exact:
+            try:
+                self.estimate = estimate(measured, material, medium=medium, exact=True, **given)
+                self.model = "exact"
+            except SolverError as error:
+                self.notes.append(f"no exact answer: {error}")
+        ratios = measured.ratio(medium).tolist()
+        for record, ratio, model in zip(self.usable, ratios, self.estimate.model, strict=True):
+            record.measured = ratio
+            record.model = model
 
 
 class CollapseTimes(Document):
@@ -142,7 +145,7 @@ class CollapseTimes(Document):
     def modulus_unit(self) -> tuple[float, str]:
         """(factor from Pa, name of the unit) of G in all tables and pictures of this document."""
         estimates = [group.estimate for group in self.groups if group.estimate]
-        return digits.modulus_unit(value for each in estimates if (value := each.shear_modulus_Pa.value))
+        return digits.modulus_unit(each.shear_modulus_Pa.largest for each in estimates)
 
 
 def read_groups(
@@ -239,32 +242,25 @@ def write_csv(path: Path, document: CollapseTimes) -> None:
     write_rows(path, ["group", *CollapseShot.model_fields], rows)
 
 
-def _interval(value: CollapseValue, factor: float = 1.0, *, joint: str = " ") -> str:
-    """'6.5 [4.5, 8.6]', rounded by the width of the interval; the value alone if there is no interval."""
-    if value.value == 0 and value.high:  # a zero has no digits to round
-        return f"0{joint}[0, {digits.significant(value.high * factor, 2)}]"
-    return digits.quantity(Quantity.from_interval(value.low, value.value, value.high), factor, joint=joint)
-
-
 def print_table(document: CollapseTimes) -> None:
     """Print a row per group, then remarks on the groups."""
     console = terminal.console()
     factor, unit = document.modulus_unit
-    heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
+    heads = ("n", "model", f"G [90 %]\n{unit}", "µ [90 %]\nPa s", "scatter\n% of t₁")
     table = terminal.table("material", heads, left=("model",))
     names = digits.distinct_names([group.name for group in document.groups])
     for who, group in zip(names, document.groups, strict=True):
         n = f"{group.n - group.unusable}/{group.n}" if group.unusable else f"{group.n}"
         value = group.estimate or CollapseEstimate()
-        G, mu = _interval(value.shear_modulus_Pa, factor, joint="\n"), _interval(value.viscosity_Pa_s, joint="\n")
+        G = digits.quantity(value.shear_modulus_Pa, factor, joint="\n")
+        mu = digits.quantity(value.viscosity_Pa_s, joint="\n")
         table.add_row(who, n, group.model, G, mu, digits.percent(value.scatter))
     console.print(table)
     remarks = terminal.names_by_message(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
-    slopes = [group.estimate.shear_modulus_Pa.per_percent for group in document.groups if group.estimate]
-    if moves := [abs(slope) * factor for slope in slopes if slope]:
-        ends = " to ".join(dict.fromkeys(digits.significant(end, 2) for end in (min(moves), max(moves))))
-        common = f"t₁ of all shots 1 % longer (R_max, frame rate, density) lowers G by {ends} {unit}"
+    changes = [group.estimate.modulus_per_percent_Pa for group in document.groups if group.estimate]
+    if moves := digits.ends([abs(change) for change in changes if change], factor, 2):
+        common = f"t₁ of all shots 1 % longer (R_max, frame rate, density) lowers G by {moves} {unit}"
         console.print(f"intervals: from the scatter of the shots alone; {common}", style="dim")
     terminal.print_remarks(console, {}, document.notes)
 
@@ -275,7 +271,7 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
         yield group.name, value.message
         if value.downweighted:
             yield group.name, f"weighted down: {', '.join(value.downweighted)}"
-        if value.pairs and value.shear_modulus_Pa.value is None:
+        if value.pairs:
             pairs = "; ".join(f"{G * factor:.3g}, {mu:.2g}" for G, mu in value.pairs)
             yield group.name, f"equally good pairs (G {unit}, µ Pa s): {pairs}"
     for record in group.shots:

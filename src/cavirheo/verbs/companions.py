@@ -116,7 +116,7 @@ class CollapseTime(options.PrintingVerb, options.Liquid):
         if self.exact:
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
         for group in groups:
-            group.answer(self.material, exact=self.exact, medium=liquid, **values)
+            group.answer(self.material, liquid, exact=self.exact, **values)
         head = {"material": self.material, "medium": asdict(liquid), **run.document_fields}
         document = collapse_times.CollapseTimes(groups=groups, **head)
         outputs.write("shots.csv", collapse_times.write_csv, document)
