@@ -133,8 +133,6 @@ PLANTED = (
             "require(bool(self.listed_entry(name)), foreign", "require(True, foreign", ("test_outputs",)),
     Planted("another run's answers are replaced", "writing/document.py",
             "if self._claim and not self._claim.replace:", "if False:", ("test_outputs",)),
-    Planted("interval of a slope too narrow", "reporting/group.py",
-            "half = -ndtri(0.05)", "half = -ndtri(0.4)", ("test_reports",)),
     Planted("a bound has a median", "writing/document.py",
             "if self.bound is not None:", "if False:", ("test_reports",)),
     Planted("error relative to our own value", "reporting/group.py",
