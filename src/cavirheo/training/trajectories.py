@@ -21,6 +21,8 @@ from cavirheo.physics.simulate import Simulation, simulate
 
 DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and where their trajectories are stored
     "block": 16,  # bubbles of one law in one medium that are drawn together
+    "usual_share": 0.55,  # of the blocks have the default law of `infer` near water
+    "usual_elastic": {"": 0.10, "neo-hookean": 0.28, "fung": 0.62},
     "elastic": {"": 0.14, "neo-hookean": 0.30, "fung": 0.28, "quadratic": 0.08, "gent": 0.04, "mooney-rivlin": 0.04,
                 "yeoh": 0.04, "linear": 0.04, "arruda-boyce": 0.04},
     "viscous": {"newtonian": 0.66, "power-law": 0.12, "carreau-yasuda": 0.08, "cross": 0.06, "herschel-bulkley": 0.04,
@@ -37,6 +39,7 @@ DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and wher
 }  # fmt: skip
 BLOCK: int = DOMAIN["block"]
 LAWS: list[dict[str, float]] = [DOMAIN[part] for part in ("elastic", "viscous", "arms")]
+USUAL_LAWS: list[dict[str, float]] = [DOMAIN["usual_elastic"], {"newtonian": 1.0}, {"": 1.0}]
 ACCOMMODATIONS: tuple[float, float] = (DOMAIN["accommodation"][0], DOMAIN["accommodation"][1])
 COARSE_INSTANTS, FINE_INSTANTS = 2400, 1200  # of a simulation: for the stretched time, and in it
 COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {  # of a set: dtype and shape of a row
@@ -70,11 +73,12 @@ def _mixed(rng: np.random.Generator, ends: Sequence[float], size: int) -> Floats
     return np.where(usually, _log_uniform(rng, usual_low, usual_high, size), _log_uniform(rng, low, high, size))
 
 
-def draw_medium(rng: np.random.Generator) -> Medium:
-    """A liquid or gel near water at atmospheric pressure, or, in a third of the draws, far from it."""
+def draw_medium(rng: np.random.Generator, usual: bool) -> Medium:
+    """A liquid or gel near water at atmospheric pressure, or, in a third of the draws that are not `usual`, far from
+    it."""
     if rng.random() < 0.3:
         return Medium()
-    if rng.random() < 0.55:
+    if usual or rng.random() < 0.55:
         near = rng.uniform([940.0, 1400.0, 0.04, 80e3, 288.0], [1120.0, 1750.0, 0.078, 107e3, 313.0]).tolist()
         return Medium(*near)
     pressure = float(_log_uniform(rng, 50e3, 50e6, 1)[0])
@@ -86,9 +90,11 @@ def draw_medium(rng: np.random.Generator) -> Medium:
 
 def draw(rng: np.random.Generator) -> Drawn:
     """BLOCK bubbles or fewer of one law in one medium; draws outside a law or the domain are left out."""
-    elastic, viscous, arm = (rng.choice(list(laws), p=list(laws.values())) for laws in LAWS)
+    usual = bool(rng.random() < DOMAIN["usual_share"])
+    elastic, viscous, arm = (rng.choice(list(laws), p=list(laws.values())) for laws in (USUAL_LAWS if usual else LAWS))
     family = Family(" + ".join(filter(None, [elastic, viscous, arm])))
-    medium, damaged = draw_medium(rng), bool(elastic) and rng.random() < DOMAIN["damaged_share"]
+    medium = draw_medium(rng, usual)
+    damaged = bool(elastic) and not usual and rng.random() < DOMAIN["damaged_share"]
     size = 12 * BLOCK
     bounds = family.bounds()
     x = rng.uniform(bounds[:, 0], bounds[:, 1], (size, len(bounds)))
