@@ -213,13 +213,11 @@ def _scatter(group: GroupRecord, name: str) -> str:
 def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """Whether G and mu may be used, in a sentence."""
     change = _change_by_scale(group, shots)
-    moved = "" if change is None else f"; 1 % in scale or frame rate moves G by {digits.significant(change, 2)} %"
-    if abs(change or 0.0) >= LARGE_CHANGE:
-        moved = f"; G with care, for {moved[2:]}"
+    moved = "" if change is None else f"1 % in scale or frame rate moves G by {digits.significant(change, 2)} %"
     disagreeing = list(group.heaps)
     if len(group.doubts) == len(disagreeing) == 1 and disagreeing[0] in _OTHERS:
         symbol, other = parameter_of(disagreeing[0]).symbol, parameter_of(_OTHERS[disagreeing[0]]).symbol
-        return f"{other} with care, not {symbol}, in which the shots disagree{moved}"
+        return "; ".join(filter(None, [f"{other} with care, not {symbol}, in which the shots disagree", moved]))
     if group.doubts:
         more = f"; {digits.counted(len(group.doubts) - 1, 'more doubt')} in the report" if len(group.doubts) > 1 else ""
         return f"nothing yet: {group.doubts[0].text}{more}"
@@ -231,12 +229,12 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
         return f"nothing yet: {'; '.join(message.text for message in shots[0].warnings)}"
     if group.verdict == "failed":
         return f"nothing: {shots[0].message}"
-    uses = {
-        "ok": f"the values{moved}",
-        "bound": f"values as values, bounds as bounds{moved}",
-        "unverified": "with care: a network gives one value, without an interval",
-    }
-    return uses[group.verdict]
+    if group.verdict == "unverified":
+        return "with care: a network gives one value, without an interval"
+    if abs(change or 0.0) >= LARGE_CHANGE:
+        moved = f"G with care, for {moved}"
+    uses = "the values" if group.verdict == "ok" else "values as values, bounds as bounds"
+    return "; ".join(filter(None, [uses, moved]))
 
 
 def _change_by_scale(group: GroupRecord, shots: Sequence[CurveRecord]) -> float | None:
