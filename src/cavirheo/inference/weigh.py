@@ -39,7 +39,7 @@ from cavirheo.prior import log_normal
 CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
 REACH = 15.0  # of log posterior, or of the log of Laplace's integral, below which a maximum or a model is left out
 LOOKED_AT, REFINED = 4, 8  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
-LEAST_SHARE = 0.2  # of the draws of all models that each of them gets
+LEAST_PART = 0.2  # of the effective draws of all models that each of them has
 NEGLIGIBLE = 6.0  # log evidence below which a model is not drawn from further
 TELLING = 8.0  # effective draws that tell the evidence of a model; fewer find it too low
 GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that need no better correction, and that is reckoned with
@@ -326,7 +326,7 @@ def _weighed(found: Sampled, wanted: int, budget: Budget, share: float = 0.0) ->
     def log_density(u: Floats, residuals: Floats) -> Floats:
         return model.log_posterior(u, residuals + correction(u))
 
-    enough = budget.sampled * max(share, LEAST_SHARE)
+    enough = budget.sampled * max(share, LEAST_PART)
     draws, rounds = sample(known.quick, log_density, found.rounds, budget.rounds, rng, enough, budget.walkers)
     picked, count = np.unique(pick(draws, wanted, rng), return_counts=True)
     order = rng.permutation(len(picked))
