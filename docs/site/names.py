@@ -80,7 +80,7 @@ ANSWERS = Page(
                 "cavirheo.reporting.group": "GroupRecord PublishedValue",
                 "cavirheo.reporting.material": "PopulationRecord HeapRecord Systematic GroupDifference MaterialRatio",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw",
-                "cavirheo.companions.design": "Design DesignedSetting CheckedSetting",
+                "cavirheo.companions.design": "Design DesignedSetting",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer": "Rheometry",
                 "cavirheo.reporting.measured": "Measured",

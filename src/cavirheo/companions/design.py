@@ -1,7 +1,7 @@
 """Which shot to take next, and how many: what is known of a material and what a rig can do -> design.json.
 
-A material is known by ranges, or by the answers of a result.json. inference/design.py computes the information of one
-shot at each setting; this module averages it, counts the shots that are needed, and prints the design.
+A material is known by ranges, or by the answers of a result.json. inference/design.py finds what one shot at each
+setting would tell; this module averages it, counts the shots that are needed, and prints the design.
 """
 
 from __future__ import annotations
@@ -9,17 +9,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import gmean
 from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.assumptions import Family, Options
-from cavirheo.inference.design import Draws, Expectation, Setting, gain, material_information, shots_wanted, variance
+from cavirheo.inference.design import (
+    MOST_SHOTS,
+    Draws,
+    Expectation,
+    Setting,
+    gain,
+    material_information,
+    shots_wanted,
+    variance,
+)
 from cavirheo.parameters import STRETCH_RANGE, named
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
@@ -31,7 +39,6 @@ from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
 
 STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
-CHECK_SEED_OFFSET = 10_000  # added to the seed, so that checks have other recordings
 LEAST_GAIN = 0.01  # nats; with less a shot tells nothing
 LEAST_STRETCH_STD = 0.01  # smallest standard deviation of the stretch from shot to shot, decades
 
@@ -88,7 +95,13 @@ class Rig:
         smallest, largest = self.max_radius
         radii = np.geomspace(smallest, largest, self.sizes if largest > smallest else 1).tolist()
         return [
-            Setting(radius, float(rate), noise, self.relative_noise, self.frames, min(self.exposure, 1.0 / rate))
+            Setting(
+                radius,
+                float(rate),
+                float(np.hypot(noise, self.relative_noise * radius)),
+                self.frames,
+                min(self.exposure, 1.0 / rate),
+            )
             for rate, noise in zip(self.frame_rate, noises, strict=True)
             for radius in radii
         ]
@@ -123,25 +136,6 @@ class DesignedSetting(Record):
         return f"R_max {digits.micrometres(self.max_radius_m)} µm at {self.frame_rate_hz:,.0f} frames/s"
 
 
-class CheckedSetting(Record):
-    """The answers of `infer` for simulated recordings of the setting to take next.
-
-    Attributes:
-        recordings: number of simulated recordings.
-        answers: number of recordings that were answered with an interval.
-        told_percent: expected half of the 90 % interval, % of the value, by parameter; geometric mean over the answers.
-        reached_percent: half of the 90 % interval of the answers, % of the value, by parameter; geometric mean.
-        shots: number of shots that reach the wanted interval by the information of the answers; null: more than 10,000,
-            or no answer.
-    """
-
-    recordings: int
-    answers: int
-    told_percent: dict[str, Finite]
-    reached_percent: dict[str, Finite]
-    shots: int | None
-
-
 class Design(Document):
     """The settings that a rig can film, and the setting and number of the next shots.
 
@@ -158,7 +152,6 @@ class Design(Document):
         settings: expected result at each frame rate and R_max.
         next: index, from 0, of the setting to take next: it reaches the wanted interval with the fewest shots or, if
             none reaches it, has the largest gain.
-        checked: check of this setting by simulated recordings; null if it was not requested.
     """
 
     kind: Literal["design"] = "design"
@@ -172,47 +165,28 @@ class Design(Document):
     shots_before: int = 0
     settings: list[DesignedSetting]
     next: int
-    checked: CheckedSetting | None = None
 
     @property
     def teaches_nothing(self) -> bool:
-        """Whether the setting to take next has no gain, or none of its checked recordings has an interval."""
-        unanswered = self.checked is not None and not self.checked.answers
-        return unanswered or self.settings[self.next].gain_nats < LEAST_GAIN
+        """Whether even the setting to take next has no gain."""
+        return self.settings[self.next].gain_nats < LEAST_GAIN
 
     @property
     def sentences(self) -> list[str]:
-        """Lines of text on the next setting, the number of shots, and the check with simulated recordings."""
+        """Lines of text on the next setting, and the number of shots."""
         setting, goal = self.settings[self.next], f"± {self.wanted_percent:g} % (90 %)"
         law = " and ".join(digits.symbol_and_unit(name)[0] for name in setting.half_width_percent)
         if self.teaches_nothing:
             line = f"next: nothing: this rig cannot tell {law}, not even at its best, {setting.words}"
-            lines = [line, f"{setting.readable:.0%} of the recordings there can be read"]
-        elif setting.shots is None:
-            lines = [f"next: {setting.words}, where one shot tells most about {law} ({setting.gain_nats:.2f} nats)"]
-            lines.append(f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots")
-        elif setting.shots == 0:
+            return [line, f"{setting.readable:.0%} of the recordings there can be read"]
+        if setting.shots is None:
+            line = f"next: {setting.words}, where one shot tells most about {law} ({setting.gain_nats:.2f} nats)"
+            return [line, f"no setting reaches ± {self.wanted_percent:g} % with {MOST_SHOTS:,} shots"]
+        if setting.shots == 0:
             by = f" by {digits.counted(self.shots_before, 'shot')}" if self.shots_before else ""
-            lines = [f"next: nothing, {goal} is already reached{by}"]
-        else:
-            more = " more" if self.shots_before else ""
-            lines = [f"next: {digits.counted(setting.shots, 'shot')}{more} at {setting.words}, for {goal} of {law}"]
-        return [*lines, *([self._check_sentence(self.checked)] if self.checked else [])]
-
-    def _check_sentence(self, checked: CheckedSetting) -> str:
-        head = f"checked by {digits.counted(checked.recordings, 'recording')}: "
-        if not checked.answers:
-            return f"{head}none has an interval"
-        if checked.answers < checked.recordings:
-            head += f"{checked.answers} with an interval, "
-        widths = ", ".join(
-            f"{digits.symbol_and_unit(name)[0]} ± {rounded(width)} % (expected {rounded(checked.told_percent[name])})"
-            for name, width in checked.reached_percent.items()
-        )
-        if checked.shots == 0:
-            return head + widths
-        count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
-        return f"{head}{widths}; so {count} for ± {self.wanted_percent:g} %"
+            return [f"next: nothing, {goal} is already reached{by}"]
+        more = " more" if self.shots_before else ""
+        return [f"next: {digits.counted(setting.shots, 'shot')}{more} at {setting.words}, for {goal} of {law}"]
 
 
 def rounded(percent: float | None) -> str:
@@ -247,7 +221,6 @@ def design(
     wanted: float = 0.1,
     spread: float | None = None,
     draws: int = 12,
-    check: int = 6,
     seed: int = 0,
     done: Callable[[], None] | None = None,
 ) -> Design:
@@ -263,56 +236,66 @@ def design(
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
         spread: standard deviation of the shots of one material, decades; default: 0, or that of the answers of `known`.
         draws: number of draws from what is known, at each setting.
-        check: number of recordings of the next setting that `infer` answers; 0: no check.
-        seed: of the draws. done: called after each simulated shot.
+        seed: of the draws. done: called after each shot.
 
     Raises:
-        InputError: no trusted answer of this law, or a number out of its domain.
+        InputError: no trusted answer of this law, a number out of its domain, or a bubble that the emulator does not
+            know.
 
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
 
-    Method: the information of a simulation about its parameters, docs/how-to/design.md; accuracy: docs/validation.md.
+    Method: answers to emulated recordings, docs/how-to/design.md; accuracy: docs/validation.md.
     """
     rig = rig or Rig()
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     require(draws >= 2, f"two draws are the least, got {draws}", "design.draws")
-    require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
     family, half_width = Family(rig.material), float(np.log10(1.0 + wanted))
     prior = _prior(family, ranges or {}, spread or 0.0)
     if known is not None:
         prior = _prior_of(known, group, family, prior, spread)
     law, stretches = prior.draw(draws, seed)
-    goal, settings = _Goal(prior, half_width), rig.settings()
-    materials = Draws(family, law, stretches, medium(rig.medium), bubbles_of(rig.bubble)[0], seed)
-    expected = materials.compute_expectations(settings, None, done)
-    rows = [goal.row(*columns) for columns in zip(settings, expected, strict=True)]
+    settings, bubble = rig.settings(), bubbles_of(rig.bubble)[0]
+    expected = Draws(family, law, stretches, medium(rig.medium), bubble, seed).expectations(settings, done)
+    rows = [_row(prior, half_width, *columns) for columns in zip(settings, expected, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     best = min(range(len(rows)), key=lambda i: (np.inf if rows[i].shots is None else rows[i].shots, -rows[i].gain_nats))
-    checked = None
-    if check:
-        recorded = replace(materials, law=law[:check], stretch=stretches[:check], seed=seed + CHECK_SEED_OFFSET)
-        checked = goal.compare(check, recorded.check_widths(settings[best]), expected[best])
-    fields: Any = {"wanted_percent": 100.0 * wanted, "settings": rows, "next": best, "checked": checked}
-    return _document(rig, prior, law, stretches, **fields)
-
-
-def _document(rig: Rig, prior: _Prior, law: Floats, stretches: Floats, **fields: Any) -> Design:
-    """The document of a design. law (draws, l), stretches (draws,): the draws of the prior. fields: of `Design`."""
-    scatter, names = np.sqrt(np.diag(prior.scatter)), prior.family.parameters
-    samples = {name: law[:, i] for i, name in enumerate(names)} | {"stretch": np.log10(stretches)}
+    scatter = np.sqrt(np.diag(prior.scatter))
+    samples = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
     quantiles = {name: 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95)) for name, logs in samples.items()}
     return Design(
         command="cavirheo.design",
         material=rig.material,
-        bubble=bubbles_of(rig.bubble)[0],
+        bubble=bubble,
         medium=medium(rig.medium),
+        wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
-        spreads_decades=dict(zip(names, scatter.tolist(), strict=True)),
+        spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
         known={name: Quantity.from_interval(*ends) for name, ends in quantiles.items()},
         shots_before=prior.shots,
-        **fields,
+        settings=rows,
+        next=best,
+    )
+
+
+def _row(prior: _Prior, half_width: float, setting: Setting, expected: Sequence[Expectation | None]) -> DesignedSetting:
+    """The row of a setting, for an interval of so many decades; a recording that cannot be read tells nothing."""
+    read = [shot for shot in expected if shot is not None]
+    share = len(read) / len(expected)
+    material = [material_information(shot.information, prior.scatter) for shot in read]
+    counts = [shots_wanted(share * one, prior.covariance, half_width) for one in material]
+    middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
+    decades = np.median([shot.half_width for shot in read] or [np.full(len(prior.covariance), np.nan)], axis=0)
+    return DesignedSetting(
+        max_radius_m=setting.max_radius,
+        frame_rate_hz=setting.frame_rate,
+        frames=setting.frames,
+        noise_m=setting.noise,
+        readable=share,
+        half_width_percent=dict(zip(prior.family.parameters, 100.0 * (10.0**decades - 1.0), strict=True)),
+        shots=int(middle) if np.isfinite(middle) else None,
+        gain_nats=sum(gain(one, prior.covariance) for one in material) / len(expected),
     )
 
 
@@ -355,60 +338,6 @@ def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float)
     even = np.zeros(len(names), dtype=bool)
     covariance, scatter = np.diag(deviation[:-1] ** 2), spread**2 * np.eye(size)
     return _Prior(family, logs.mean(axis=1), deviation, even, covariance, scatter, stretch_given="stretch" in ranges)
-
-
-@dataclass(frozen=True, eq=False)
-class _Goal:
-    """The goal: each parameter of a law within `half_width` decades."""
-
-    prior: _Prior
-    half_width: float
-
-    def percent(self, decades: Floats) -> dict[str, Any]:
-        """Half-widths (l,) in decades as percent of each parameter."""
-        return dict(zip(self.prior.family.parameters, (100.0 * (10.0**decades - 1.0)).tolist(), strict=True))
-
-    def count(self, information: Sequence[Floats], share: float) -> int | None:
-        """Shots that reach the goal, median over draws, if `share` of the recordings can be used; None: too many."""
-        each = (share * material_information(shot, self.prior.scatter) for shot in information)
-        counts = [shots_wanted(shot, self.prior.covariance, self.half_width) for shot in each]
-        middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
-        return int(middle) if np.isfinite(middle) else None
-
-    def row(self, setting: Setting, expected: Sequence[Expectation | None]) -> DesignedSetting:
-        """The row of a setting: what a shot at it would tell; one that cannot be read tells nothing."""
-        read = [shot for shot in expected if shot is not None]
-        widths = np.array([shot.half_width for shot in read] or [np.full(len(self.prior.covariance), np.nan)])
-        information = [material_information(shot.information, self.prior.scatter) for shot in read]
-        share = len(read) / len(expected)
-        return DesignedSetting(
-            max_radius_m=setting.max_radius,
-            frame_rate_hz=setting.frame_rate,
-            frames=setting.frames,
-            noise_m=setting.sigma,
-            readable=share,
-            half_width_percent=self.percent(np.median(widths, axis=0)),
-            shots=self.count([shot.information for shot in read], share),
-            gain_nats=sum(gain(each, self.prior.covariance) for each in information) / len(expected),
-        )
-
-    def compare(
-        self, recordings: int, widths: tuple[Floats, Floats], expected: Sequence[Expectation | None]
-    ) -> CheckedSetting:
-        """The check of a setting. widths: half-widths (answers, l) in decades, as expected and as answered; by their
-        ratios the information of `expected` is scaled."""
-        answers = len(widths[0])
-        none = np.full(len(self.prior.covariance), np.nan)
-        expected_width, answered_width = (gmean(each) if answers else none for each in widths)
-        narrower = expected_width / answered_width
-        information = [shot.information * np.outer(narrower, narrower) for shot in expected if shot]
-        return CheckedSetting(
-            recordings=recordings,
-            answers=answers,
-            told_percent=self.percent(expected_width),
-            reached_percent=self.percent(answered_width),
-            shots=self.count(information, answers / recordings) if answers else None,
-        )
 
 
 def _prior_of(

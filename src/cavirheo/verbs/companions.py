@@ -144,14 +144,12 @@ class Design(options.PrintingVerb, options.Liquid, options.BubbleOptions):
     wanted_percent: options.WantedPercent = 10.0
     spread: Annotated[float | None, option("scatter of shots, decades  [default: of the result.json]", SEARCH)] = None
     sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
-    draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
-    check: Annotated[int, option("how many recordings of the next setting `infer` answers", SEARCH, min=0)] = 6
+    draws: Annotated[int, option("recordings for each setting", SEARCH, min=2)] = 12
     seed: options.Seed = 0
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.design import Rig, design
-        from cavirheo.physics.simulate import load_solver
         from cavirheo.writing.document import Outputs
 
         message = "--group names a group of a result.json: give the file, or leave out --group"
@@ -170,10 +168,9 @@ class Design(options.PrintingVerb, options.Liquid, options.BubbleOptions):
         )
         ranges = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
         keywords: dict[str, Any] = {"ranges": {name: ends for name, ends in ranges.items() if ends}}
-        keywords |= {name: getattr(self, name) for name in ("group", "spread", "draws", "check", "seed")}
+        keywords |= {name: getattr(self, name) for name in ("group", "spread", "draws", "seed")}
         outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
-        load_solver()
-        with run.progress_bar("simulating", len(rig.settings()) * self.draws) as advance:
+        with run.progress_bar("answering", len(rig.settings()) * self.draws) as advance:
             document = design(self.result, rig, wanted=0.01 * self.wanted_percent, done=advance, **keywords)
         run.write_document(outputs, document.model_copy(update=run.document_fields))
         run.end(f"written to {self.out}")
