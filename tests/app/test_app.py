@@ -133,6 +133,8 @@ def upload(address, content):
 def test_only_the_endpoint_is_public_and_nothing_is_fetched(served, client):
     api = client.view_api(return_format="dict")
     assert (list(api["named_endpoints"]), api["unnamed_endpoints"]) == (["/infer"], {})
+    options = [option["parameter_name"] for option in api["named_endpoints"]["/infer"]["parameters"]]
+    assert options == ["files", *(field.name for field in fields(PageSettings))]
     policy = httpx.get(served[0]).headers["content-security-policy"]
     assert "default-src 'self'" in policy
     assert "http" not in policy

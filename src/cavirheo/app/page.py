@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import fields, replace
 from functools import partial
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import gradio as gr
 
@@ -98,7 +99,8 @@ class Page:
         self.file_errors = _html()
         self.welcome = _html(words.welcome())
         self.overview = _html(visible=False)
-        self.input_warnings, self.shots_table = _html(), _html(js_on_load=words.read_file("materials.js"))
+        self.input_warnings = _html()
+        self.shots_table = _html(js_on_load=words.read_file("materials.js"))
 
     def _prepare(self) -> None:
         with gr.Row():
@@ -131,10 +133,12 @@ class Page:
             self.fields["model"] = gr.Radio(words.model_choices(), value=DEFAULT, label="Model")
             self.fields["bubble"] = gr.Radio(words.BUBBLES, value="real", label="Bubble")
         with gr.Row():
-            self.infer, self.stop = _button("Infer all chosen shots"), _stop_button()
+            self.infer = _button("Infer all chosen shots")
+            self.stop = _stop_button()
         none = words.render("hint", words.NO_ANSWERS)
         self.answers = _html(none, min_height=120, js_on_load=words.read_file("table.js"))
-        self.groups, self.timer = _html(visible=False), gr.Timer(1.0, active=False)
+        self.groups = _html(visible=False)
+        self.timer = gr.Timer(1.0, active=False)
         values = "Published values or a rheometer's sweeps beside them"
         self.published = gr.UploadButton(values, file_count="multiple", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
@@ -197,7 +201,8 @@ class Page:
         return listener
 
     def _wire(self, settings: list[Any]) -> None:
-        bind, shot = self._bind, [self.checked_shot]
+        bind = self._bind
+        shot = [self.checked_shot]
         private: dict[str, Any] = {"api_visibility": "private"}
         loading: dict[str, Any] = {"spinner": self.shots_table}
         bind(self.upload.upload, self._load, [self.upload, *settings], trigger_mode="multiple", **loading)
@@ -303,7 +308,8 @@ class Page:
 
     def _show_state(self, session: Session, *, draw: bool = False) -> _Updates:
         """Enable the steps that can be used; show the answers, marked if settings changed since. draw: groups, too."""
-        loaded, current = bool(session.curves), session.answers is not None and not session.stale
+        loaded = bool(session.curves)
+        current = session.answers is not None and not session.stale
         groups: dict[str, Any] = {"value": words.groups(session)} if draw else {}
         able = zip(self.tabs[1:], (loaded, loaded, current, current), strict=True)
         return {tab: gr.Tab(interactive=works) for tab, works in able} | {
@@ -324,7 +330,9 @@ class Page:
         return {self.input_warnings: words.render("input_warnings", words.curve_warnings(session.curves))}
 
     def _change_settings(self, session: Session, name: str | None, *settings: Any) -> _Updates:
-        before, curves, names = session.settings, session.curves, session.names
+        before = session.settings
+        curves = session.curves
+        names = session.names
         session.apply_settings(PageSettings(**_typed(settings)))
         if session.settings == before:
             return {}
@@ -349,7 +357,8 @@ class Page:
             return shown | self._show_state(session, draw=True) | self._show_check(session, names[0])
 
     def _name_materials(self, session: Session, materials: str, name: str | None) -> _Updates:
-        earlier, edits = words.shot_cells(session), json.loads(materials)
+        earlier = words.shot_cells(session)
+        edits = json.loads(materials)
         steps.name_materials(session, edits["names"], edits["densities"])
         same = words.shot_cells(session) == earlier  # the table is not drawn again: the focus stays
         table = {} if same else self._show_tables(session)
@@ -409,29 +418,15 @@ def uploaded_paths(files: Sequence[str]) -> Iterator[list[Path]]:
 
 
 def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
-    """Return the function of the endpoint `/infer`, for programs; nothing is kept after a call."""
+    """Return the function of the endpoint `/infer`, for programs: files, then the fields of PageSettings in their
+    order. Nothing is kept after a call."""
 
-    def infer(
-        files: list[gr.FileData],
-        model: str = DEFAULT,
-        medium: str = "water",
-        density: float | None = None,
-        rmax_um: float | None = None,
-        stretch: float | str | None = None,
-        window: int | None = None,
-        material: str | None = None,
-        bubble: str = "real",
-        trust_input: bool = False,
-        fps: float | None = None,
-        um_per_px: float | None = None,
-    ) -> dict[str, Any]:
+    def infer(files: list[gr.FileData], *options: Any) -> dict[str, Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
-        values: dict[str, Any] = {**locals()}
-        options = {name: value for name, value in values.items() if hasattr(PageSettings, name) and value is not None}
         session = Session(visitors.limits, visitors.reader, visitors.measurer, visitors.store)
         try:
             with uploaded_paths([str(dict(file)["path"]) for file in files or []]) as paths:
-                session.add(paths, PageSettings(**options))
+                session.add(paths, PageSettings(**_typed(options)))
                 problem = "; ".join(session.problems) or "no curve could be read"
                 require(bool(session.curves), problem, "app.no_curve")
                 document = steps.infer(session, session.names).document
@@ -442,4 +437,9 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
         finally:
             visitors.end_session(session)
 
+    plain = signature(infer)
+    kind = Parameter.POSITIONAL_OR_KEYWORD
+    options = [Parameter(field.name, kind, default=field.default) for field in fields(PageSettings)]
+    infer.__signature__ = plain.replace(parameters=[plain.parameters["files"], *options])  # type: ignore[attr-defined]
+    infer.__annotations__ |= get_type_hints(PageSettings)
     return infer

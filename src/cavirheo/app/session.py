@@ -64,24 +64,24 @@ class PageSettings:
     text is the default. Raises InputError: a value that `infer` rejects, or a model that is not shipped (a visitor must
     not open files of this machine)."""
 
+    model: str = DEFAULT  # the order is that of the options of the endpoint: a new field comes last
     medium: str = "water"
     density: float | None = None
-    sound_speed: float | None = None
-    surface_tension: float | None = None
-    pressure: float | None = None
-    temperature: float | None = None
+    rmax_um: float | None = None
+    stretch: float | str | None = None  # or "free"
+    window: int | None = None
+    material: str | None = None  # None: the default family, or the law of the network
+    bubble: str = "real"
+    trust_input: bool = False  # scale, frame rate and medium are right even if they look odd
     fps: float | None = None  # of recordings, and of tables that number their frames
     um_per_px: float | None = None  # of recordings, and of tables in pixels
     exposure_us: float | None = None
     exclude: str | None = None  # frames of a recording to leave out, "12,40-45"
-    rmax_um: float | None = None
-    stretch: float | str | None = None  # or "free"
-    window: int | None = None
     group: str = "auto"  # which shots are of one material
-    model: str = DEFAULT
-    material: str | None = None  # None: the default family, or the law of the network
-    bubble: str = "real"
-    trust_input: bool = False  # scale, frame rate and medium are right even if they look odd
+    sound_speed: float | None = None
+    surface_tension: float | None = None
+    pressure: float | None = None
+    temperature: float | None = None
 
     def __post_init__(self) -> None:
         for field_ in fields(self):
@@ -183,7 +183,8 @@ class Run:
         self._began = self._latest = time.monotonic()  # s, when the run began, and when the latest answer came
 
     def add(self, record: CurveRecord) -> None:
-        self.records[record.name], self._latest = record, time.monotonic()
+        self.records[record.name] = record
+        self._latest = time.monotonic()
 
     @property
     def ready(self) -> list[CurveRecord]:
@@ -193,7 +194,8 @@ class Run:
     @property
     def seconds(self) -> tuple[float, float | None]:
         """(s since the run began, s that are left by the shots so far; None before the first, or if it takes longer)"""
-        now, done = time.monotonic(), len(self.ready)
+        now = time.monotonic()
+        done = len(self.ready)
         if not done:
             return now - self._began, None
         left = (self._latest - self._began) / done * (len(self.records) - done) - (now - self._latest)
@@ -206,7 +208,8 @@ class Session:
     def __init__(
         self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, store: Store | None = None
     ) -> None:
-        self.limits, self.reader = limits, reader
+        self.limits = limits
+        self.reader = reader
         self.measurer = measurer or reader  # separate: reading tables need not wait for a recording
         self.store = store or Store()  # answers, shared by all visitors
         self.keys: set[str] = set()  # of this visitor's answers in it
@@ -247,7 +250,8 @@ class Session:
         files = [*self.files, *taken]
         try:
             curves, problems = self._read(files, settings, self.densities)
-            limits, frames = self.limits, sum(len(curve.time) for curve in curves)
+            limits = self.limits
+            frames = sum(len(curve.time) for curve in curves)
             if len(curves) > limits.curves or frames > limits.frames:
                 message = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and "
                 message += f"{limits.frames} at once: load fewer, or use the command line (cavirheo infer)"
@@ -258,7 +262,10 @@ class Session:
                 recording = pixels_of(path) or path  # of a header, that whose header it is
                 if recording.name in read or (waits and is_video(path)):
                     self.files.append(path)
-            self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
+            self.settings = settings
+            self.curves = curves
+            self.problems = problems
+            self.answers = None
         finally:
             for path in {*taken} - {*self.files}:
                 path.unlink()
@@ -325,12 +332,14 @@ class Session:
         before, now = ((one.read_options, one.camera) for one in (self.settings, settings))
         if self.files and (before != now or densities != self.densities):
             self.curves, self.problems = self._read(self.files, settings, densities)
-        self.settings, self.densities = settings, densities
+        self.settings = settings
+        self.densities = densities
 
     def add_published(self, paths: Sequence[Path]) -> None:
         """Add values of other methods to the answers' groups, from files for `cavirheo compare`, or from the sweeps of
         one material for `cavirheo rheometer`. Raises InputError."""
-        groups, problems = self.answers.document.groups if self.answers else [], list[InputError]()
+        groups = self.answers.document.groups if self.answers else []
+        problems = list[InputError]()
         with TemporaryDirectory(dir=self.folder) as folder:
             copies = [Path(shutil.copy(path, folder)) for path in paths]
             answer = self.reader.ask(copies, read_values, *(path.name for path in copies))
@@ -370,7 +379,8 @@ class Session:
 
     def _unused_path(self, name: str) -> Path:
         """Return an unused path of this name in the visitor's folder, with a number if the name is taken."""
-        to, numbers = self.folder / UPLOAD_FOLDER / name, count(2)
+        to = self.folder / UPLOAD_FOLDER / name
+        numbers = count(2)
         while to.exists():
             to = to.with_name(f"{short_name(Path(name).stem)} ({next(numbers)}){Path(name).suffix}")
         return to
@@ -380,9 +390,11 @@ class Visitors:
     """All sessions. Gradio gives each page a random name. Another page can open a session by its secret link only."""
 
     def __init__(self, limits: VisitorLimits) -> None:
-        self.limits, self.reader = limits, Reader(limits.read_seconds, processes=limits.readers)
+        self.limits = limits
+        self.reader = Reader(limits.read_seconds, processes=limits.readers)
         self.measurer = Reader(limits.film_seconds, prestart=False)
-        self.store, self._lock = Store(capacity=200), RLock()  # two answers per shot
+        self.store = Store(capacity=200)  # two answers per shot
+        self._lock = RLock()
         self._pages: dict[str, Session] = {}  # session of each page, in the order of use
         self._left: dict[str, float] = {}  # of each page that left: when it is to be forgotten
         self.on_forget: Callable[[str], Any] = lambda name: None  # called with the name of a page that is forgotten
