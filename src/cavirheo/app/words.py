@@ -106,7 +106,8 @@ def shots_table(session: Session) -> str:
     curves = session.curves
     rows = []
     for curve in curves:
-        material, density = session.materials.get(curve.name, curve.group), session.densities.get(curve.name)
+        material = session.materials.get(curve.name, curve.group)
+        density = session.densities.get(curve.name)
         density_text = "" if density is None else f"{density:.10g}"
         rows.append((curve, digits.elide(curve.name, 36), material, density_text, summary_cells(curve)))
     pooled = sum(curve.group == UPLOAD_FOLDER for curve in curves)
@@ -132,14 +133,16 @@ def groups(session: Session) -> str:
 def check_plot(session: Session, name: str) -> str:
     """Picture of the answer over the measurement, with its band, conventional fit and sliders' simulation."""
     answers, curve, posterior, _ = session.find_answer(name)
-    fit, simulated = answers.fits.get(name), f"simulation: {digits.simulation_name(posterior.method)}"
+    fit = answers.fits.get(name)
+    simulated = f"simulation: {digits.simulation_name(posterior.method)}"
     simulations: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name)}
     return render("pictures", [curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
 
 
 def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
     """The picture of a curve with its compared frames, or the error; its warnings, and remarks on how it was read."""
-    picture, remarks = "", curve_warnings([curve])
+    picture = ""
+    remarks = curve_warnings([curve])
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
@@ -151,7 +154,8 @@ def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
 def answers(session: Session) -> str:
     """The answers: groups, shots, their messages, and whether settings changed since; during a run, the answers so
     far."""
-    current, run = session.answers, session.run
+    current = session.answers
+    run = session.run
     if run.records:
         current = Answers([], result_of(run.ready, ""), [], session.request)
     if current is None:
@@ -162,7 +166,8 @@ def answers(session: Session) -> str:
     said = [html.render_macro("group_answer", *answer) for answer in html.group_answers(document)]
     said.append(html.render_macro("comparisons", document.groups, factor, unit))
     groups = "\n".join(said), differences
-    rows, models = document.curves, {row.model_title for row in document.curves if row.has_answer}
+    rows = document.curves
+    models = {row.model_title for row in document.curves if row.has_answer}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.render_macro("curves_table", rows, factor, unit, title, False)
     explanation = html.render_macro("reading"), *methods_paragraph(document)
@@ -175,7 +180,9 @@ def facts(session: Session, name: str) -> str:
     """The answer and its conventional fit, if there is one, as rows of a table; then all facts of the answer."""
     answers, curve, answer, record = session.find_answer(name)
     factor, unit = answers.document.modulus_unit
-    table, failed, frames = "", {}, list[int]()
+    table = ""
+    failed = {}
+    frames = list[int]()
     if posterior := answers.fits.get(name):
         rows = {"answer": record, "least squares": curve_record(curve, posterior)}
         records = [row.model_copy(update={"name": what}) for what, row in rows.items()]

@@ -12,7 +12,8 @@ from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
-CAMERA, SEARCH = "Camera", "Search"
+CAMERA = "Camera"
+SEARCH = "Search"
 _Range = tuple[float, float]
 _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
@@ -37,7 +38,8 @@ class Compare(options.PrintingVerb):
         from cavirheo.reporting.record import Result
         from cavirheo.writing.document import Outputs, write_json, write_rows
 
-        sets, answers = read_sets(self.references), [load(path, Result) for path in self.results]
+        sets = read_sets(self.references)
+        answers = [load(path, Result) for path in self.results]
         inputs = [path / "result.json" if path.is_dir() else path for path in self.results] + self.references
         report = Outputs(self.out, *DOCUMENTS, inputs=inputs)
         document = joined(answers, **run.document_fields)
@@ -104,7 +106,8 @@ class CollapseTime(options.PrintingVerb, options.Liquid):
         from cavirheo.writing.document import Outputs
 
         shot_numbers(self.shots)
-        files, liquid = run.files(self.files), self.liquid
+        files = run.files(self.files)
+        liquid = self.liquid
         fine = self.stretch is None or 1 < self.stretch < 1e3
         require(fine, f"--stretch must be R_max/R_0 above 1, got {self.stretch!r}", "collapse_time.stretch")
         outputs = Outputs(self.out, "collapse-time.json", "shots.csv", inputs=files)

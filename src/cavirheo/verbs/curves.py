@@ -37,13 +37,18 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing.document import Outputs
 
-        files, out, references = run.files(self.files), self.out, self.references or []
-        analysis, sets, inputs = self.make_analysis(), read_sets(references), [*files, *references]
+        files = run.files(self.files)
+        out = self.out
+        references = self.references or []
+        analysis = self.make_analysis()
+        sets = read_sets(references)
+        inputs = [*files, *references]
         folder = Outputs(out, *DOCUMENTS, inputs=inputs)
         if references:
             Outputs(out, TABLE, inputs=inputs)
         with connected(self.scheduler, self.slurm, run.say) as executor:
-            curves, unfinished = self.read_curves(run, files), Unfinished(out, visible=not run.quiet, executor=executor)
+            curves = self.read_curves(run, files)
+            unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = in_sets(curves, sets)
             published = by_group_of_all(group_names(curves), sets)
             analysis.check(curves)
@@ -128,7 +133,8 @@ class WhichLaw(options.MeasuredFiles):
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing import document
 
-        files, out = run.files(self.files), self.out
+        files = run.files(self.files)
+        out = self.out
         materials = [name.strip() for name in self.laws.split(",") if name.strip()]
         candidates = models(materials, self.bubbles or (REAL,))
         Options(window=self.window, stretch=self.stretch)
@@ -141,7 +147,8 @@ class WhichLaw(options.MeasuredFiles):
             analyses = plans(candidates, **settings, discrepancy=not self.exact_law)
             by_law = {law: dict(unfinished.answers(curves, plan).numbered()) for law, plan in analyses.items()}
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
-        complete_curves, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
+        complete_curves = [curves[i] for i in complete]
+        note = unfinished.note(len(complete), len(curves))
         complete_answers = {law: [answers[i] for i in complete] for law, answers in by_law.items()}
         singles, groups = ranked(complete_curves, complete_answers)
         by_curve, by_group = law_records(complete_curves, singles, groups)
@@ -180,7 +187,8 @@ class Watch(options.Inference, options.SharedErrors):
         from cavirheo.reporting.screen import print_result
         from cavirheo.reporting.table import print_line
 
-        folder, out = self.folder, self.out
+        folder = self.folder
+        out = self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
         analysis = self.make_analysis()
         if self.column is not None and not is_r_max(self.column):

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx or .cih); a folder of images"
 DRIVING = "Driving"
-_FRAMES_FILE, _FIELDS_FILE = "simulation.csv", "fields.h5"
+_FRAMES_FILE = "simulation.csv"
+_FIELDS_FILE = "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
 _MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
 _Motion = Literal["keller-miksis", "rayleigh-plesset", "gilmore"]
@@ -129,44 +130,48 @@ class Simulate(options.Verb, options.Liquid):
         from cavirheo.physics.media import Pulse, Trace
         from cavirheo.writing.document import Outputs
 
-        liquid, pulse, driving = self.liquid, self.pulse, self.driving
+        liquid = self.liquid
         both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
-        require(not (pulse and driving), both, "simulate.two_drivings")
-        law, fps, count = self.make_law(), self.fps, self.duration_us * 1e-6 * self.fps
-        possible = self.duration_us > 0 and fps > 0 and 1 <= count <= 1e6
-        got = f"got {self.duration_us} us at {fps} frames per second"
+        require(not (self.pulse and self.driving), both, "simulate.two_drivings")
+        law = self.make_law()
+        count = self.duration_us * 1e-6 * self.fps
+        possible = self.duration_us > 0 and self.fps > 0 and 1 <= count <= 1e6
+        got = f"got {self.duration_us} us at {self.fps} frames per second"
         require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
         frames = int(count * (1 + 1e-9)) + 1
         bubble = self.make_bubble()
         message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
         require(not self.fields or self.polytropic is None, message, "physics.no_fields")
-        far_field = None
-        if driving:
-            *columns, notes = read_trace(driving)
+        far_field: Pulse | Trace | None = None
+        if self.pulse:
+            kilopascals, megahertz, microseconds = self.pulse
+            far_field = Pulse(kilopascals * 1e3, megahertz * 1e6, microseconds * 1e-6)
+        elif self.driving:
+            *columns, notes = read_trace(self.driving)
             try:
                 far_field = Trace(*columns)
             except InputError as error:
-                raise error.within(str(driving)) from None
+                raise error.within(str(self.driving)) from None
             for note in notes:
-                say(f"{driving}: {note}")
+                say(f"{self.driving}: {note}")
         writers = {_FRAMES_FILE: _write_frames} | ({_FIELDS_FILE: _write_fields} if self.fields else {})
-        outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
+        outputs = Outputs(self.out, *writers, inputs=[self.driving] if self.driving else [])
         forward.load_solver()
         try:
             simulation = forward.simulate(
                 law,
                 max_radius=self.rmax_um * 1e-6,
                 stretch=self.stretch,
-                time=np.arange(frames) / fps,
+                time=np.arange(frames) / self.fps,
                 medium=liquid,
-                driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
+                driving=far_field,
                 bubble=bubble,
                 relaxed=self.relaxed,
                 fields=self.fields,
                 accuracy=PRECISE if self.precise else DEFAULT,
             )
         except SolverError as error:  # name the driving file, if there is one
-            raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
+            raise SolverError(f"{self.driving}: {error}" if self.driving else str(error)) from None
         for name, writer in writers.items():
             outputs.write(name, writer, simulation)
         outputs.finish()
@@ -200,7 +205,8 @@ class Simulate(options.Verb, options.Liquid):
             message = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(values) or 'nothing'}"
             require(sorted(values) == sorted(needed), message, "simulate.parameters")
             return LAWS[self.material](**values)
-        law, words = parse(self.material), ", ".join(f"--{key.replace('_', '-')}" for key in values)
+        law = parse(self.material)
+        words = ", ".join(f"--{key.replace('_', '-')}" for key in values)
         message = f"--material {self.material!r} holds its own parameters: leave out {words}"
         require(not values, message, "simulate.parameters_twice")
         return law
@@ -220,7 +226,8 @@ def _write_frames(path: Path, run: Simulation) -> None:
     """Write simulation.csv, a row per frame."""
     import numpy as np
 
-    rows, header = np.stack([*run.columns.values()], axis=1), ",".join(run.columns)
+    rows = np.stack([*run.columns.values()], axis=1)
+    header = ",".join(run.columns)
     with path.open("wb") as file:
         np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=header, comments="")
 
@@ -231,9 +238,11 @@ def _write_fields(path: Path, run: Simulation) -> None:
 
     assert run.contents is not None
     with h5py.File(path, "w") as file:
-        file["time_s"], file["radius_m"] = run.time, run.radius
+        file["time_s"] = run.time
+        file["radius_m"] = run.radius
         file["position"] = run.contents.position
-        file["temperature_K"], file["vapour_mass_fraction"] = run.contents.temperature, run.contents.vapour
+        file["temperature_K"] = run.contents.temperature
+        file["vapour_mass_fraction"] = run.contents.vapour
 
 
 def laws() -> None:

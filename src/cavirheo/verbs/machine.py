@@ -59,7 +59,8 @@ def generate(
     message = "--workers are threads of this machine, and a cluster has its own: leave out one of them"
     require(workers is None or (scheduler is None and slurm is None), message, "option.workers")
     load_solver()
-    run, seed = Run(quiet=quiet), content.data.seed if seed is None else seed
+    run = Run(quiet=quiet)
+    seed = content.data.seed if seed is None else seed
     keywords: dict[str, Any] = {"seed": seed, "workers": workers, "shard": (part, parts), "progress": not quiet}
     with connected(scheduler, slurm, run.say) as executor:
         written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **keywords)

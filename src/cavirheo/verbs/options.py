@@ -25,8 +25,12 @@ if TYPE_CHECKING:
     from cavirheo.verbs.run import Run
 
 _MODELS = Path(__file__).parents[1] / "models"  # completion lists its files: reading the cards is too slow
-INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
-INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
+INPUT = "Input"
+MATERIAL = "Constants of the material"
+BUBBLE = "Bubble, for experts"
+INTERVAL = "Interval"
+OUTPUT = "Output"
+CLUSTER = "Cluster"
 
 
 def argument(metavar: str, help: str, **keywords: Any) -> Any:
@@ -82,7 +86,8 @@ def _completer(words: Callable[[], Iterable[str]], separators: str = "") -> Call
 
     def complete(incomplete: str) -> list[str]:
         start = max((incomplete.rfind(mark) for mark in separators), default=-1) + 1
-        prefix, beginning = incomplete[:start], incomplete[start:]
+        prefix = incomplete[:start]
+        beginning = incomplete[start:]
         prefix += beginning[: len(beginning) - len(beginning.lstrip())]
         used = prefix.replace(",", " ").split() if "," in separators else []
         return [prefix + word for word in words() if word.startswith(beginning.strip()) and word not in used]
@@ -307,7 +312,8 @@ class AnsweringVerb(PrintingVerb, Pictures, Liquid, FileSettings, BubbleOptions)
 
         message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
         require(exclude is None or len(files) == 1, message, "option.exclude")
-        exposure, scale = self.exposure_us and self.exposure_us * 1e-6, self.rmax_um and self.rmax_um * 1e-6
+        exposure = self.exposure_us and self.exposure_us * 1e-6
+        scale = self.rmax_um and self.rmax_um * 1e-6
         video = {"um_per_px": self.um_per_px, "exposure": exposure, "exclude": exclude}
         keywords: dict[str, Any] = {
             "density": self.liquid.density,

@@ -61,7 +61,8 @@ class Run:
         self.unreadable = 0  # number of unreadable files, which `notes` name
         self.notes: list[str] = []  # on the run as a whole
         self.printed_notes: list[str] = []  # the notes that are already printed on stderr
-        self.json, self.quiet = json, quiet or json
+        self.json = json
+        self.quiet = quiet or json
 
     @property
     def document_fields(self) -> dict[str, Any]:

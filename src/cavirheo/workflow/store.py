@@ -45,7 +45,8 @@ class Store:
         fine = folder is None or (not folder.is_symlink() and (folder.is_dir() or not folder.exists()))
         message = f"{folder} must be a folder and no link, for answers are kept there: give another place with -o"
         require(fine, message, "document.folder")
-        self.folder, self.capacity = folder, capacity
+        self.folder = folder
+        self.capacity = capacity
         self.written: set[str] = set()
         self._memory: dict[str, Future[Any]] = {}  # the latest is last
         self._lock = Lock()
@@ -142,7 +143,8 @@ def analyse(
     answer is held in memory alone, because another run may have more memory; the answer of an unusable curve has a
     file. Closing the iterator drops curves not yet begun.
     """
-    keys, missing = [analysis.key(curve) for curve in curves], list[int]()
+    keys = [analysis.key(curve) for curve in curves]
+    missing = list[int]()
     for index, (curve, key) in enumerate(zip(curves, keys, strict=True)):
         if answer := store.get(key):
             yield index, with_source_of(answer, curve)
@@ -171,7 +173,8 @@ class Answers(Sequence[Posterior]):
 
     def __init__(self, store: Store, keys: Sequence[str], indices: Iterable[int]) -> None:
         self.indices: list[int] = sorted(indices)
-        self._store, self._keys = store, keys
+        self._store = store
+        self._keys = keys
 
     def __len__(self) -> int:
         return len(self.indices)
@@ -197,12 +200,17 @@ class Unfinished:
         self, out: str | Path, *, visible: bool = True, executor: Executor | None = None, capacity: int = MOST_IN_MEMORY
     ) -> None:
         self.store = Store(Path(out) / "unfinished")
-        self.visible, self.executor, self.capacity, self.interrupted = visible, executor, capacity, False
+        self.visible = visible
+        self.executor = executor
+        self.capacity = capacity
+        self.interrupted = False
         self._keys: set[str] = set()  # of all answers that this run may store
 
     def answers(self, curves: Sequence[RadiusCurve], analysis: Analysis) -> Answers:
         """The answers of the curves; not all of them after an interruption."""
-        keys, indices, store = [analysis.key(curve) for curve in curves], list[int](), self.store
+        keys = [analysis.key(curve) for curve in curves]
+        indices = list[int]()
+        store = self.store
         self._keys.update(keys)
         store.capacity = 0 if len(curves) > self.capacity else None
         if self.interrupted:
