@@ -302,9 +302,9 @@ def _shifted(asking: Asking[T], shift: Floats) -> Asking[T]:
             return returned
 
 
-def _corrected(quick: Frames, correction: Correction | Floats, u: Floats) -> Floats:
-    """Quick residuals with a correction that depends on u, or with the same one (n,) everywhere."""
-    return quick(u) + (correction(u) if callable(correction) else correction)
+def _corrected(quick: Frames, correction: Correction, u: Floats) -> Floats:
+    """Quick residuals with a correction."""
+    return quick(u) + correction(u)
 
 
 def _settled(found: Sampled, budget: Budget) -> Sampled:
@@ -460,11 +460,8 @@ def together(parts: Sequence[Weighed]) -> Weighed:
     share /= np.sum(share)
     evidences = np.array([part.log_evidence for part in parts])
     top = np.max(evidences)
-    x, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    log_weight = np.concatenate([part.log_weight + np.log(size) for part, size in zip(parts, share, strict=True)])
     log_evidence = float(top + np.log(np.sum(share * np.exp(evidences - top))))
-    error = float(np.sqrt(np.sum((share * np.array([part.error for part in parts])) ** 2)))
-    return Weighed(x, residuals, log_posterior, log_weight, log_evidence, error, _effective(x, log_weight))
+    return _combined(parts, np.log(share), log_evidence)
 
 
 def joined(found: Sequence[Sampled]) -> Weighed:
@@ -472,11 +469,15 @@ def joined(found: Sequence[Sampled]) -> Weighed:
     parts = [together(each.parts) for each in found]
     evidences = np.array([part.log_evidence for part in parts])
     whole = float(log_sum(evidences))
-    share = np.exp(evidences - whole)
+    return _combined(parts, evidences - whole, whole)
+
+
+def _combined(parts: Sequence[Weighed], log_share: Floats, log_evidence: float) -> Weighed:
+    """The draws of all parts, each with its share."""
     x, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    log_weight = np.concatenate([part.log_weight + log - whole for part, log in zip(parts, evidences, strict=True)])
-    error = float(np.sqrt(np.sum((share * np.array([part.error for part in parts])) ** 2)))
-    return Weighed(x, residuals, log_posterior, log_weight, whole, error, _effective(x, log_weight))
+    log_weight = np.concatenate([part.log_weight + log for part, log in zip(parts, log_share, strict=True)])
+    error = float(np.sqrt(np.sum((np.exp(log_share) * np.array([part.error for part in parts])) ** 2)))
+    return Weighed(x, residuals, log_posterior, log_weight, log_evidence, error, _effective(x, log_weight))
 
 
 def _effective(x: Floats, log_weight: Floats) -> float:
