@@ -87,10 +87,8 @@ class Rig:
         require(len(rates) > 0 and all(rate > 0 for rate in rates), message, "design.frame_rate")
         message = f"noise is one number, or one for each of the {len(rates)} frame rates; got {np.size(self.noise)}"
         require(np.size(self.noise) in (1, len(rates)), message, "design.noise")
-        message = f"the noise must be positive, got {self.noise} m and {self.relative_noise:g} of R_max"
-        least = float(np.min(self.noise))
-        fine = least >= 0.0 and 0.0 <= self.relative_noise < 0.5 and least + self.relative_noise > 0.0
-        require(fine, message, "design.noise")
+        message = f"noise must not be negative, got {self.noise} m and {self.relative_noise:g} of R_max"
+        require(min(np.min(self.noise), self.relative_noise) >= 0.0, message, "design.noise")
         expect_whole(self.sizes, "sizes", 1, "design.sizes")
 
     def settings(self) -> list[Setting]:
