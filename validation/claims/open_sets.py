@@ -46,7 +46,7 @@ def one(job: tuple[str, int], folder: Path) -> dict:
         "rmse": answer.checks.rmse_over_rmax,
         "intervals": {one: answer.interval(one) for one in drawn},
         "bounds": {one: answer.bound(one) for one in drawn},
-        "medians": {one: answer.median(one) for one in answer.parameters},
+        "medians": {one: answer.median(one) for one in answer.parameters if answer.median(one) is not None},
     }
 
 
