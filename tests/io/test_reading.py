@@ -1,6 +1,8 @@
 """Files in, curves out: every format on a file written here, bad files refused in words, and the published files."""
 
+import gzip
 import io
+import json
 import pickle
 import zipfile
 from contextlib import nullcontext
@@ -74,7 +76,7 @@ def test_a_cell_without_real_numbers_is_unusable_alone(tmp_path, recwarn, kind):
         file["RmaxList"].attrs["MATLAB_empty"] = np.zeros(2, [("a", "f8")])
     curves = read_curves(tmp_path / "gel.mat")
     assert curves[2].max_radius == pytest.approx(3e-4, rel=0.01)
-    assert "cell 2 of 3 is" in str(error_of(lambda: curves[1].max_radius))
+    assert "R_nondim_All{2} is" in str(error_of(lambda: curves[1].max_radius))
     assert not recwarn.list
 
 
@@ -84,8 +86,8 @@ def test_a_cell_that_is_no_shot_costs_the_others_nothing(tmp_path):
     assert [curve.name for curve in curves] == [f"a[{k}]" for k in range(1, 5)]
     assert [curve.max_radius for curve in curves[::3]] == pytest.approx([R_MAX, 1.5 * R_MAX], rel=0.01)
     reasons = [str(error_of(lambda curve=curve: curve.max_radius)) for curve in curves[1:3]]
-    assert "cell 2 of 4 is empty" in reasons[0]
-    assert "different lengths: 90 of R and 180 of t" in reasons[1]
+    assert "R{2} is empty" in reasons[0]
+    assert "different lengths: 90 of R{3} and 180 of t" in reasons[1]
 
 
 def test_a_group_that_is_no_shot_costs_the_others_nothing(tmp_path):
@@ -131,7 +133,6 @@ SHEET, OTHER = ([["time_us", "radius_um"], *zip(US, radius, strict=True)] for ra
 NM, RECORDS = 1e3 * UM, np.rec.fromarrays([US, UM, FRAMES], names="time_us,radius_um,flag")
 BELOW = "End of data\nby A, B\n"
 TRACK = "LABEL,POSITION_T,FRAME,RADIUS\nLabel,T,Frame,Radius\n,(sec),,(micron)\n"
-ELLIPSE = lines(",", US, 1.01 * UM, 1.01**-2 * UM)
 
 
 def grouped(mark: str, point: str) -> str:
@@ -144,6 +145,41 @@ def array(values: object) -> Make:
     return lambda path: np.save(path.open("wb"), values)
 
 
+ROWS_OF_TEXT, TWO = PLAIN.splitlines(keepends=True), lines(",", US, UM, 1.5 * UM)
+PADDED_T, PADDED_R = (np.r_[values[:-9], np.zeros(9)] for values in (TIME, RADIUS))
+HOLED_T, HOLED_R = (np.r_[values[:-9], np.full(9, np.nan)] for values in (TIME, RADIUS))
+COUNT = np.arange(len(TIME))
+
+
+def within(text, at=30):
+    """The plain table with a line of its own in its middle."""
+    return HEAD + "".join([*ROWS_OF_TEXT[:at], text + "\n", *ROWS_OF_TEXT[at:]])
+
+
+def mixed(title):
+    gels = {"soft": 1.0, "stiff": 1.5}
+    rows = (f"{t},{gel},{gels[gel] * r}\n" for t, r in zip(US, UM, strict=True) for gel in gels)
+    return f"time_us,{title},radius_um\n" + "".join(rows)
+
+
+def labels(*names):
+    """Two shots below each other, their labels by row."""
+    both = lines(",", US, UM).splitlines() + lines(",", US, 1.5 * UM).splitlines()
+    return "shot,time_us,radius_um\n" + "".join(f"{name},{row}\n" for name, row in zip(names, both, strict=True))
+
+
+def since_1970(title, second, step):
+    """A frame per microsecond; `second` and `step` in the unit of the title."""
+    return f"{title},R_um\n" + "".join(f"{1710237600 * second + k * step:.7f},{r}\n" for k, r in enumerate(UM))
+
+
+N, TOP = len(US), np.full(len(US), UM.max())
+WITHOUT_TIMES = [["time_us", "radius_um"], *([None, radius] for radius in UM)]
+TEXTS = np.rec.fromarrays([US, UM, ["ok"] * N], names="t_us,R_um,flag")
+TWO_RADII = np.zeros(9, [("time_us", "f8"), ("radius_um", "f8", 2)])
+WHOLE, COUNTED = np.c_[COUNT, np.round(100 * UM)].astype("i4"), {"frame_rate_hz": 1e6, "um_per_px": 0.01}
+CONSTANTS = "fps,1e6\nRmax_um,240\n\n"
+SQUARE = np.tile(RADIUS[:40], (40, 1))
 GAP = [["time_us", None, "radius_um"], *zip(US, [None] * len(US), UM, strict=True)]
 COMMAS = [["Zeit", "Radius"], ["µs", "µm"], *(line.split(";") for line in GERMAN.splitlines())]
 ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
@@ -153,20 +189,16 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "minus signs": (HEAD + PLAIN.replace("-", "−"), ""),
     "capitals": (" TIME_US , Radius_µm \n" + PLAIN, ""),
     "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "360 decimal commas"),
-    "French": ("temps (µs);rayon de la bulle (µm)\n" + GERMAN, "decimal commas"),
     "points above commas": ("Software;1.2.3\nUhrzeit;14.30\nZeit_us;R_um\n" + GERMAN, "360 decimal commas"),
     "Japanese": ("時間 (マイクロ秒),気泡半径 (µm)\n" + PLAIN, ""),
     "lines above": (META + HEAD + PLAIN, "2 lines above the titles"),
-    "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
     "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
     "unit row": ("Time,Radius\nus,um\n" + PLAIN, "below the titles: us, um"),
-    "capital unit row": ("Time_us,Radius\nUS,UM\n" + PLAIN, "below the titles: US, UM"),
     "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
     "an empty first frame": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
     "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), "column 1"),
     "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
-    "Durchmesser": ("Zeit_us;Durchmesser (µm)\n" + lines(";", US, 2 * UM, comma=True), "diameters halved"),
     "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "'R_px'"),
     "control characters": (HEAD + PLAIN.replace(",", "\x07,") + "\x1a", "181 control characters"),
     **{f"{name} text": (f"time_µs,radius_µm\n{PLAIN}".encode(name), "") for name in ("utf-8-sig", "utf-16", "latin-1")},
@@ -176,13 +208,9 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "open document": (lambda path: files.write_ods(path, "".join(map(files.ods_row, SHEET))), "workbook: 'a'"),
     "HDF5 title in Latin 1": (hdf5({b"t_\xb5s": US, b"R_\xb5m": UM, b"notes \xb5": UM[:3]}), "not used: notes µ"),
     "HDF5 group in Latin 1": (hdf5({b"gel \xb5/time_us": US, b"gel \xb5/radius_um": UM}), ""),
-    "a deviation": ("t_us,R_um,err_um\n" + lines(",", US, UM, FRAMES), "'err_um'"),
     "a column more": ("t_us,R_um,x0,ok\n" + lines(",", US, UM, UM, FRAMES), "'x0', 'ok'"),
-    "Fortran": ("time_s radius_m\n" + lines(" ", TIME, RADIUS).replace("e-", "D-"), ""),
-    "German thousands": ("Zeit (ns);Radius (nm)\n" + grouped(".", ","), "marks between thousands"),
     "English thousands": ("Time (ns);Radius (nm)\n" + grouped(",", "."), "marks between thousands"),
     "Swiss thousands": ("Zeit (ns);Radius (nm)\n" + grouped("'", "."), ""),
-    "half-axes": ("t_us,a_um,b_um\n" + ELLIPSE, "half-axes"),
     "axes of an ellipse": ("t_us,Major (um),Minor (um)\n" + lines(",", US, 2 * UM, 2 * UM), "half the axes"),
     "areas": ("t_us,Area (µm²)\n" + lines(",", US, np.pi * UM**2), "sqrt(A/pi)"),
     "lines below": (HEAD + PLAIN + BELOW, "2 lines below the table"),
@@ -190,32 +218,35 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "a comment below the units": ("Time,Radius\nus,um\n,shot 1\n" + PLAIN, "shot 1"),
     "TrackMate": (TRACK + lines(",", FRAMES, TIME, FRAMES, UM), "'LABEL'"),
     "UTF-16 without a mark": ((HEAD + PLAIN).encode("utf-16-le"), ""),
-    "second sheet": (book(Info=[["Sample", "gel"]], Data=SHEET), "not read: 'Info'"),
-    "array": (array(np.stack([TIME, RADIUS], axis=1)), "numpy"),
     "array of rows": (array(np.stack([TIME, RADIUS])), "numpy"),
     "array of records": (array(RECORDS), "not used: flag"),
-    "MATLAB metres": (saved(Rnew=RADIUS, t=TIME), ""),
+    "MATLAB metres": (saved(Rnew=RADIUS, t=TIME), "taken as m"),
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "MATLAB plain": (saved(R=UM, t=TIME), "taken as um"),
-    "MATLAB struct": (saved(packed=True, gel={"exp": {"Roft": RADIUS, "t": TIME}}, G=1.0), "not used: G"),
     "MATLAB units in names": (saved(R_um=UM, t_us=US, R_sim=UM), "not used: R_sim"),
-    "MATLAB experiment": (saved(R_exp=RADIUS, t_exp=TIME, R=RADIUS * 2, t=TIME), "not used: R, t"),
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
-    "MATLAB half-axes": (saved(a_um=1.01 * UM, b_um=1.01**-2 * UM, t_us=US, sd="no"), "half-axes"),
-    "MATLAB areas": (saved(Area_um2=np.pi * UM**2, t_us=US), "sqrt(A/pi)"),
     "MATLAB radius beside axes": (saved(R=RADIUS, t=TIME, a="gel", b=UM), "not used: a, b"),
-    "MATLAB diameter": (saved(diameter_um=2 * UM, time_us=US), "diameters halved"),
     "MATLAB whole pixels": (
         saved(R=np.round(UM * 1e3).astype(np.int32), um_per_px=1e-3, fps=1 / (TIME[1] - TIME[0])), "um_per_px",
     ),
     "MATLAB 7.3 beside a text": (files.saved73(R=RADIUS, t=TIME, note=np.array([1 + 2j])), "not used: note"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
     "HDF5 units beside": (hdf5({"t": US, "R": UM, "t@units": "µs", "R@unit": "micrometer", "R@of": 1}), "R@of"),
-    "HDF5 columns of one dataset": (hdf5(shot=np.rec.fromarrays([TIME, RADIUS], names="time,radius")), ""),
+    "HDF5 columns of one dataset": (hdf5(shot=np.rec.fromarrays([TIME, RADIUS], names="time,radius")), "taken as m"),
     "HDF5 pixels": (
         hdf5({"R_px": UM / 2.0, "/@fps": 1 / (TIME[1] - TIME[0]), "/@um_per_px": 2.0}), "um_per_px",
     ),
+    "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
+    "no time": (within("inf,100"), "1 of 181 frames without a time"),
+    "titles with commas above spaces": ("# time_us, radius_um\n" + lines(" ", US, UM), ""),
+    "separators at the ends of lines": (f"t_us,R_um,\n{PLAIN}".replace("\n", ",\n")[:-2], ""),
+    "German comments": (f"t_us;R_um\n{lines(';', US, UM, comma=True)}# end\n", "1 lines that begin with #"),
+    "last row cut": (HEAD + PLAIN + "250", "has 1 of 2 cells and is left out: was the file cut off?"),
+    "comments in the data": (within("#7,100\n# focus"), "2 lines that begin with # left out"),
+    "constants above": (CONSTANTS + HEAD + PLAIN, "2 lines above the titles left out: fps, Rmax_um"),
+    "units behind exp": (saved(R_exp_um=UM, t_exp_us=US, R_sim=RADIUS), "not used: R_sim"),
+    "field of text": (array(TEXTS), "not used: flag"),
 }  # fmt: skip
 
 
@@ -232,13 +263,11 @@ def test_one_shot_as_laboratories_write_it(tmp_path, name):
 
 CAMERA = {"frame_rate_hz": 1e6, "um_per_px": 3.2}
 MEASURED = {  # of frames or pixels: what is asked for, and what the notes say when it is given
-    "pixels": ("time_us,radius_px\n" + lines(",", FRAMES, UM / 3.2), ["um-per-px"], "in pixels of 3.2 um"),
     "diameters in pixels": ("time_us,D (px)\n" + lines(",", FRAMES, UM / 1.6), ["um-per-px"], "halved"),
     "frames": ("Frame,R_um\n" + lines(",", FRAMES, UM), ["fps"], "'Frame'"),
     "time in frames": ("time (frames),R_um\n" + lines(",", FRAMES, UM), ["fps"], "1e+06 frames per second"),
     "rounded": ("time_ms,R_um\n" + lines(",", np.round(FRAMES / 1e3, 2), UM), ["too few digits", "fps"], "few digits"),
     "rounded a little": ("time_us,R_um\n" + lines(",", np.round(1.7 * FRAMES), UM), [], "few digits"),
-    "ImageJ": (" ,Area,Slice\n" + lines(",", FRAMES, np.pi * (UM / 3.2) ** 2, FRAMES), ["fps", "um-per-px"], "sqrt"),
     "frames of MATLAB": (saved(R_um=UM, frame=FRAMES), ["fps"], "'frame'"),
     "radii alone": ("R_px\n" + lines(",", UM / 3.2), ["fps"], "of the rows"),
 }
@@ -300,7 +329,6 @@ SEVERAL = {  # two curves, their names, and what each says
     "HDF5 groups": (hdf5(GROUPS | {"first@stretch": 7.0}), "first", "series/second", ""),
     "pairs": (f"t1_us,R1_um,t2_us,R2_um\n{PAIRS}", "R1_um", "R2_um", "2 columns of radii"),
     "pairs of one title": (f"t (us),R (um),t (us),R (um)\n{PAIRS}", "1", "2", "2 columns of radii"),
-    "below each other": (HEAD + TWICE.replace(HEAD, ""), "1", "2", "begin again"),
     "below each other, with titles": (TWICE, "1", "2", "begin again"),
     "sheets": (
         book(one=SHEET, notes=[["gel"]], two=[SHEET[0], *zip(US, 1.5 * UM, strict=True)]),
@@ -321,6 +349,11 @@ SEVERAL = {  # two curves, their names, and what each says
     "MATLAB below each other": (saved(**DOUBLED), "1", "2", "begin again"),
     "MATLAB labels": (saved(**DOUBLED, shot=np.repeat([1, 2], len(TIME))), "1", "2", ""),
     "MATLAB columns with times": (saved(R=np.c_[RADIUS, 1.5 * RADIUS], t=np.c_[TIME, TIME]), "1", "2", ""),
+    "lost frames of two shots": (f"t_us,R1_um,R2_um\n{TWO}" + "0,0,0\n" * 9, "R1_um", "R2_um", "9 rows with time 0"),
+    "times transposed": (saved(R_um=np.c_[UM, 1.5 * UM], t_us=np.stack([US, US])), "1", "2", ""),
+    "blank labels": (labels("A", *[""] * (N - 1), "B", *[""] * (N - 1)), "A", "B", "blank cells of 'shot' filled"),
+    "labels 1 and 1.0": (labels(*["1", "1.0"] * (N // 2), *["2.0", "2"] * (N // 2)), "1", "2", ""),
+    "times around the groups": (hdf5({"t": TIME, "a/R": RADIUS, "b/R": 1.5 * RADIUS}), "a", "b", ""),
 }
 
 
@@ -333,6 +366,27 @@ def test_several_curves_of_one_file(tmp_path, name):
     assert np.allclose([curve.radius for curve in curves], [RADIUS, 1.5 * RADIUS], rtol=1e-6)
     assert all(any(said in note for note in curve.notes) for curve in curves)
     assert curves[0].stretch == (7.0 if name == "HDF5 groups" else None)
+
+
+REPAIRED = {  # content, options, number of shots, what each says
+    "padded with zeros": (saved(R=np.c_[PADDED_R, PADDED_R], t=np.c_[PADDED_T, PADDED_T]), {}, [1, 1], "9 rows"),
+    "padded with NaN": (saved(R=np.stack([HOLED_R] * 2), t=np.stack([HOLED_T] * 2)), {}, [1, 1], "9 of 180 frames"),
+    "R_max of pixels": (f"t_us,R_px,rmax_um\n{lines(',', US, UM / 3.2, TOP)}", {}, [1], "R_max set to"),
+    "R_max of R/R_max": (f"t_us,R,rmax_um\n{lines(',', US, UM / TOP, TOP)}", {}, [1], "R_max set to"),
+    "rate in kHz": (saved(R_um=UM, FrameRate_kHz=1e3), {}, [1], "the frame rate: FrameRate_kHz = 1e+06"),
+    "since 1970": (since_1970("timestamp_us", 10**6, 1), {}, [1], "counted from the first one"),
+    "whole numbers that count": (array(WHOLE), COUNTED, [1], "'frame'"),
+}
+
+
+@pytest.mark.parametrize("name", REPAIRED)
+def test_what_is_left_out_or_repaired_is_said(tmp_path, name):
+    content, options, factors, said = REPAIRED[name]
+    curves = read_curves(put(tmp_path / "a.csv", content), **options)
+    assert len(curves) == len(factors)
+    assert [curve.max_radius for curve in curves] == pytest.approx([RADIUS.max()] * len(curves), rel=0.01)
+    assert all(len(curve.time) >= N - 9 for curve in curves)
+    assert all(any(said in note for note in (*curve.notes, *curve.hints)) for curve in curves)
 
 
 def test_what_is_cleaned_is_counted(tmp_path):
@@ -460,6 +514,25 @@ BAD = {  # content, or what writes it; code; what is named
     "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "tabular.workbook", ""),
     "broken.xlsx": (b"PK\x03\x04" + bytes(600), "tabular.workbook", ""),
     "shots.zip": (archive("gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
+    "labels of another name.csv": (mixed("variable"), "curve.unusable", 'name the column of their labels "shot"'),
+    "A and B.csv": (f"t_us,A (um),B (um)\n{TWO}", "table.twice", "'A (um)' and 'B (um)': two shots, or the half-axes"),
+    "gels.csv": (f"Time (us),Gel A (um),Gel B (um)\n{TWO}", "table.columns", "'Gel A (um)'"),
+    "square.mat": (saved(R=SQUARE, t=TIME[:40]), "matlab.cells", "are the shots in rows"),
+    "three times.mat": (saved(R=np.c_[RADIUS, RADIUS], t=np.r_[TIME, TIME, TIME]), "matlab.cells", "540 times"),
+    "exchanged.npy": (array(np.c_[UM + 5 * np.sin(COUNT), US]), "curve.unusable", "are the columns exchanged?"),
+    "counts.npy": (array(np.c_[COUNT, COUNT[::-1]]), "table.frame_rate", "give the frame rate"),
+    "group without times.h5": (hdf5({"common/t": TIME, "a/R": RADIUS}), "table.frame_rate", "not used: common/t"),
+    "text.mat": (saved(R_um=UM, fps="1000000"), "table.frame_rate", "give the frame rate (--fps 1e6); not used: fps"),
+    "units in cells.csv": ("time,radius\n0.0 us,240 um\n1.0 us,239 um\n", "table.empty", "'0.0 us, 240 um'"),
+    "records.json": (json.dumps([{"time_us": 0.0, "radius_um": 240.0}]), "tabular.json", "save it as CSV"),
+    "arrays.npz": (lambda path: np.savez(path, t=TIME, R=RADIUS), "tabular.archive", "save one array: numpy.save("),
+    "packed.csv.gz": (gzip.compress((HEAD + PLAIN).encode()), "reading.binary", "compressed by gzip: unpack it"),
+    "formulas.xlsx": (book(a=WITHOUT_TIMES), "table.empty", "'time_us' holds no number: are its cells formulas"),
+    "since 1970.csv": (since_1970("timestamp_s", 1, 1e-6), "table.time", "too few digits"),
+    "pairs.npy": (array(TWO_RADII), "tabular.array", "radius_um is no field of single numbers"),
+    "texts.npy": (array(np.rec.fromarrays([["0"] * N, UM], names="time_us,radius_um")), "tabular.array", "time_us"),
+    "japanese.csv": (f"時間,半径\n{PLAIN}".encode("shift_jis"), "table.columns", "save it as CSV UTF-8"),
+    "hidden.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "R_um"]]), "table.columns", "raw (hidden)"),
     "missing.mat": (lambda path: None, "reading.missing", ""),
     "folder": (Path.mkdir, "reading.folder", ""),
 }
@@ -469,8 +542,8 @@ BAD = {  # content, or what writes it; code; what is named
 def test_bad_files_are_refused_in_words(tmp_path, name):
     content, code, named = BAD[name]
     path = put(tmp_path / name, content)
-    with refused(code, str(path), named):
-        read_curves(path)
+    with refused(code, path.stem, named):
+        [curve.max_radius for curve in read_curves(path)]
 
 
 CASES = Path(__file__).parents[1] / "cases" / "read"

@@ -14,7 +14,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,20 +26,13 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.files import Source, guarded
-from cavirheo.io.tables import (
-    Column,
-    Name,
-    Table,
-    Term,
-    Vocabulary,
-    read_columns,
-)
+from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, RADIUS_UNITS, TRACE, WITHOUT_TIMES
+from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.messages import Message
 from cavirheo.parameters import RADIUS
-from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
+from cavirheo.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing.document import write_rows
 
-RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a placeholder factor until R_max is given
 _PLAUSIBLE = (5e-6, 5e-3)  # m; limits of the largest radius: a number is within them in only one of the units m, mm, um
 _LARGEST_NUMBER = 1e9  # in any unit; larger numbers are damaged data and would overflow later
 _TIME_TOLERANCE = 1e-15  # s; times closer than this are one time and differ only by rounding
@@ -51,77 +43,8 @@ _FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier tim
 _LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
-_UNITS = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # recognises a unit of another quantity, to report it
-_AREA_UNITS = {f"{unit}2": unit for unit in RADIUS_UNITS} | {"px": "px"}  # the unit of length that belongs to an area
-_SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
-_NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last number in a title
 _SEPARATOR = -1000.0
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
-_ADVICE = "begin the file with a header line such as time_us,radius_um, or time_us,R1_um,R2_um for several shots"
-_ADVICE += "; if it has no times, give the frame rate (--fps)"
-
-
-def _shot_name(title: str) -> Name:
-    """Return what a title with a shot number names (`R2_um`, `Radius shot 2 (um)`, `Shot 2 (um)`); `R0` has none."""
-    match = _NUMBER.search(title[:200])
-    if not match or not match[2].strip("0"):
-        return Name()
-    shot, number = match.groups()
-    words = f"{title[: match.start()]} {title[match.end() :]}".strip()
-    kind, unit, _ = CURVES.name_by_words(words)
-    if kind in ("time", "frame", "radius", "diameter", "area", "radius_std"):
-        return Name(kind, unit, number)
-    unit = unit_of(words.strip("_[]()/ "), RADIUS_UNITS)
-    return Name("radius", unit, number) if shot and (unit or not words) else Name()
-
-
-CURVES = Vocabulary(
-    {
-        "time": Term(
-            "t time elapsedtime reltime relativetime timestamp positiont xvalue zeit temps tiempo tempo 時間 时间",
-            {**_UNITS, "frame": np.nan},
-        ),
-        "frame": Term(
-            "frame frames frameno framenumber framenr frameindex framenum image imageno imagenumber slice bild bildnr "
-            "bildnummer fotograma cuadro numeroimage numerodimage フレーム フレーム番号 コマ 帧 帧号 帧数",
-            _UNITS,
-        ),
-        "radius": Term(
-            "r radius rt rnew bubbleradius radiusofbubble radiusofthebubble meanradius averageradius equivalentradius "
-            "effectiveradius fittedradius radiusfit rfit reff req rbubble radiusmean rmean radiusr blasenradius "
-            "mittlererradius rayon rayonbulle rayondebulle rayondelabulle rayonmoyen rayonequivalent radio "
-            "radioburbuja radiodeburbuja radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
-            _UNITS,
-        ),
-        "max_radius": Term("rmax truermax maxradius maximumradius", _UNITS),
-        "stretch": Term("stretch lambdamax lambdamaxmean"),
-        "stretch_std": Term("stretchstd lambdamaxstd"),
-        "radius_std": Term(
-            "radiusstd rstd radiussd rsd err error radiuserr radiuserror rerr rerror errr errradius dr drad deltar "
-            "sd std stdev stddev stdradius stdr sdr sigma sigmar radiussigma uncertainty radiusuncertainty "
-            "dd derr dstd sem σ σr ± δr ur fehler radiusfehler standardabweichung erreur incertitude ecarttype",
-            _UNITS,
-        ),
-        "diameter": Term(
-            "d diam diameter bubblediameter meandiameter equivalentdiameter equivdiameter durchmesser "
-            "blasendurchmesser diametre diametrebulle diametredebulle diametredelabulle diametreequivalent diametro "
-            "直径 直徑 気泡直径 气泡直径",
-            _UNITS,
-        ),
-        "half_a": Term("a semimajor semimajoraxis majorsemiaxis halfmajoraxis", _UNITS),
-        "half_b": Term("b semiminor semiminoraxis minorsemiaxis halfminoraxis", _UNITS),
-        "major": Term("major majoraxis majoraxislength majordiameter dmajor", _UNITS),
-        "minor": Term("minor minoraxis minoraxislength minordiameter dminor", _UNITS),
-        "area": Term("area bubblearea aire flache", {**_UNITS, **dict.fromkeys(_AREA_UNITS, np.nan)}),
-        "curve": Term("curve shot trackid"),
-    },
-    _ADVICE,
-    required=("time|frame", "radius|diameter|half_b|minor|area"),
-    codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
-    fallback=_shot_name,
-    of_shots=True,
-)
-_WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:])
 
 
 class Camera(NamedTuple):
@@ -160,17 +83,6 @@ class _Radius(NamedTuple):
     warnings: tuple[Message, ...]
 
 
-_TRACE = Vocabulary(
-    {
-        "time": Term("t time zeit temps tiempo 時間 时间", TIME_UNITS),
-        "pressure": Term("p pressure druck pression presion 圧力 压力 壓力", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}),
-    },
-    "expected a pressure trace with the columns time_us,pressure_kPa",
-    ("time", "pressure"),
-    dict.fromkeys(("columns", "empty", "no_unit", "unit"), "trace.header") | {"twice": "trace.twice"},
-)
-
-
 def read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read the curves of a table. Raises InputError: unknown layout, a missing column, a cell that is no number, or a
     frame rate or scale that is needed and not given."""
@@ -180,14 +92,14 @@ def read(source: Source, density: float, pressure: float, camera: Camera) -> lis
         if camera.frame_rate is None or error.code != "table.columns":
             raise
         try:
-            tables = read_columns(source, _WITHOUT_TIMES)
+            tables = read_columns(source, WITHOUT_TIMES)
         except InputError:
             raise error from None
     curves = []
     for table in tables:
-        found = read_table(table, camera) if table.titles else _read_without_header(table, density, pressure)
-        for k, curve in enumerate(found, 1):
-            label = f"{table.sheet}, {curve.meta.get('label', k)}" if len(found) > 1 else table.sheet
+        of_table = read_table(table, camera) if table.titles else _read_without_header(table, density, pressure)
+        for k, curve in enumerate(of_table, 1):
+            label = f"{table.sheet}, {curve.meta.get('label', k)}" if len(of_table) > 1 else table.sheet
             curves.append(curve.labelled(label=label) if len(tables) > 1 else curve)
     return curves
 
@@ -323,7 +235,7 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
 def _deviations(column: Column, radius: _Radius, um_per_px: float | None) -> Floats:
     """Return the (rows,) standard deviations in the unit of the radius. Raises InputError: their units do not agree."""
     column.table.notes.append(f"{column.title!r} is taken as the standard deviation of the radius in each frame")
-    of_radius = radius.columns[0].unit
+    of_radius = radius.columns[0].unit or next(iter(_units_by_size(_largest(radius.numbers))), None)
     unit, factor = column.unit or of_radius, radius.form.deviation
     if unit != of_radius:
         message = f"{column.title!r} is in {unit} and the radius in {of_radius}: give both in one unit"
@@ -349,12 +261,12 @@ def _parts(time: Floats, radius: Floats) -> tuple[list[NDArray[np.intp]], list[s
         f"{len(time) - timed.sum()} of {len(time)} frames without a time left out": not timed.all(),
         f"{padding.sum()} rows with time 0 and no radius left out: lost frames or padding": padding.any(),
     }
-    kept = np.flatnonzero(timed & ~padding)
-    parts = np.split(kept, np.flatnonzero(np.diff(time[kept]) < 0) + 1)
+    frames = np.flatnonzero(timed & ~padding)
+    parts = np.split(frames, np.flatnonzero(np.diff(time[frames]) < 0) + 1)
     whole = time[parts[0]]
     start = whole[0] + _LATEST_START * np.ptp(whole) if len(whole) else np.nan
-    again = all(len(part) >= _FEWEST_FRAMES and time[part[0]] <= start for part in parts)
-    return parts if again else [kept], [note for note, applies in notes.items() if applies]
+    begins_again = all(len(part) >= _FEWEST_FRAMES and time[part[0]] <= start for part in parts)
+    return parts if begins_again else [frames], [note for note, applies in notes.items() if applies]
 
 
 def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
@@ -400,11 +312,11 @@ def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
     if form is None:
         message = f"one of two axes among {table.titles}: expected both, as in a_um and b_um"
         raise InputError(message, "table.columns")
-    found = list(zip(*map(table.all, form.kinds), strict=False))
-    found = [columns for columns in found if columns[0].unit not in ("px", "px2")] or found
-    firsts = [columns[0] for columns in found]
+    of_curves = list(zip(*map(table.all, form.kinds), strict=False))
+    of_curves = [columns for columns in of_curves if columns[0].unit not in ("px", "px2")] or of_curves
+    firsts = [columns[0] for columns in of_curves]
     if form.kinds[0] == "half_a" and re.search(r"(^|/)A(?![A-Za-z])", firsts[0].title):
-        titles = " and ".join(repr(column.title) for column in found[0])
+        titles = " and ".join(repr(column.title) for column in of_curves[0])
         message = f"{titles}: two shots, or the half-axes of one bubble? name them R1_um and R2_um, or a_um and b_um"
         raise InputError(message, "table.twice")
     numbers = {column.name.number for column in firsts}
@@ -414,10 +326,10 @@ def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
         raise InputError(message, "table.twice")
     if form.note:
         table.notes.append(form.note)
-    if len(found) > 1:
+    if len(of_curves) > 1:
         titles = ", ".join(column.title for column in firsts[:6]) + (", ..." if len(firsts) > 6 else "")
-        table.notes.append(f"{len(found)} columns of radii, a curve each: {titles}")
-    return [_radius(table, form, columns, camera) for columns in found]
+        table.notes.append(f"{len(of_curves)} columns of radii, a curve each: {titles}")
+    return [_radius(table, form, columns, camera) for columns in of_curves]
 
 
 def _radius(table: Table, form: Form, columns: Sequence[Column], camera: Camera) -> _Radius:
@@ -426,11 +338,11 @@ def _radius(table: Table, form: Form, columns: Sequence[Column], camera: Camera)
     if any(column.unit != unit for column in columns):
         raise InputError(f"{' and '.join(column.title for column in columns)}: give both in one unit", "table.units")
     if form.kinds == ("area",):
-        if unit is not None and unit not in _AREA_UNITS:
+        if unit is not None and unit not in AREA_UNITS:
             raise InputError(f"{title!r} is in {unit}: expected a unit of area, as in Area [um^2]", "table.units")
         if unit is None:
             table.notes.append(f"{title!r} has no unit: taken to be in px^2")
-        unit = _AREA_UNITS.get(unit or "px")
+        unit = AREA_UNITS.get(unit or "px")
     numbers = form.radius(*(column.numbers for column in columns))
     if camera.um_per_px is not None:
         note = "the scale is not used: the radii have a unit of length"
@@ -458,11 +370,11 @@ def _partners(radii: list[_Radius], columns: list[Column]) -> list[Column]:
 def _read_without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
     """Read curves separated by rows of -1000, or a column of times and one of radii whose sizes prove their units."""
     width = max(len(row.texts) for row in table.rows)
-    values = [Column(table, index, "", Name(), Term("")).numbers for index in range(width)]
+    values = [Column(table, index, "", Name()).numbers for index in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # an empty column: each line ends with a separator
         values.pop()
     if len(values) != 2:
-        raise InputError(f"{len(values)} columns and no header; {_ADVICE}", "table.header")
+        raise InputError(f"{len(values)} columns and no header; {HEADER_ADVICE}", "table.header")
     numbers = np.column_stack(values)
     separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
     limits.check(len(separators), limits.CURVES, "curves")
@@ -477,13 +389,13 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
         note += f"; {left} blocks of the file hold no radius and were left out" if left else ""
     curves = []
     for block in filled:
-        columns = [(Name("time"), block[:, 0]), (Name("radius"), block[:, 1])]
-        of_block = Table(CURVES, [], [note, *table.notes], titles=["time", "radius"], arrays=columns)
+        titles = ["time", "radius"]
+        of_block = Table(CURVES, [], [note, *table.notes], "", titles, 1, list(map(Name, titles)), list(block.T))
         curves += read_table(of_block, Camera())
     for curve in [] if len(separators) else curves:
         ratio = curve.rayleigh_ratio(density, pressure)
         proven = ratio is not None and _RATIOS[0] <= ratio <= _RATIOS[1]
-        require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
+        require(proven, f"no header, and the numbers do not prove their units; {HEADER_ADVICE}", "table.header")
     return curves
 
 
@@ -494,7 +406,7 @@ def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
     Raises InputError: the file cannot be read, lacks these columns, or has a cell that is no number.
     """
     with guarded(path) as source:
-        (table,) = read_columns(source, _TRACE)
+        (table,) = read_columns(source, TRACE)
         return table.column("time").si, table.column("pressure").si, table.notes
 
 
@@ -536,8 +448,8 @@ def _curve(
     if 0 < backwards < n - 1 and np.all(np.diff(r) > 0):
         reason = f"the times go back in {backwards} of {n - 1} steps, and the radius always grows"
         return unusable_curve(f"{reason}: are the columns exchanged?", meta)
-    per_time, time_hint = _time_scale(t, time_unit)
-    per_radius, radius_hint, unscaled = _radius_scale(r, radius_unit)
+    per_time, time_note = _time_scale(t, time_unit)
+    per_radius, radius_note, unscaled = _radius_scale(r, radius_unit)
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _LEAST_RADIUS
     r[empty], std[~(std > 0)] = np.nan, np.nan
@@ -553,8 +465,8 @@ def _curve(
         values = {"step": 1e6 * step, "interval": 1e6 * float(np.mean(np.diff(t)))}
         warnings += (Message("check_input.time_digits", values),)
     remarks = {
-        time_hint: time_hint,
-        radius_hint: radius_hint,
+        time_note: time_note,
+        radius_note: radius_note,
         f"{missing} of {n} frames without a radius (NaN)": missing,
         f"{empty.sum()} frames with radius <= 0 marked as not measured": empty.any(),
         **{warning.text: True for warning in warnings},
@@ -566,8 +478,9 @@ def _curve(
     if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:
         meta.setdefault("frame_rate_hz", 1.0 / step)
     meta["notes"] = (*meta.get("notes", ()), *(remark for remark, applies in remarks.items() if applies))
-    if hints := (*meta.pop("hints", ()), *filter(None, (time_hint, radius_hint))):
-        meta["hints"] = hints
+    by_size = ((time_note, per_time), (radius_note, per_radius))
+    if hints := [note for note, factor in by_size if note and factor != 1.0]:  # SI units surprise nobody
+        meta["hints"] = (*meta.get("hints", ()), *hints)
     try:
         return RadiusCurve(t, r, std, meta, unscaled=unscaled, warnings=warnings)
     except InputError as error:  # not a bubble; the other curves of the file remain usable
@@ -613,12 +526,10 @@ def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
 
 def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
     """Return (factor to metres, a note, why there is no scale) from the largest radius and the given unit, if any."""
-    finite = np.sort(r[np.isfinite(r) & (r > _LEAST_RADIUS)])  # the limit holds in any unit
-    largest = float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))  # the two largest may be wrong
+    largest = _largest(r)
     if unit == "px":
         return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}): give the scale (--um-per-px)"
-    units = dict.fromkeys(filter(None, ("m", "mm", "um", unit)))
-    fits = [u for u in units if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
+    fits = _units_by_size(largest, unit)
     if largest <= 0.0 or unit in fits:
         return RADIUS_UNITS[unit or "um"], "", ""
     words = f"the radius is given in {unit}" if unit else "no unit is given for the radius"
@@ -628,6 +539,18 @@ def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
         only = f"; it only makes sense in {fits[0]}" if fits else ""
         return 1e-4 / largest, "", f"{words}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm{only}"
     return RADIUS_UNITS[fits[0]], f"{words}: taken as {fits[0]} from its size", ""
+
+
+def _largest(radius: Floats) -> float:
+    """Return the third largest of the radii, since the two largest may be wrong; of fewer than five the largest."""
+    finite = np.sort(radius[np.isfinite(radius) & (radius > _LEAST_RADIUS)])  # the limit holds in any unit
+    return float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))
+
+
+def _units_by_size(largest: float, unit: str | None = None) -> list[str]:
+    """Return in which of the units m, mm, um, and a given one this is the largest radius of a bubble."""
+    units = dict.fromkeys(filter(None, ("m", "mm", "um", unit)))
+    return [each for each in units if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[each] <= _PLAUSIBLE[1]]
 
 
 def _time_scale(t: Floats, unit: str | None) -> tuple[float, str]:

@@ -82,19 +82,19 @@ class Source:
     @cached_property
     def kind(self) -> Kind:
         """What its first bytes show; HDF5 in a file that is called .mat is of MATLAB 7.3."""
-        found = next((kind for start, kind in _KINDS.items() if self.head.startswith(start)), None)
-        if found == "hdf5" and self.path.suffix.lower() == ".mat":
+        by_start = next((kind for start, kind in _KINDS.items() if self.head.startswith(start)), None)
+        if by_start == "hdf5" and self.path.suffix.lower() == ".mat":
             return "matlab73"
-        if found is None and self.head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
+        if by_start is None and self.head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
             return "matlab"
-        if found is None and self.path.suffix.lower() == ".mat" and len(self.head) > 20:
+        if by_start is None and self.path.suffix.lower() == ".mat" and len(self.head) > 20:
             number_type, _, _, imaginary, length = struct.unpack("<5I", self.head[:20])
             if number_type < 53 and imaginary < 2 and 1 < length < 64:
                 return "matlab4"
         odd = self.head[1::2]
         is_utf16 = odd.count(0) > 0.8 * len(odd) > 0 and b"\x00" not in self.head[::2]  # without its mark
         binary = b"\x00" in self.head and not is_utf16
-        return found or ("empty" if not self.head else "binary" if binary else "text")
+        return by_start or ("empty" if not self.head else "binary" if binary else "text")
 
     @cached_property
     def content(self) -> bytes:

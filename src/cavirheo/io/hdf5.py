@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from copy import copy
 from functools import partial
 from math import prod
 from typing import Any
@@ -20,12 +19,12 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.files import Source
-from cavirheo.io.named_arrays import Leaf, Numbers, Other, cells_of
+from cavirheo.io.named_arrays import Leaf, NoNumbers, Numbers
 
 _REAL = "fiub"  # numpy's dtype kinds of real numbers
 _INTERNAL = ("MATLAB_", "CLASS", "NAME", "VERSION", "TITLE", "DIMENSION_", "REFERENCE_", "_Netcdf", "H5PATH", "unit")
 _HELD = ("#refs#", "#subsystem#")  # groups in which MATLAB holds what its variables refer to
-_ELSEWHERE = Other("in another file: copy it into this one", "limits.elsewhere")
+_ELSEWHERE = NoNumbers("in another file: copy it into this one", "limits.elsewhere")
 
 
 @contextmanager
@@ -35,14 +34,14 @@ def opened(source: Source) -> Iterator[dict[str, Leaf]]:
     Raises InputError: there are too many, or, where one is read, it exceeds a limit.
     """
     with h5py.File(source.path, "r") as file:
-        yield _Walk(file).found
+        yield _Walk(file).arrays
 
 
 class _Walk:
-    """One walk through a file; `found`: arrays by path. Links to other files and to groups are not followed."""
+    """One walk through a file; `arrays`: by path. Links to other files and to groups are not followed."""
 
     def __init__(self, file: Any) -> None:
-        self.file, self.found, self.numbers_read = file, dict[str, Leaf](), 0
+        self.file, self.arrays, self.numbers_read = file, dict[str, Leaf](), 0
         visited, waiting = set[int](), [("", file)]
         while waiting:
             path, group = waiting.pop(0)
@@ -55,26 +54,26 @@ class _Walk:
                 try:
                     item = local_item(group, name)
                 except InputError:
-                    self.found[inner] = _ELSEWHERE
+                    self.arrays[inner] = _ELSEWHERE
                     continue
                 if isinstance(item, h5py.Group) and inner not in _HELD:
                     waiting.append((inner, item))
                 elif isinstance(item, h5py.Dataset):
                     self._dataset(inner, item, is_element=group.attrs.get("MATLAB_class") == b"struct")
                 elif item is None:
-                    self.found[inner] = Other("a link to nothing")
-                limits.check(len(self.found) + len(waiting), limits.SAMPLES // 100, "groups and datasets")
+                    self.arrays[inner] = NoNumbers("a link to nothing")
+                limits.check(len(self.arrays) + len(waiting), limits.SAMPLES // 100, "groups and datasets")
 
     def _attributes(self, path: str, item: Any) -> None:
         """Add the attributes of a group or a dataset, but those that libraries and MATLAB write for themselves."""
         for name in item.attrs:
             text = as_text(name)
             if not text.startswith(_INTERNAL):
-                about = item.attrs.get_id(name)
-                single = about.dtype.kind in _REAL and prod(about.shape or ()) == 1
+                stored = item.attrs.get_id(name)
+                single = stored.dtype.kind in _REAL and prod(stored.shape or ()) == 1
                 value = np.asarray(item.attrs[name], dtype=np.float64).reshape(1) if single else None
-                self.found[f"{path}@{text}"] = (
-                    Other("no number") if value is None else Numbers((1,), partial(np.array, value))
+                self.arrays[f"{path}@{text}"] = (
+                    NoNumbers("no number") if value is None else Numbers((1,), partial(np.array, value))
                 )
 
     def _dataset(self, path: str, item: Any, *, is_element: bool = False, depth: int = 0) -> None:
@@ -82,19 +81,18 @@ class _Walk:
         self._attributes(path, item)
         if h5py.check_ref_dtype(item.dtype) is None:
             for name in [""] if depth else item.dtype.names or [""]:
-                self.found[f"{path}/{name}" if name else path] = self._leaf(item, name)
+                self.arrays[f"{path}/{name}" if name else path] = self._leaf(item, name)
         elif item.shape is None or item.size > limits.CURVES or depth > 3:
-            self.found[path] = Other(f"too many references: {item.shape}", "limits.curves")
+            self.arrays[path] = NoNumbers(f"too many references: {item.shape}", "limits.curves")
+        elif path.endswith("}"):
+            self.arrays[path] = NoNumbers("cells within cells")
         elif is_element and "MATLAB_class" not in item.attrs:
             folder, _, name = path.rpartition("/")
             for k, reference in enumerate(np.ravel(item[()]), 1):
                 self._referred(f"{folder}({k})/{name}", reference, depth)
         else:
-            walk = copy(self)
-            walk.found = {}
             for k, reference in enumerate(np.ravel(item[()]), 1):
-                walk._referred(f"{path}{{{k}}}", reference, depth)
-            self.found |= cells_of(path, walk.found)
+                self._referred(f"{path}{{{k}}}", reference, depth)
 
     def _referred(self, path: str, reference: Any, depth: int) -> None:
         """Add what a reference of MATLAB names: an array, or a struct."""
@@ -106,20 +104,20 @@ class _Walk:
                 if isinstance(field := local_item(item, name), h5py.Dataset):
                     self._dataset(f"{path}/{as_text(name)}", field, depth=depth + 1)
         else:
-            self.found[path] = Other("a reference to no array", "matlab.cells")
+            self.arrays[path] = NoNumbers("a reference to no array", "matlab.cells")
 
     def _leaf(self, item: Any, column: str) -> Leaf:
         """Return the array of a dataset, or of its column, which is not read yet."""
         kind, attributes = item.dtype[column] if column else item.dtype, item.attrs
         if item.shape is None:
-            return Other("without a shape: it holds nothing", "limits.no_shape")
+            return NoNumbers("without a shape: it holds nothing", "limits.no_shape")
         empty = np.asarray(attributes.get("MATLAB_empty", 0))
         if empty.dtype.kind in _REAL and empty.any():
             return Numbers((0,), lambda: np.empty(0))
         if "MATLAB_object_decode" in attributes:
-            return Other("an object: of a table or timetable T save table2struct(T, 'ToScalar', true)")
+            return NoNumbers("an object: of a table or timetable T save table2struct(T, 'ToScalar', true)")
         if kind.kind not in _REAL or attributes.get("MATLAB_class") == b"char":
-            return Other(
+            return NoNumbers(
                 "complex numbers: save real(...) of it" if kind.kind == "c" else "no array of numbers: save it as one"
             )
         unit = np.asarray(attributes.get("units", attributes.get("unit", "")))

@@ -21,7 +21,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.io import limits
 from cavirheo.io.files import Source
-from cavirheo.io.named_arrays import Leaf, Numbers, Other, cells_of
+from cavirheo.io.named_arrays import Leaf, NoNumbers, Numbers
 
 _HEAD_SIZE = 1024  # bytes that contain the header of an array, which ends with its name
 _NUMBER_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -68,17 +68,17 @@ class _Version5:
 
     def arrays(self) -> dict[str, Leaf]:
         """Return all arrays; numbers are not unpacked before they are read."""
-        found: dict[str, Leaf] = {}
+        arrays: dict[str, Leaf] = {}
         for kind, data in _elements(self.content[128:], self.order):
             if kind not in (_MATRIX, _DEFLATED) or not data:
                 continue
             head = zlib.decompressobj().decompress(data, _HEAD_SIZE)[8:] if kind == _DEFLATED else data
             array_class, shape, name, _ = _header(head, self.order)
             if name and array_class in _NUMERIC:
-                found[name] = Numbers(shape, partial(self._numbers, name, kind, data))
+                arrays[name] = Numbers(shape, partial(self._numbers, name, kind, data))
             elif name:
-                self._add(found, name, self._unpacked(name, kind, data), 0)
-        return found
+                self._add(arrays, name, self._unpacked(name, kind, data), 0)
+        return arrays
 
     def _unpacked(self, name: str, kind: int, data: bytes) -> bytes:
         """Return the content of an array that may be compressed."""
@@ -92,30 +92,31 @@ class _Version5:
         require(inflate.eof, f"{name} is cut off", _CUT_OFF)
         return next(_elements(data, self.order), _NO_ELEMENT)[1]
 
-    def _add(self, found: dict[str, Leaf], name: str, data: bytes, depth: int) -> None:
+    def _add(self, arrays: dict[str, Leaf], name: str, data: bytes, depth: int) -> None:
         """Add an array under its name; a struct, or cells with structs, as arrays with longer names."""
         if not data:  # an empty cell
-            found[name] = Numbers((0,), lambda: np.empty(0))
+            arrays[name] = Numbers((0,), lambda: np.empty(0))
             return
         array_class, shape, _, parts = _header(data, self.order)
         if array_class in _NUMERIC:
-            found[name] = Numbers(shape, partial(self._numbers, name, _MATRIX, data))
+            arrays[name] = Numbers(shape, partial(self._numbers, name, _MATRIX, data))
         elif array_class == _STRUCT and depth < _DEEPEST:
             (_, length), (_, names) = next(parts, _NO_ELEMENT), next(parts, _NO_ELEMENT)
             size = max(struct.unpack(f"{self.order}i", length[:4].rjust(4, b"\0"))[0], 1)
             fields = [names[at : at + size].split(b"\0")[0].decode("latin-1") for at in range(0, len(names), size)]
             elements = [f"{name}({k + 1})" if prod(shape) > 1 else name for k in range(min(prod(shape), limits.CURVES))]
-            for path, (_, part) in zip((f"{one}/{field}" for one in elements for field in fields), parts, strict=False):
-                self._add(found, path, part, depth + 1)
+            paths = (f"{element}/{field}" for element in elements for field in fields)
+            for path, (_, part) in zip(paths, parts, strict=False):
+                self._add(arrays, path, part, depth + 1)
             limits.check(prod(shape), limits.CURVES, f"elements of {name}")
+        elif array_class == _CELL and name.endswith("}"):
+            arrays[name] = NoNumbers("cells within cells")
         elif array_class == _CELL and depth < _DEEPEST:
-            cells: dict[str, Leaf] = {}
             for k, (_, part) in enumerate(parts, 1):
                 limits.check(k, limits.CURVES, f"cells of {name}")
-                self._add(cells, f"{name}{{{k}}}", part, depth + 1)
-            found |= cells_of(name, cells)
+                self._add(arrays, f"{name}{{{k}}}", part, depth + 1)
         else:
-            found[name] = Other(_WORDS.get(array_class, "an array within many others"))
+            arrays[name] = NoNumbers(_WORDS.get(array_class, "an array within many others"))
 
     def _numbers(self, name: str, kind: int, data: bytes) -> Floats:
         """Return the numbers of an array."""

@@ -9,7 +9,7 @@ import numpy as np
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.files import Source
-from cavirheo.io.named_arrays import Leaf, Numbers, Other
+from cavirheo.io.named_arrays import Leaf, NoNumbers, Numbers
 
 
 def arrays(source: Source) -> dict[str, Leaf]:
@@ -35,5 +35,5 @@ def arrays(source: Source) -> dict[str, Leaf]:
 
 def _leaf(column: np.ndarray) -> Leaf:
     if column.ndim != 1 or column.dtype.kind not in "fiu":
-        return Other("no field of single numbers: save each quantity as one", "tabular.array")
+        return NoNumbers("no field of single numbers: save each quantity as one", "tabular.array")
     return Numbers(column.shape, partial(column.astype, np.float64))

@@ -92,17 +92,17 @@ def _read(source: Source, density: float, pressure: float, camera: Camera) -> li
     from cavirheo.io import curves, matlab, named_arrays, npy
 
     if source.kind in ("empty", "binary"):
-        found = "the file is empty" if source.kind == "empty" else "binary data of no known format"
-        found = "compressed by gzip: unpack it (gunzip)" if source.head.startswith(b"\x1f\x8b") else found
-        raise InputError(f"{found}; {_EXPECTED}", f"reading.{source.kind}")
+        what = "the file is empty" if source.kind == "empty" else "binary data of no known format"
+        what = "compressed by gzip: unpack it (gunzip)" if source.head.startswith(b"\x1f\x8b") else what
+        raise InputError(f"{what}; {_EXPECTED}", f"reading.{source.kind}")
     if source.kind in ("text", "workbook"):
         return curves.read(source, density, pressure, camera)
     if source.kind == "numpy":
         columns = npy.arrays(source)
         note = f"an array of numpy: {', '.join(columns)}"
-        return [one.with_notes(note) for one in named_arrays.curves(columns, camera, density, pressure)]
+        return [curve.with_notes(note) for curve in named_arrays.curves(columns, camera, density, pressure)]
     with matlab.opened(source) as arrays:
-        return named_arrays.curves(arrays, camera, density, pressure, si=source.kind == "hdf5")
+        return named_arrays.curves(arrays, camera, density, pressure)
 
 
 def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:

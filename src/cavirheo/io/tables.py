@@ -145,8 +145,11 @@ class Column:
     index: int  # its index, from 0
     title: str  # as it is written, with the unit from the row below, if any
     name: Name
-    term: Term
-    values: Floats | None = None  # (rows,) its numbers, of an array
+
+    @property
+    def term(self) -> Term:
+        """What it holds; an empty term if the vocabulary does not know it."""
+        return self.table.vocabulary.terms.get(self.name.kind, Term(""))
 
     @property
     def unit(self) -> str | None:
@@ -156,16 +159,16 @@ class Column:
     @property
     def text(self) -> list[str]:
         """(rows,) cells; "" for a missing one."""
-        if self.values is not None:
-            return list(map(str, self.values.tolist()))
+        if self.table.arrays:
+            return list(map(str, self.numbers.tolist()))
         return [texts[self.index] if self.index < len(texts) else "" for _, texts in self.table.rows]
 
     @cached_property
     def numbers(self) -> Floats:
         """(rows,) numbers in the unit of the column; NaN for a missing one. Raises InputError: a cell is no number, or
         has a comma of unknown meaning."""
-        if self.values is not None:
-            return self.values
+        if self.table.arrays:
+            return self.table.arrays[self.index]
         return np.array([self._number(*pair) for pair in zip(self.table.rows, self.text, strict=True)], dtype=float)
 
     def _number(self, row: Row, cell: str) -> float:
@@ -212,25 +215,20 @@ class Table:
     sheet: str = ""  # its name in a workbook
     titles: list[str] = field(default_factory=list)  # as they are written, with units from the row below
     line: int = 1  # number of the line with the titles
-    arrays: Sequence[tuple[Name, Floats]] = ()  # (rows,) numbers of each title, and what they are; then `rows` is empty
+    names: Sequence[Name] = ()  # what the titles of arrays name
+    arrays: Sequence[Floats] = ()  # (rows,) numbers of each title; then `rows` is empty
 
     @property
     def size(self) -> int:
         """Number of rows."""
-        return len(self.arrays[0][1]) if self.arrays else len(self.rows)
+        return len(self.arrays[0]) if self.arrays else len(self.rows)
 
     @cached_property
     def columns(self) -> list[Column]:
         """The columns whose titles the vocabulary knows."""
-        name, term = self.vocabulary.name, self.vocabulary.term
-        if self.arrays:
-            arrays = zip(self.titles, self.arrays, strict=True)
-            return [
-                Column(self, k, title, name, self.vocabulary.terms[name.kind], values)
-                for k, (title, (name, values)) in enumerate(arrays)
-            ]
-        titles = [(index, title) for index, title in enumerate(self.titles) if name(title).kind]
-        return [Column(self, index, title, name(title), term(title)) for index, title in titles]
+        names = self.names or [self.vocabulary.name(title) for title in self.titles]
+        columns = [Column(self, k, title, name) for k, (title, name) in enumerate(zip(self.titles, names, strict=True))]
+        return [column for column in columns if column.name.kind]
 
     def all(self, kind: str) -> list[Column]:
         return [column for column in self.columns if column.name.kind == kind]
@@ -339,12 +337,12 @@ def _tables(sheet: Table) -> Iterator[Table]:
             footer.append(rows.pop())
         if footer:
             notes += [f"{len(footer)} lines below the table left out: {' '.join(footer[-1].texts)[:60]}"]
-        named = max(k for k, title in enumerate(titles, 1) if title)
-        others = [len(row.texts) for row in rows[:-1]]
-        if vocabulary.of_shots and others and len(rows[-1].texts) < min(named, *others):
+        titled = max(k for k, title in enumerate(titles, 1) if title)
+        lengths = [len(row.texts) for row in rows[:-1]]
+        if vocabulary.of_shots and lengths and len(rows[-1].texts) < min(titled, *lengths):
             row = rows.pop()
-            cells = f"{len(row.texts)} of {named} cells"
-            notes.append(f"row {row.number}, the last one, has {cells} and is left out: was the file cut off?")
+            has = f"row {row.number}, the last one, has {len(row.texts)} of {titled} cells"
+            notes.append(f"{has} and is left out: was the file cut off?")
         if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
             message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
             raise vocabulary.error("width", f"{message}: is a comma decimal, or part of a text that needs quotes?")
@@ -362,8 +360,8 @@ def _tables(sheet: Table) -> Iterator[Table]:
 
 def _has_words_alone(row: Row, measured: list[int]) -> bool:
     """Whether a row has words and no number in these columns."""
-    cells = [row.texts[k] for k in measured if k < len(row.texts)] or row.texts[:1]
-    return not all(map(is_number, cells)) and not any(is_float(cell) for cell in cells)
+    texts = [row.texts[k] for k in measured if k < len(row.texts)] or row.texts[:1]
+    return not all(map(is_number, texts)) and not any(map(is_float, texts))
 
 
 def _begins_section(row: Row) -> bool:
@@ -455,7 +453,7 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     notes = [f"{invisible} control characters left out"] if invisible else []
     numbers = (row.number for row in rows if data[row.number - 1] and any(map(_has_digits, row.texts)))
     first = next(numbers, len(lines))  # the lines above it may be comments
-    if comments := [line for line, kept in zip(lines[first:], data[first:], strict=True) if line.strip() and not kept]:
+    if comments := [line for line, text in zip(lines[first:], data[first:], strict=True) if line.strip() and not text]:
         notes.append(f"{len(comments)} lines that begin with {comments[0].strip()[0]} left out")
     return Table(vocabulary, rows, notes)
 
@@ -468,8 +466,8 @@ def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | N
     for separator in _SEPARATORS:
         candidates = with_words if separator is None or any(separator in line for line in lines) else []
         if separator is None:  # what tabs or commas separate, as the rows below, are no titles between spaces
-            others = [other for other in "\t;," if other in next(filter(str.strip, reversed(lines)), "")]
-            candidates = [line for line in candidates if not any(other in line for other in others)]
+            marks = [mark for mark in "\t;," if mark in next(filter(str.strip, reversed(lines)), "")]
+            candidates = [line for line in candidates if not any(mark in line for mark in marks)]
         if not any(vocabulary.is_header(row.texts) for row in _split(candidates, separator)):
             continue
         rows = list(_split(lines, separator))

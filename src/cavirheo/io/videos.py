@@ -38,9 +38,10 @@ def examine(
     path: str | Path, *, sheet: bool = False, **options: Unpack[MeasureOptions]
 ) -> tuple[Measurement, RadiusCurve]:
     """Return (the measurement, its curve), as `measure`; with `sheet` the curve's `meta` has the contact sheet."""
-    path, known = as_path(path), MeasureOptions.__annotations__
-    unknown, names = ", ".join(sorted(options.keys() - known.keys())), ", ".join(known)
-    require(not unknown, f"measure has no option {unknown}; it has {names}", "video.option")
+    path = as_path(path)
+    names = MeasureOptions.__annotations__.keys()
+    unknown = ", ".join(sorted(options.keys() - names))
+    require(not unknown, f"measure has no option {unknown}; it has {', '.join(names)}", "video.option")
     with guarded(path, "expected a recording of a bubble", folder=True) as source:
         measurement = measure_frames(path, **options)
         origin: dict[str, Any] = {"name": path.stem, "group": path.stem, "source": file_label(path)}

@@ -361,8 +361,11 @@ def _cut_short_warning(frames: int, stated: float, precision: str = "") -> Messa
 
 def _read_mraw(path: Path) -> Footage:
     """Read a Photron film: raw pixels, described by a file of the same name, .cihx (XML) or .cih (lines)."""
-    headers = [path] if path.suffix.lower() in HEADER_ENDINGS else [path.with_suffix(one) for one in HEADER_ENDINGS]
-    header, raw = next((one for one in headers if one.is_file()), headers[0]), path.with_suffix(PIXELS_ENDING)
+    headers = [path]
+    if path.suffix.lower() not in HEADER_ENDINGS:
+        headers = [path.with_suffix(ending) for ending in HEADER_ENDINGS]
+    header = next(filter(Path.is_file, headers), headers[0])
+    raw = path.with_suffix(PIXELS_ENDING)
     for each in (header, raw):
         require(each.is_file(), f"{each.name} is missing beside it: pixels and header are two files", "video.mraw_pair")
     values = _photron_values(header)

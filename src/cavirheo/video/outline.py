@@ -159,16 +159,17 @@ def _trace_rays(stage: Stage, i: int, x0: float, y0: float, radius: float, span:
         return None
     smooth = profiles if radius < 12 else (profiles + np.roll(profiles, 1, 0) + np.roll(profiles, -1, 0)) / 3
     wall, outside, within = (_crossings(smooth, away, outside_level + part * contrast) for part in (0.5, 0.25, 0.75))
-    seen = np.isfinite(wall)
-    if seen.sum() < 8:
+    visible = np.isfinite(wall)
+    if visible.sum() < 8:
         return None
-    points = np.stack([x0 + wall[seen] * np.cos(angles[seen]), y0 + wall[seen] * np.sin(angles[seen])], axis=1)
+    from_centre = wall[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    points = from_centre[visible] + [x0, y0]
     width = _median(outside - within, np.nan)
-    lag = _lag(smooth, away, wall, outside_level, contrast, 1.2 * _median(outside - within, 2.0) + 1.5)[seen]
+    lag = _lag(smooth, away, wall, outside_level, contrast, 1.2 * _median(outside - within, 2.0) + 1.5)[visible]
     light = np.nan
     if radius < 20 and inside_frame.mean() > 0.99:
         light = _light(covered, x0 - left, y0 - top, radius + 3 * width + 2.0, outside_level)
-    edge = Edge(width, _median(lag, 0.0), light, contrast, float(seen.mean()))
+    edge = Edge(width, _median(lag, 0.0), light, contrast, float(visible.mean()))
     return fit_circle(points, (x0, y0), edge)
 
 
@@ -200,10 +201,10 @@ def _crossings(profiles: NDArray[np.floating], distance: Floats, level: float) -
 
 
 def _lag(
-    profiles: NDArray[np.floating], distance: Floats, wall: Floats, outside_level: float, contrast: float, reach: float
+    profiles: NDArray[np.floating], distance: Floats, wall: Floats, outside_level: float, contrast: float, span: float
 ) -> Floats:
     """Return (rays,) by how much the wall's mean over the exposure is outside the half level, by the profile's area."""
-    within = np.abs(distance - wall[:, None]) <= reach
+    within = np.abs(distance - wall[:, None]) <= span
     begin = distance[within.argmax(1)] - _STEP / 2
     covered = np.where(within, (profiles - outside_level) / contrast, 0.0).sum(1) * _STEP
     return np.asarray(begin + covered - wall)
