@@ -6,27 +6,24 @@ import re
 import signal
 import subprocess
 import sys
-import threading
-import time
 import zipfile
 from contextlib import closing, contextmanager, suppress
 from dataclasses import fields, replace
 from multiprocessing import active_children
 from pathlib import Path
-from threading import Event, Thread
-from types import SimpleNamespace
+from threading import Event
 
 import httpx
 import numpy as np
 import pytest
 from answers import same
 from conftest import refused, until
-from recordings import RATE, SCALE, film, write_mraw
+from recordings import RATE, SCALE, film
 
 from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.app import words
 from cavirheo.app.page import uploaded_paths
-from cavirheo.app.session import PageSettings, Run, Session, VisitorLimits, Visitors
+from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, sliders, what_if
 from cavirheo.app.words import shots_table
 from cavirheo.errors import require
@@ -190,27 +187,6 @@ def gone(visitors, name):
     until(lambda: visitors.forget_absent() or not folder.exists())
 
 
-def test_answers_go_with_the_last_visitor_who_has_them():
-    with closing(Visitors(VisitorLimits(absent_seconds=0.05))) as visitors:
-        for name in ("one", "other"):
-            session = visitors.session_for(name)
-            session.add([SOFT], QUICK, copy=True)
-            infer(session, ["soft_gel[1]"])
-        keys = visitors.session_for("other").keys
-
-        def kept():
-            return [key for key in keys if visitors.store.get(key)]
-
-        gone(visitors, "one")
-        assert len(kept()) == 1
-        gone(visitors, "other")
-        until(lambda: kept() == [])
-        threads = threading.active_count()
-        for k in range(20):
-            visitors.leave(f"page {k}")
-        assert threading.active_count() <= threads  # none sleeps for a page
-
-
 def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     (tmp_path / "x").mkdir()
     first, second = single(tmp_path / "a.csv"), single(tmp_path / "x" / "a.csv", 1.5)
@@ -221,20 +197,6 @@ def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     with refused("option.several_scales"):
         session.apply_settings(PageSettings(rmax_um=300))  # they differ by half
     assert all(str(tmp_path) not in str(curve.meta) and "/tmp" not in str(curve.meta) for curve in session.curves)
-
-
-def test_a_table_takes_the_frame_rate_and_the_scale_of_the_page(session, tmp_path):
-    path = tmp_path / "areas.csv"
-    path.write_text("Slice,Area\n" + "".join(f"{k},{1e4 - 6 * (k - 20) ** 2}\n" for k in range(60)), encoding="utf-8")
-    session.add([path], PageSettings(), copy=True)
-    assert session.curves == []
-    assert "--fps" in session.problems[0]
-    session.add([path], PageSettings(fps=5e5, um_per_px=3.2), copy=True)
-    assert session.curves[0].max_radius == pytest.approx(3.2e-4 * np.pi**-0.5, rel=1e-3)
-    session.apply_settings(PageSettings(fps=1e6, um_per_px=6.4))
-    assert session.curves[0].max_radius == pytest.approx(6.4e-4 * np.pi**-0.5, rel=1e-3)
-    assert np.allclose(np.diff(session.curves[0].time), 1e-6)
-    assert "--fps 1000000.0 --um-per-px 6.4" in session.command(session.settings)
 
 
 def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
@@ -403,24 +365,6 @@ def test_a_reader_that_hangs_or_dies_is_replaced(tmp_path, monkeypatch):
         assert len(reader.read([path], **options)[0]) == 1
 
 
-def test_a_file_that_takes_long_lets_other_visitors_read(tmp_path):
-    with stoppable(lambda: Visitors(VisitorLimits(read_seconds=8.0))) as (visitors, stop):
-        slow, quick = visitors.session_for("slow"), visitors.session_for("quick")
-        stop(signal.SIGSTOP)
-
-        def read_slowly():
-            with suppress(InputError):
-                slow.add([single(tmp_path / "a.csv")], PageSettings())
-
-        waiting = Thread(target=read_slowly)
-        waiting.start()
-        time.sleep(0.2)
-        quick.add([single(tmp_path / "b.csv")], PageSettings())
-        assert waiting.is_alive()
-        waiting.join()
-        assert (len(slow.curves), len(quick.curves)) == (0, 1)
-
-
 def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(session, tmp_path):
     """The values of an exported simulation, typed into the sliders, give the RMSE that is shown."""
     session.add([SOFT], PageSettings(material="nhkv"), copy=True)
@@ -526,44 +470,6 @@ def test_a_recording_waits_for_its_rate_and_scale_and_is_measured_once(session, 
     assert (session.files, session.names) == ([], [])
 
 
-def test_the_header_of_a_recording_stays_beside_it(session, tmp_path):
-    pytest.importorskip("av")
-    path = write_mraw(tmp_path / "shot.mraw", film(bits=12).frames, 12, rate=int(RATE))
-    session.add([path, path.with_suffix(".cihx")], CAMERA)
-    session.apply_settings(replace(CAMERA, exclude="20"))
-    assert (session.names, session.problems) == (["shot"], [])
-    assert np.isnan(session.curves[0].radius[19])
-
-
-def test_a_recording_that_cannot_be_measured_is_said_without_its_folder_and_not_kept(session, recording, tmp_path):
-    import tifffile
-
-    frames = film().frames
-    tifffile.imwrite(tmp_path / "still.tif", np.repeat(frames[:1], 9, 0), photometric="minisblack")
-    tifffile.imwrite(tmp_path / "one.tif", frames[0])
-    (tmp_path / "empty.mp4").write_bytes(b"")
-    (tmp_path / "damaged.mp4").write_bytes(b"no picture" * 99)
-    for name in ("still.tif", "one.tif", "empty.mp4", "damaged.mp4"):
-        session.add([tmp_path / name], CAMERA)
-        assert name in session.problems[-1]
-        assert str(session.folder) not in str(session.problems)
-    assert (session.files, session.curves) == ([], [])
-    assert [path for path in session.folder.rglob("*") if path.is_file()] == []
-
-
-def test_a_run_says_how_much_time_is_left(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: now[0])
-    run = Run(["a", "b", "c"])
-    now[0] = 104.0
-    assert run.seconds == (4.0, None)
-    run.add(SimpleNamespace(name="a"))
-    now[0] = 105.0
-    assert run.seconds == (5.0, 7.0)  # 4 s for each of two more, of which 1 s is over
-    now[0] = 120.0
-    assert run.seconds == (20.0, None)  # it takes longer than the first
-
-
 def test_a_gradio_without_the_private_names_serves_the_page(monkeypatch):
     from gradio import blocks, processing_utils, route_utils
 
@@ -575,18 +481,3 @@ def test_a_gradio_without_the_private_names_serves_the_page(monkeypatch):
     with running_server() as (address, visitors):
         assert httpx.get(address).status_code == 200
         visitors.on_forget("a page")
-
-
-def test_published_values_stand_beside_the_material_and_others_are_refused_without_a_folder(session, tmp_path):
-    session.add([SOFT], QUICK, copy=True)
-    infer(session, ["soft_gel[1]"])
-    good, bad = tmp_path / "published.csv", tmp_path / "bad.csv"
-    good.write_text("set,method,quantity,mean,std\nsoft_gel,IMR,G_kPa,6.44,1.64\n")
-    bad.write_text("set,method,quantity,mean,std\nsoft_gel,IMR,G_furlongs,6.44,1.64\n")
-    session.add_published([good])
-    (group,) = session.answers.document.groups
-    assert group.published["IMR"]["shear_modulus"].mean == pytest.approx(6440.0)
-    with pytest.raises(InputError) as error:
-        session.add_published([bad])
-    assert "bad.csv" in str(error.value)
-    assert str(session.folder) not in str(error.value)

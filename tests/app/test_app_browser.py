@@ -71,21 +71,10 @@ def layers(page):
     return set(page.evaluate(f"[...{paths}].map(one => one.getAttribute('class'))"))
 
 
-def shown(page, name):
-    """The shot that is checked is this one, and its facts are there."""
-    page.wait_for_function(f"document.querySelector('input[aria-label=Shot]')?.value === '{name}'")
-    page.wait_for_selector("#facts h2:text('This shot')")
-
-
 def answered(page, shots):
     rows = "document.querySelectorAll('#answers .curves tbody tr')"
     page.wait_for_function(f"{rows}.length === {shots} && !document.querySelector('#answers .busy')", timeout=180_000)
     page.wait_for_selector("#to-check:enabled")
-
-
-def closed(page):
-    """Numbers of the steps that cannot be opened."""
-    return [k for k, tab in enumerate(page.locator("#steps [role=tab]").all(), 1) if tab.is_disabled()]
 
 
 def example(page):
@@ -171,51 +160,6 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     page.fill("#rmax-um input", "-5")
     page.press("#rmax-um input", "Tab")
     page.wait_for_selector("#rmax-um :text('-5')")
-
-
-@pytest.mark.slow
-def test_the_page_has_one_state(visit):
-    """Steps are open where they can work; changed settings grey the answers; a reload brings all of it back."""
-    page = visit()
-    assert closed(page) == [2, 3, 4, 5]
-    example(page)
-    assert closed(page) == [4, 5]
-    page.click("#to-prepare")
-    page.click("#to-infer")
-    page.get_by_label("neo-Hookean Kelvin-Voigt").check()
-    page.get_by_role("button", name="More about the method").click()
-    page.get_by_label("the field's: equilibrium contents").check()  # quicker
-    page.click("#infer")
-    answered(page, 5)
-    assert closed(page) == []
-    page.wait_for_selector("#groups svg")
-    page.get_by_label("Newtonian fluid").check()
-    page.wait_for_selector("#answers .stale")
-    assert closed(page) == [4, 5]
-    page.get_by_label("neo-Hookean Kelvin-Voigt").check()
-    page.wait_for_selector("#answers .stale", state="detached")
-    assert closed(page) == []
-
-    names = page.locator("#answers .curves tbody td:first-child")
-    names.nth(3).press("Enter")
-    shown(page, "soft_gel[4]")
-    page.get_by_role("tab", name="3 Infer").click()
-    page.click("#infer")
-    page.wait_for_selector("#stop", state="visible")
-    page.wait_for_selector("#stop", state="hidden")
-    page.get_by_role("tab", name="4 Check").click()
-    shown(page, "soft_gel[1]")  # of the new answers
-
-    page.reload()
-    page.wait_for_selector("#shots-table table")
-    page.get_by_role("tab", name="3 Infer").click()
-    answered(page, 5)
-    assert closed(page) == []
-    again = page.context.new_page()
-    again.goto(page.url.replace("session=", "session=x"))  # nobody's
-    again.wait_for_selector(INPUT, state="attached")
-    assert closed(again) == [2, 3, 4, 5]
-    again.close()
 
 
 def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):

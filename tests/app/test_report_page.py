@@ -76,12 +76,3 @@ def test_a_link_leads_to_the_picture_of_its_curve_and_all_can_be_read(page):
     assert page.locator("#curve-6 path.measured").is_visible()  # one without an answer has its measured points
     page.emulate_media(media="print")
     assert page.locator("article:visible").count() == 7
-
-
-def test_no_badge_lies_over_a_name(page):
-    overlaps = """rows => rows.filter(row => {
-      const badge = row.querySelector(".badge").getBoundingClientRect();
-      return [...row.querySelector("a").getClientRects()].some(name => name.left < badge.right - 1
-        && badge.left < name.right - 1 && name.top < badge.bottom - 1 && badge.top < name.bottom - 1);
-    }).length"""
-    assert page.locator("table.curves tbody tr").evaluate_all(overlaps) == 0

@@ -22,7 +22,7 @@ from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
 from cavirheo.training.dataset import generate
-from cavirheo.workflow.cluster import Identity, Workers, code_hash, identity, required_identity, slurm_cluster
+from cavirheo.workflow.cluster import Identity, Workers, identity, required_identity, slurm_cluster
 from cavirheo.workflow.store import Unfinished
 
 
@@ -70,14 +70,6 @@ def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
         assert same(replace(mine, seconds=0.0), replace(other, seconds=0.0))
     names = [sorted(path.name for path in (tmp_path / way / "unfinished").iterdir()) for way in ("here", "there")]
     assert len({*names[0]} & {*names[1]}) == len(curves)  # so that each goes on where the other stopped
-
-
-def test_code_is_compared_wherever_the_package_lies(tmp_path):
-    (tmp_path / "app").mkdir()
-    (tmp_path / "app" / "solver.py").write_text("1")
-    before = code_hash(tmp_path / "app")
-    (tmp_path / "app" / "solver.py").write_text("2")
-    assert code_hash(tmp_path / "app") != before
 
 
 def begin(module: str, *words: object, cwd: Path, path: object = ROOT / "src", **more: str) -> subprocess.Popen[bytes]:

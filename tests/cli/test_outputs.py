@@ -16,12 +16,11 @@ import numpy as np
 import pytest
 from answers import KnownAnalysis, fit, same
 from conftest import BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
-from threadpoolctl import threadpool_info
 
 from cavirheo import RadiusCurve, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
-from cavirheo.parallel import Threads, one_blas_thread, run_jobs
+from cavirheo.parallel import Threads, run_jobs
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reporting import html, read_json, write_report
@@ -248,33 +247,6 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
     assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", LIST_FILE, "unfinished"}
 
 
-INTERRUPTED = """
-import os, signal, sys
-from importlib.machinery import PathFinder
-
-class Finder(PathFinder):  # Ctrl-C while this library is imported
-    @classmethod
-    def find_spec(cls, name, *rest):
-        if name == LIBRARY:
-            os.kill(os.getpid(), signal.SIGINT)
-            raise SystemError("compiled code returned a result with an exception set")
-
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from cavirheo.__main__ import entry
-sys.meta_path.insert(0, Finder)
-sys.argv = ["cavirheo", "simulate", "--material", "newtonian(0.1)", "--rmax-um", "90", "--stretch", "5"]
-entry()
-"""
-
-
-@pytest.mark.parametrize("library", ["typer", "cavirheo.verbs.run", "numpy", "numba"])
-def test_ctrl_c_while_libraries_are_loaded_is_one_line(tmp_path, library):
-    code = INTERRUPTED.replace("LIBRARY", repr(library))
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_ctrl_c_in_compiled_code_fails_no_curve(monkeypatch):
     def interrupted(*_, **__):
         raise SystemError("a result with an exception set") from KeyboardInterrupt()
@@ -284,19 +256,6 @@ def test_ctrl_c_in_compiled_code_fails_no_curve(monkeypatch):
         Analysis().answer(read_curves(EXAMPLE)[0])
     (worked_in_main_thread,) = run_jobs(lambda _: threading.current_thread() is threading.main_thread(), [0], 1)
     assert not worked_in_main_thread
-
-
-def test_blas_has_one_thread_until_the_last_leaves():
-    def blas() -> set[int]:
-        return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
-
-    usual = blas()
-    with ThreadPoolExecutor(1) as pool:
-        pool.submit(one_blas_thread.__enter__).result()
-        with one_blas_thread:
-            pool.submit(one_blas_thread.__exit__).result()
-            assert blas() == pool.submit(blas).result() == {1}
-    assert blas() == usual
 
 
 def test_what_several_ask_for_is_worked_out_once_and_a_failure_is_not_kept():

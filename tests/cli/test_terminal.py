@@ -16,7 +16,6 @@ from cavirheo.inference.cards import card, path_of
 from cavirheo.io import write_csv
 from cavirheo.reporting import laws, result, screen, table, write_report
 from cavirheo.reporting.group import PublishedValue
-from cavirheo.reporting.material import Systematic
 from cavirheo.training import dataset
 from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
@@ -49,25 +48,6 @@ TABLES = {
     "rheometer": (sweeps_of, rheometer.print_rheometry),
     "collapse-time": (times_of, collapse_times.print_table),
 }
-
-
-@pytest.mark.parametrize("verb", [verb for verb in TABLES if verb != "infer"])
-def test_no_table_loses_a_column_or_a_name(verb, monkeypatch, capsys):
-    make, show = TABLES[verb]
-    document = make([LONG.format(k) for k in range(20)])
-    texts, numbers = [], []
-    for columns in (80, 400):
-        monkeypatch.setenv("COLUMNS", str(columns))
-        show(document)
-        texts.append(capsys.readouterr().out)
-        numbers.append(set(re.findall(r"(?<![\w.])\d+\.\d+(?![\w.])", texts[-1])))
-    narrow, wide = numbers
-    assert max(map(len, texts[0].splitlines())) <= 80
-    assert "…" not in texts[0]
-    first = "".join(line.split(" ")[0] for line in texts[0].splitlines())
-    assert all(name in first for name in digits.distinct_names([LONG.format(k) for k in range(20)]))
-    assert narrow <= wide
-    assert narrow == wide
 
 
 def one_group(count, **more):
@@ -107,23 +87,6 @@ def test_the_screen_has_one_number_of_each_quantity(monkeypatch, capsys):
     (group,) = document.groups
     assert float(below[0].split()[1]) == pytest.approx(group.population.shear_modulus_Pa.median / 1e3, rel=0.02)
     assert float(below[1].split()[1]) == pytest.approx(group.population.viscosity_Pa_s.median, rel=0.02)
-
-
-def test_shots_that_scatter_and_a_modulus_that_hangs_on_the_scale_are_said(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "80")
-    pairs = one_group(5)
-    for k, (curve, made) in enumerate(pairs):
-        pairs[k] = curve, replace(made, theta=made.theta + np.array([0.0, 0.15 * k, 0.0]))
-    document = result(pairs, "")
-    (group,) = document.groups
-    group.systematic = Systematic(errors={}, slopes={"shear_modulus": {"scale": 25.0}}, statistics={})
-    screen.print_result(document)
-    lines = {line[:5].strip(): line for line in capsys.readouterr().out.splitlines()}
-    assert "shots disagree" in lines["µ"]
-    assert "shots disagree" not in lines["G"]
-    assert "G with care" in lines["use"]
-    assert "25 %" in lines["use"]
-    assert "--scale-error" in lines["next"]
 
 
 def clean(text: str) -> bool:

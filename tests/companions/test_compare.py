@@ -1,11 +1,10 @@
 """`infer --references` and `compare`: published values beside ours; mistakes in the CSV file are named."""
 
-import json
 from pathlib import Path
 
 import pytest
 from answers import answer as answer_of
-from conftest import BDT, EXAMPLE, ROOT, done, refusal, refused, rows_of
+from conftest import EXAMPLE, ROOT, done, refusal, refused, rows_of
 
 from cavirheo import load, read_curves
 from cavirheo.companions.published_values import read_references
@@ -100,25 +99,6 @@ def test_answers_that_exist_are_compared_alike(run, folder, tmp_path):
 def test_a_recording_belongs_to_one_set(run, folder, tmp_path):
     both = sets(tmp_path, "gel,gel_a,IMR,G_kPa,8,", "soft,gel_?/shot0.csv,IMR,G_kPa,8,")
     refusal(run(*INFER, "--references", both, "-o", "c"), "shot0.csv", "gel, soft")
-
-
-def test_a_name_that_no_file_has_is_that_of_a_set_alone(run, folder, tmp_path):
-    odd = sets(tmp_path, *(f"{name},,IMR,G_kPa,8,1" for name in ("..", "/", ".", "[", "bare.csv")))
-    done(run("infer", "data/bare.csv", "--no-pictures", "--quiet", "--references", odd, "-o", "c"))
-    assert [group.n for group in load(tmp_path / "c").groups] == [0, 0, 0, 0, 1]
-
-
-def test_the_answers_are_those_of_infer(run, tmp_path):
-    write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
-    values = sets(tmp_path, "gel,shot.csv,IMR,G_kPa,6.44,1.64")
-    words = ("infer", "shot.csv", *BDT, "--no-pictures", "--quiet")
-    done(run(*words, "--references", values, "-o", "c"))
-    done(run(*words, "-o", "i"))
-    here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c", "i"))
-    assert [c["shear_modulus_Pa"] for c in here["curves"]] == [c["shear_modulus_Pa"] for c in there["curves"]]
-    (group,) = here["groups"]
-    value = there["groups"][0]["population"]["shear_modulus_Pa"]["median"]
-    assert group["errors"]["IMR"]["cavirheo"]["shear_modulus"] == pytest.approx(abs(value - 6440) / 6440)
 
 
 def test_sweeps_of_a_rheometer_stand_beside_the_answers(run, folder, tmp_path):

@@ -87,28 +87,6 @@ def test_the_best_setting_and_its_shots(quick):
     assert made.known["shear_modulus"].median == pytest.approx(6.3e3, rel=0.3)
 
 
-def test_where_a_shot_has_no_gain_no_shots_are_advised(monkeypatch):
-    told = told_by(1e-5 * ABOUT)
-    monkeypatch.setattr(design.Draws, "expectations", lambda draws, *_: [[told] * len(draws.law)])
-    made = cavirheo.design(ranges=RANGES, rig=Rig((2e-4, 2e-4), [5e5]))
-    assert made.teaches_nothing
-    assert not any("shots" in line for line in made.sentences)
-
-
-def test_the_setting_with_the_fewest_shots_is_next(quick, monkeypatch):
-    """Also where a shot of the other tells nearly all about G."""
-
-    def expected(draws, settings, done):
-        n = len(draws.law)
-        told = [[np.diag([1e9, 100.0])] * n, [np.diag([400.0, 400.0])] * n]
-        return [[told_by(one) for one in setting] for setting in told]
-
-    monkeypatch.setattr(design.Draws, "expectations", expected)
-    made = cavirheo.design(ranges=RANGES, rig=Rig((2e-4, 2e-4), (5e5, 1e6)))
-    first, second = made.settings
-    assert (made.next, first.gain_nats > second.gain_nats, first.shots > second.shots) == (1, True, True)
-
-
 def row(G: float, mu: float, width: float, **more: object) -> CurveRecord:
     """Of a shot whose intervals are 10^width wide to both sides."""
     (record,) = result([(curve := bubble("shot", group="x", source="x"), answer(curve, G, mu))], "x").curves

@@ -1,6 +1,5 @@
 """`cavirheo watch`: each recording of a folder is answered once, when its file is complete, whatever ends the run."""
 
-import errno
 import json
 import os
 import shutil
@@ -105,22 +104,6 @@ def test_a_file_is_left_alone_while_it_grows_and_answered_when_it_is_whole(bench
     assert bench.settle() == [("shot2", "ok")]
 
 
-def test_a_share_that_is_away_ends_nothing_and_is_said_once(bench, monkeypatch):
-    write(bench.folder, 1, 2)
-    usual = Path.stat
-
-    def stat(path, **how):
-        if path.name == "shot1.csv":
-            raise OSError(errno.ESTALE, "Stale file handle")
-        return usual(path, **how)
-
-    with monkeypatch.context() as share:
-        share.setattr(Path, "stat", stat)
-        assert bench.settle() == [("shot2", "ok")]
-    assert len(bench.settle()) == 2
-    assert sum("Stale file handle" in line for line in bench.said) == 1
-
-
 def test_a_damaged_file_becomes_a_failed_row_and_is_mended_by_a_new_one(bench):
     (bench.folder / "bad.mat").write_bytes(b"no MATLAB file" * 20)
     write(bench.folder, 1)
@@ -201,26 +184,3 @@ def test_a_film_of_two_files_is_one_recording_and_either_may_come_late(bench, la
     assert (bench.settle(), bench.asked) == ([("a", "ok")], ["a", "a"])  # the first is the failure
     pixels.unlink()
     assert (bench.settle(), bench.watch.unreadable) == ([("a", "ok")], 0)  # though the header is still there
-
-
-def test_a_column_may_grow_while_shots_arrive(bench):
-    table = bench.folder / "share.csv"  # in the folder itself, and no recording
-    bench.how |= {"column": table}
-    write(bench.folder, 1, 2)
-    for text, second, note in (
-        ("shot,share\nshot1,0.5\nshot9,2\n", {}, "names shot9, which is not here"),
-        ("shot,share\nshot1,0.5\nshot2,0.7\n", {"share": 0.7}, ""),  # no new recording: the table alone changed
-    ):
-        table.write_text(text)
-        if not bench.asked:
-            bench.start()
-        bench.settle()
-        assert [row.column for row in bench.result.curves] == [{"share": 0.5}, second]
-        assert note in str(bench.result.notes)
-    assert bench.asked == ["shot1", "shot2"]
-    table.write_text("shot,share\nshot1,half\n")
-    write(bench.folder, 3)
-    bench.settle()
-    assert bench.asked[-1] == "shot3"
-    assert "'half' is not a number" in str(bench.result.notes)
-    assert sum("'half' is not a number" in said for said in bench.said) == 1

@@ -6,7 +6,6 @@ import pytest
 from answers import fit, holds, simulated
 from conftest import code_of, slow
 
-import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, infer
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import Family
@@ -73,15 +72,6 @@ def test_what_cannot_be_asked_is_refused(way, code):
 
 
 @pytest.mark.slow
-def test_a_wall_within_the_bubble_fails_its_curve_alone():
-    large = shot()
-    small = replace(large, radius=large.radius / 2, time=large.time / 2, maximum=(0.0, 125e-6))
-    about = dict(bubble=Bubble(wall_distance=200e-6), window=1, workers=1)
-    answers = cavirheo.fit_many([large, small], **about, **QUICKLY)
-    assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
-
-
-@pytest.mark.slow
 def test_a_wall_that_is_given_is_in_the_answer():
     """A wall beside the bubble: without it G is wrong."""
     curve = shot(noise=0.01, confinement_inertia=0.25)
@@ -95,13 +85,6 @@ def test_different_bubbles_have_different_names_and_titles():
     changes = [{}, {"damage": "strain"}, {"confinement_damping": 0.2, "wall_distance": 1e-3}, {"motion": "gilmore"}]
     made = [replace(kind, **change) for kind in (REAL, FIELD) for change in changes]
     assert len({one.name for one in made}) == len({one.title for one in made}) == len(made)
-
-
-@pytest.mark.slow
-def test_the_real_bubble_finds_what_it_was():
-    answer = infer(shot(seed=3, contents="kinetic", confinement_damping=0.4), **QUICKLY)
-    assert answer.bubble == REAL
-    assert holds(answer, 0.98, shear_modulus=5e3, viscosity=0.01, accommodation=0.07, confinement_damping=0.4)
 
 
 @pytest.mark.slow

@@ -9,11 +9,9 @@ import pytest
 from answers import GEL, fit, holds, simulated
 from conftest import slow
 
-from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, simulate
-from cavirheo.inference import experiment
+from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.physics.bubble import ACCOMMODATION
 from cavirheo.physics.materials import parse
 from cavirheo.physics.media import WATER
 from validation.challenge import run_scipy
@@ -69,33 +67,6 @@ def test_time_origin_and_scale_are_recovered_when_free():
     assert fit(small, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
 
 
-@pytest.mark.slow
-def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
-    """Where vapour resists, frames bound a small viscosity from above only."""
-    kinetic, law = Bubble("kinetic", ACCOMMODATION), NeoHookeanKelvinVoigt(4e3, 0.003)
-    about = {"max_radius": 3e-4, "frames": 70, "noise": 0.007, "seed": 1, "maximum": (0.0, 3e-4)}
-    answer = fit(shot(law, 8.0, within=kinetic, **about), bubble=Bubble("kinetic"), trust_input=True)
-    low, high = answer.interval("viscosity")
-    assert low < 1.5e-3 < 3e-3 < high < 0.03
-
-
-@pytest.mark.slow
-def test_failed_simulations_are_counted_and_survived(monkeypatch):
-    solve = experiment.simulate
-
-    def broken_below(material, **options):
-        run = solve(material, **options)
-        broken = material.viscous.viscosity < 0.05
-        return replace(run, status="broken", radius=np.full_like(run.radius, np.nan)) if broken else run
-
-    monkeypatch.setattr(experiment, "simulate", broken_below)
-    answer = fit(shot(noise=0.01))
-    assert answer.diagnostics.failed_simulations > 5
-    low, high = answer.interval("viscosity")
-    assert 0.05 <= low < high < 0.08
-    assert answer.draws("viscosity")[answer.weights > 0].min() >= 0.05
-
-
 def test_windows():
     curve = shot(frames=100, noise=0.003)
     recorded = len(curve.collapse_times())
@@ -116,26 +87,6 @@ def test_the_stretch_is_given_or_known_by_the_plateau():
     assert given.diagnostics.stretch_source == "given"
     assert "stretch" not in given.names
     assert fit(shot(frames=40, noise=0.02), window=1, stretch="plateau").checks.messages  # it has none
-
-
-@pytest.mark.slow
-def test_a_stretch_that_the_file_states_is_its_prior():
-    early = shot(frames=40, noise=0.02)
-    free, known = fit(early), fit(replace(early, meta={"stretch": 7.0, "stretch_std": 0.05}))
-    assert np.ptp(known.interval("stretch")) < 0.8 * np.ptp(free.interval("stretch"))
-    assert known.interval("stretch")[0] > free.interval("stretch")[0] + 0.2
-
-
-@pytest.mark.slow
-def test_an_interval_as_wide_as_the_range_is_no_ok():
-    """The best value lies inside the range, but the interval runs to its end: a gel too soft for its curve to tell."""
-    answer = fit(shot(NeoHookeanKelvinVoigt(300.0, 0.05), frames=35, noise=0.01), window=1)
-    low, high = answer.interval("shear_modulus")
-    least = 10.0 ** answer.prior["log10_shear_modulus"][0]
-    assert low < 1.6 * least < answer.best["shear_modulus"] < high
-    assert answer.checks.verdict == "bound"
-    assert answer.bound("shear_modulus") == "upper"
-    assert answer.bound("viscosity") is None
 
 
 @pytest.mark.slow

@@ -2,26 +2,23 @@
 
 from dataclasses import replace
 from pathlib import Path
-from shutil import copy
 
 import numpy as np
 import pytest
 from answers import CENTRE, FLAT, NAMES, answer, bubble, empty, seen, shots
-from conftest import EXAMPLE, code_of, done, refusal, slow
+from conftest import code_of, slow
 from scipy.stats import norm
 
 from cavirheo import CommonErrors, load, population
 from cavirheo.column import LOG_R_MAX, with_column
 from cavirheo.inference.population.heaps import two_heaps
-from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE, likelihood
+from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.which_law import ranked
 from cavirheo.physics.bubble import FIELD, REAL
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json
-
-OPEN = [None, None], np.array([[-9.0, -9.0], [9.0, 9.0]])  # two values, and a wide range of each
 
 
 def on_a_grid(means, width):
@@ -96,14 +93,6 @@ def test_scatter_of_shots_is_found_with_its_correlation():
     assert low < np.corrcoef(means.T)[0, 1] < high
     assert low > 0.6
     assert found.scattered.log > 10.0
-
-
-def test_few_draws_are_said_and_widened():
-    few = [seen(CENTRE, 0.05, 20, seed=k) if k == 1 else one for k, one in enumerate(shots(4))]
-    assert population(few).warnings
-    assert not population(shots(4)).warnings
-    assert likelihood(few[1].theta, np.zeros(20), np.zeros(20), *OPEN).covariance[0, 0, 0] > 1.1 * 0.05**2
-    assert likelihood(few[1].theta[:4], np.zeros(4), np.zeros(4), *OPEN) is None
 
 
 def test_what_does_not_count_is_counted():
@@ -203,15 +192,6 @@ def test_a_shot_that_says_nothing_of_a_parameter_changes_nothing():
     found, alone = population([*known, silent]), population(known)
     assert len(found.shots) == 6
     assert np.allclose(np.log10(found.interval("viscosity")), np.log10(alone.interval("viscosity")), atol=0.02)
-
-
-def test_a_bound_from_below_mirrors_one_from_above():
-    rng, log_p, ends = np.random.default_rng(5), np.zeros(1000), np.array([[-5.0, -4.0], [5.0, 1.0]])
-    theta = np.column_stack([0.05 * rng.standard_normal(1000), rng.uniform(-4.0, -2.5, 1000)])
-    above = likelihood(theta, log_p, log_p, (None, "upper"), ends)
-    below = likelihood(-theta, log_p, log_p, (None, "lower"), -ends[::-1])
-    assert np.allclose(above.mean, -below.mean, atol=1e-3)
-    assert np.allclose(above.share, below.share, rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -319,34 +299,6 @@ def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
 )
 def test_a_column_that_is_not_theirs_is_refused(tmp_path, code, text, group):
     assert code_of(declared, tmp_path / "c.csv", text, group=group) == f"column.{code}"
-
-
-@pytest.mark.slow
-def test_a_column_reaches_the_answer_and_is_refused_before_it_is_computed(run, tmp_path):
-    copy(EXAMPLE, tmp_path / "gel.csv")
-    (tmp_path / "age.csv").write_text("shot;age (h)\ngel[1];1\ngel[2];2\ngel[3];3\n")
-    quick = ("--shots", "1-3", "--material", "nhkv", "--bubble", "field", "--no-pictures")
-    done(run("infer", "gel.csv", "--column", "age.csv", *quick, "-o", "r"))
-    (group,) = load(tmp_path / "r" / "result.json").groups
-    assert set(group.population.slopes_decades) == {"shear_modulus", "viscosity"}
-    (tmp_path / "age.csv").write_text("shot,age\nnobody,1\n")
-    for verb in ("infer", "fit", "which-law"):
-        refusal(run(verb, "gel.csv", "--column", "age.csv", "-o", "s"), "nobody")
-
-
-def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_are():
-    rng = np.random.default_rng(1)
-    theta = np.concatenate([rng.normal(0.0, 0.1, (400, 2)), rng.normal([1.0, 0.5], 0.05, (200, 2))])
-    weight = rng.exponential(size=600)
-    found = likelihood(theta, np.log(weight), np.zeros(600), *OPEN)
-    assert len(found.share) == 2
-    assert np.allclose(np.sort(found.mean[:, 0]), [0.0, 1.0], atol=0.03)
-    mean, covariance = np.average(theta, axis=0, weights=weight), np.cov(theta.T, aweights=weight, bias=True)
-    off = found.mean - found.share @ found.mean
-    whole = np.einsum("k,kij->ij", found.share, found.covariance) + (off.T * found.share) @ off
-    assert np.allclose(found.share @ found.mean, mean, atol=1e-3)
-    assert np.allclose(whole, covariance, rtol=0.01)
-    assert len(likelihood(theta[:400], np.zeros(400), np.zeros(400), *OPEN).share) == 1
 
 
 def switched(seed, liquid=0.0, stiffening=0.0, field=0.0, *, mu=0.03, draws=400) -> Posterior:

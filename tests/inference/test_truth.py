@@ -159,14 +159,6 @@ def test_the_evidence_of_the_default_family_is_the_mean_of_that_of_its_laws(name
     assert whole.switches["stiffening"] == pytest.approx(stiff, abs=0.25)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("law", "true"), [(Newtonian(0.03), "newtonian"), (STIFF, "fung + newtonian")])
-def test_which_law_chooses_the_true_law(law, true):
-    curve = simulated(law, stretch=6.5, frames=90, noise=0.005, stated_time_of_max=0.0)
-    (found,), _ = rank_laws([curve], ["newtonian", "nhkv", "fung + newtonian"], bubble="field")
-    assert found.chosen == true
-
-
 @pytest.mark.parametrize(
     ("settings", "seed"), [({"material": "nhkv"}, 5), slow({"material": "auto"}, 5), slow({"material": "nhkv"}, 6)]
 )

@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,6 @@ from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.group_panels import group_panels
 from cavirheo.reporting.panels import answer_panels, preview_panels
 from cavirheo.reporting.pictures import file_names
-from cavirheo.reporting.record import CurveAnswers
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Quantity, Spread
 
@@ -381,35 +379,3 @@ def test_write_report_refuses_what_it_cannot_do_and_is_complete_without_matplotl
     assert write_report(out, pairs, COMMAND).notes == []
     assert "<svg" in (out / "report.html").read_text(encoding="utf-8")
     assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", "report.html", ".cavirheo"}
-
-
-def test_words_are_completed_without_what_takes_long():
-    code = """import sys; from cavirheo.verbs import app, options
-options.law_names(''), options.medium_names(''), options.model_names('')
-app(['infer', '--help'], standalone_mode=False)
-print({'numba', 'scipy.optimize', 'matplotlib', 'torch'} & {*sys.modules})"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "set()"
-
-
-def test_of_very_many_curves_each_answer_has_row_message_and_picture(tmp_path):
-    pairs = [(empty(f"shot[{k}]"), unanswered("the cell is empty")) for k in range(495)]
-    pairs += [(one := bubble(f"shot[{k}]"), answer(one, draws=20, message=f"said of {k}")) for k in range(495, 501)]
-    write_report(tmp_path, pairs, COMMAND)
-    page = page_of(tmp_path)
-    assert (tmp_path / "report.html").read_text(encoding="utf-8").count('<path class="measured"') == 6
-    assert all(f"said of {k}" in page.text for k in range(495, 501))
-
-
-def test_answers_are_read_once_each_and_one_group_after_the_other(tmp_path):
-    curves = [bubble(f"shot[{k}]", group=f"g{k // 2}", source=f"g{k // 2}.csv") for k in range(6)]
-    held, read = [answer(curve, draws=40) for curve in curves], []
-
-    class Lazy(list):
-        def __getitem__(self, k):
-            read.append(k)
-            return super().__getitem__(k)
-
-    lazy = write_report(tmp_path, CurveAnswers(curves, Lazy(held)), COMMAND, date="d", draw=False)
-    assert read == list(range(6))
-    assert lazy == result(list(zip(curves, held, strict=True)), COMMAND, date="d")

@@ -12,7 +12,7 @@ import pytest
 import tifffile
 from conftest import code_of, done, error_of, refused, rows_of
 from PIL import Image
-from recordings import FRAMES, RATE, SCALE, film, history, write_cine, write_mraw
+from recordings import FRAMES, RATE, SCALE, film, write_cine, write_mraw
 from scipy.io import loadmat
 
 import cavirheo
@@ -140,14 +140,6 @@ def test_flags_say_what_is_used_and_spoilt_frames_are_told_apart():
     assert found.flags[:4].tolist() == ["before", "before", "flash", "dark"]
 
 
-def test_the_same_seed_gives_the_same_film_and_what_cannot_be_rendered_is_refused():
-    time, radius = history()
-    one, same, other = (render(time, radius, frames=8, seed=seed).frames for seed in (5, 5, 6))
-    assert (np.array_equal(one, same), np.array_equal(one, other)) == (True, False)
-    for times, frames in ((time[::-1], 9), (time, 2)):
-        error_of(render, times, radius, frames=frames)
-
-
 BITS = {"shot.mkv": 8, "shot.tif": 8} | dict.fromkeys(("deep.mkv", "packed.tif", "images", "pages", "camera.cine"), 12)
 
 
@@ -264,13 +256,6 @@ def test_the_scale_and_the_rate_that_a_stack_states(tmp_path, name):
 
 
 SAID = ("how fast it is played", "for printing", "ImageJ, for printing", "OME, two channels")  # what is not used
-
-
-def test_the_rate_and_scale_of_a_stack_need_no_options(tmp_path):
-    tifffile.imwrite(tmp_path / "a.tif", film().frames, **STACKS["OME"][0])
-    curve = measure(tmp_path / "a.tif")
-    assert (curve.frame_rate, curve.warnings) == (pytest.approx(RATE), ())
-    assert measure(tmp_path / "a.tif", frame_rate=4e5).frame_rate == 4e5
 
 
 def test_parts_of_a_recording(folder, whole):

@@ -147,21 +147,6 @@ def small(tmp_path) -> Path:
 
 @pytest.mark.train
 @pytest.mark.slow
-def test_wrong_words_and_places_of_generate_and_train(instant, small, run, tmp_path):
-    pytest.importorskip("torch")
-    assert run("generate", small, "-o", "data")[0] == 0
-    (tmp_path / "file").write_text("mine")
-    for words in (("generate", small), ("train", small, "data")):
-        assert "file/inside" in refusal(run(*words, "-o", "file/inside"))
-    for device in ("foo", "cuda:99", "meta", ""):
-        assert repr(device) in refusal(run("train", small, "data", "-o", "run", "--device", device))
-    wild = small.with_name("wild.toml")
-    wild.write_text(small.read_text().replace("lr = 0.01", "lr = 1e30"))
-    assert "lower lr" in refusal(run("train", wild, "data", "-o", "wild", "--threads", 1))
-
-
-@pytest.mark.train
-@pytest.mark.slow
 def test_a_damaged_run_is_named(instant, small, run, tmp_path):
     pytest.importorskip("torch")
     assert run("generate", small, "-o", "data")[0] == 0

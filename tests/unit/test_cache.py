@@ -76,23 +76,6 @@ def test_without_a_folder_beside_the_source_that_of_the_user_is_used(start, tmp_
     assert len(files(tmp_path / "home")) == 2
 
 
-def test_what_is_said_before_a_function_is_compiled_is_said_once(start, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(cache, "NOTICES", {"kernel.twice": "compiling"})
-    assert not start()
-    for file in files(tmp_path):
-        file.unlink()
-    assert not start()
-    assert capsys.readouterr().err == "compiling\n"
-
-
-def test_no_place_to_write_is_said_once(start, tmp_path, capsys):
-    (tmp_path / "__pycache__").write_text("")
-    (tmp_path / "home").write_text("")
-    assert not start()
-    said = capsys.readouterr().err
-    assert (said.count("\n"), "NUMBA_CACHE_DIR" in said) == (1, True)
-
-
 def failing(*_, **__):
     raise PermissionError(13, "Permission denied")
 
