@@ -30,9 +30,10 @@ def told(setting: Setting) -> design.Expectation:
 
 
 def test_a_film_shows_the_bubble_that_is_asked_for_and_tells_more_with_less_noise_and_more_frames():
-    (curve,) = one(3).films(GOOD)
+    ((curve, truth),) = one(3).films(GOOD)
+    assert truth["shear_modulus"] == pytest.approx(6e3)
     assert (len(curve.time), curve.max_radius) == (120, pytest.approx(250e-6, rel=0.03))
-    assert np.array_equal(curve.radius, one(3).films(GOOD)[0].radius)
+    assert np.array_equal(curve.radius, one(3).films(GOOD)[0].curve.radius)
     how = ((1e6, 1.7e-6), (2.5e5, 3.7e-6), (1e6, 7.5e-6))
     good = told(GOOD)
     quiet, slow, loud = (told(Setting(250e-6, rate, noise, frames=120)) for rate, noise in how)
@@ -142,7 +143,7 @@ def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path, 
 
 @pytest.mark.slow
 def test_infer_reaches_what_is_expected():
-    curves = [one(seed).films(GOOD)[0] for seed in range(4)]
+    curves = [one(seed).films(GOOD)[0].curve for seed in range(4)]
     expected = np.mean([one(seed).expectations([GOOD])[0][0].half_width for seed in range(4)], axis=0)
     answers = cavirheo.infer_many(curves, material="nhkv", workers=1)
     ends = np.log10([[answer.interval(name) for name in NHKV.parameters] for answer in answers])
@@ -151,7 +152,7 @@ def test_infer_reaches_what_is_expected():
 
 def test_what_cannot_be_read_or_is_not_known_tells_nothing_or_is_refused():
     blind = told(Setting(30e-6, 1e5, 0.3e-6))
-    assert blind is None or gain(blind.information, np.eye(2)) < 0.01
+    assert blind is None or np.all(blind.half_width > 1.0)
     with refused("design.unknown", "trained"):
         one().films(Setting(5e-6, 1e6, 5e-8))
 

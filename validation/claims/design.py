@@ -25,7 +25,7 @@ WITHIN = 1.2
 
 def reached(draws: Draws, setting: Setting) -> list[np.ndarray]:
     """Half-widths (2,) of G and mu in decades of the answers of `infer` that count."""
-    curves = [curve for curve in draws.films(setting) if curve]
+    curves = [film.curve for film in draws.films(setting) if film]
     answers = infer_many(curves, material=draws.family.name)
     counted = [one for one in answers if one.theta.size and one.checks.verdict != "check_input"]
     ends = [[one.interval(name) for name in draws.family.parameters] for one in counted]

@@ -247,7 +247,7 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
 
-    Method: answers to emulated recordings, docs/how-to/design.md; accuracy: docs/validation.md.
+    Method: the information of emulated recordings, docs/how-to/design.md; accuracy: docs/validation.md.
     """
     rig = rig or Rig()
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
@@ -257,15 +257,15 @@ def design(
     prior = _prior(family, ranges or {}, spread or 0.0)
     if known is not None:
         prior = _prior_of(known, group, family, prior, spread)
-    law, stretches = prior.draw(draws, seed)
-    settings, bubble = rig.settings(), bubbles_of(rig.bubble)[0]
-    expected = Draws(family, law, stretches, medium(rig.medium), bubble, seed).expectations(settings, done)
+    logs, settings = prior.draw(draws, seed), rig.settings()
+    (bubble,) = bubbles_of(rig.bubble)
+    shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
+    expected = shots.expectations(settings, done)
     rows = [_row(prior, half_width, *columns) for columns in zip(settings, expected, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     best = min(range(len(rows)), key=lambda i: (np.inf if rows[i].shots is None else rows[i].shots, -rows[i].gain_nats))
     scatter = np.sqrt(np.diag(prior.scatter))
-    samples = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
-    quantiles = {name: 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95)) for name, logs in samples.items()}
+    quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0).T
     return Design(
         command="cavirheo.design",
         material=rig.material,
@@ -274,7 +274,10 @@ def design(
         wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
         spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
-        known={name: Quantity.from_interval(*ends) for name, ends in quantiles.items()},
+        known={
+            name: Quantity.from_interval(*ends)
+            for name, ends in zip((*family.parameters, "stretch"), quantiles, strict=True)
+        },
         shots_before=prior.shots,
         settings=rows,
         next=best,
@@ -316,13 +319,13 @@ class _Prior:
     shots: int = 0
     stretch_given: bool = False
 
-    def draw(self, count: int, seed: int) -> tuple[Floats, Floats]:
-        """log10 of the law's parameters (count, l), and stretches (count,): points of a Halton sequence, so that few of
+    def draw(self, count: int, seed: int) -> Floats:
+        """log10 of the law's parameters and of the stretch (count, l + 1): points of a Halton sequence, so that few of
         them cover the distribution."""
         cube = Halton(len(self.mean), seed=seed).random(count)
         logs = self.mean + self.deviation * np.where(self.normal, ndtri(cube), np.sqrt(12.0) * (cube - 0.5))
-        stretches = np.clip(10.0 ** logs[:, -1], STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
-        return logs[:, :-1], stretches
+        logs[:, -1] = np.clip(logs[:, -1], *np.log10([STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999]))
+        return logs
 
 
 def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float) -> _Prior:

@@ -1,9 +1,10 @@
-"""The expected posterior of a recording that a rig could make, before the shot is taken.
+"""What a recording that a rig could make would tell of the material, before the shot is taken.
 
-Materials are drawn from what is known. The emulator films a bubble in each of them as the rig would; the recording is
-read and answered as `infer` does, but with the emulator in place of the solver. Frames are linear in G and mu, not in
-their logarithms, so the information of a shot is the inverse of the covariance of the values themselves, under a prior
-that is even in them: it adds up over shots, also where a single one only bounds G.
+Materials are drawn from what is known, and the emulator films a bubble in each of them as the rig would. The
+information of a recording is that of its frames about the truth, with the window, prior, likelihood and discrepancy of
+`infer`: the curvature of the log posterior there, without what stretch, bubble and camera could explain as well. Frames
+are linear in G and mu, not in their logarithms, so the information is that of the values over the truth, and adds up
+over shots, also where a single one only bounds G.
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import NORMAL_90, Floats, relative_weights
+from cavirheo.arrays import NORMAL_90, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
-from cavirheo.inference.answer import Target
+from cavirheo.inference.answer import INSIDE, Target
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
 from cavirheo.inference.emulator import Bubbles, Camera, emulator, outside
 from cavirheo.inference.experiment import (
@@ -29,18 +31,17 @@ from cavirheo.inference.experiment import (
     Experiment,
     exposure_nodes,
 )
-from cavirheo.inference.sample import Budget, Frames, alone, finding_maxima, first_round, ridges, sample
-from cavirheo.inference.weigh import LOOKED_AT, REACH, Model
+from cavirheo.inference.sample import expand
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.bubble import FREE as INFERRED
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import weighted_quantile
 
-BUDGET = Budget(sampled=500.0)
 RECORDED_GROWTH = 0.8  # t_c before R_max at which a recording begins
 MOST_SHOTS = 10_000
+STEP = 1e-3  # of the slopes of log10 of the law's parameters in the coordinates of the prior
+POINTS = 2001  # of a parameter, over which its density is integrated
 LN10 = float(np.log(10.0))
 
 
@@ -66,6 +67,13 @@ class Setting:
         require(0 <= self.exposure <= 1.0 / self.frame_rate * (1 + 1e-6), longest, "design.exposure")
 
 
+class Film(NamedTuple):
+    """A recording, and what is true of it: parameters by natural name, SI."""
+
+    curve: RadiusCurve
+    truth: dict[str, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Expectation:
     """What one shot would tell, for one draw of what is known. information: (l, l) of the likelihood on log10 of the
@@ -87,7 +95,7 @@ class Draws:
     bubble: Bubble = REAL
     seed: int = 0
 
-    def films(self, setting: Setting) -> list[RadiusCurve | None]:
+    def films(self, setting: Setting) -> list[Film | None]:
         """The recording of each draw, with errors of clock and scale as those of a camera; free parameters of the
         bubble are drawn. None for a bubble that cannot be. Raises InputError: the emulator does not know them."""
         usual = self.family.material(np.mean(self.law, axis=0))
@@ -95,7 +103,7 @@ class Draws:
         require(not unknown, f"design needs bubbles that the emulator knows: {unknown}", "design.unknown")
         k, rng, frame = len(self.law), np.random.default_rng(self.seed), 1.0 / setting.frame_rate
         low, high = PARAMETERS["accommodation"].start_range or (0.0, 0.0)
-        late, scale = rng.uniform(size=k), 1.0 + rng.normal(size=k) * SCALE_BOUND / BOUND_SIGMAS
+        late, scale = frame * rng.uniform(size=k), 1.0 + rng.normal(size=k) * SCALE_BOUND / BOUND_SIGMAS
         accommodation, damping = 10.0 ** rng.uniform(low, high, k), np.abs(ZETA * rng.normal(size=k))
         errors = setting.noise * rng.standard_normal((k, setting.frames))
         given = fixed_bubble(self.bubble, setting.max_radius)
@@ -111,71 +119,80 @@ class Draws:
         bubbles = Bubbles(law, self.medium, size, self.stretch, accommodation, damping, whole, whole)
         begin = RECORDED_GROWTH * self.medium.time_scale(setting.max_radius)
         time = frame * np.arange(setting.frames, dtype=np.float64) - begin
-        camera = Camera(time, *exposure_nodes(setting.exposure, QUICK_INSTANTS), -frame * late)
+        camera = Camera(time, *exposure_nodes(setting.exposure, QUICK_INSTANTS), -late)
         radius = setting.max_radius * emulator().radius(bubbles, camera) / scale[:, None] + errors
         meta = {"name": "designed", "frame_rate_hz": setting.frame_rate, "exposure_s": setting.exposure}
-        return [
-            RadiusCurve(time, np.maximum(row, 1e-3 * setting.max_radius), meta=meta) if np.isfinite(row).all() else None
-            for row in radius
-        ]
+        films: list[Film | None] = []
+        for i, row in enumerate(radius):
+            if not np.isfinite(row).all():
+                films.append(None)
+                continue
+            truth = dict(zip(self.family.parameters, 10.0 ** self.law[i], strict=True))
+            truth |= {"stretch": self.stretch[i], "accommodation": accommodation[i], "confinement_damping": damping[i]}
+            truth |= {"time_origin": -late[i], "radius_scale": scale[i]}
+            films.append(Film(RadiusCurve(time, np.maximum(row, 1e-3 * setting.max_radius), meta=meta), truth))
+        return films
 
-    def expectation(self, k: int, curve: RadiusCurve | None) -> Expectation | None:
-        """`Expectation` of the recording of draw k; None if it cannot be read: it ends before the collapse, say."""
-        if curve is None:
+    def expectation(self, setting: Setting, film: Film | None) -> Expectation | None:
+        """`Expectation` of a recording; None if it cannot be read: it ends before the collapse, say."""
+        if film is None:
             return None
         options = Options(free=tuple(FREE), bubble=self.bubble)
         with suppress(InputError, SolverError, np.linalg.LinAlgError):
-            shot = Experiment(curve, self.family, self.medium, options)
-            x, log_weight = _draws(shot, np.random.default_rng(self.seed + k))
-            logs = x[:, : shot.law_size]
-            low, high = weighted_quantile(logs, [0.05, 0.95], log_weight)
-            relative = 10.0 ** (logs - self.law[k])
-            weight = relative_weights(log_weight) * np.prod(relative, axis=1)
-            covariance = np.atleast_2d(np.cov(relative.T / LN10, aweights=weight))
-            return Expectation(np.linalg.inv(covariance), 0.5 * (high - low))
+            shot = Experiment(film.curve, self.family, self.medium, options)
+            truth = dict(film.truth)
+            truth["time_origin"] -= film.curve.time_of_max
+            truth["max_radius_factor"] = setting.max_radius / (truth["radius_scale"] * film.curve.max_radius)
+            x = shot.from_best(truth)
+            relative = _information(shot, x)
+            known, bounds = x[: shot.law_size], shot.bounds[: shot.law_size]
+            return Expectation(LN10**2 * relative, _half_widths(relative, known, bounds))
         return None
 
     def expectations(
         self, settings: Sequence[Setting], done: Callable[[], None] | None = None
     ) -> list[list[Expectation | None]]:
         """The `Expectation` of each draw at each setting. done: called after each of them."""
-        jobs = [(k, curve) for setting in settings for k, curve in enumerate(self.films(setting))]
+        jobs = [(setting, film) for setting in settings for film in self.films(setting)]
         found = run_jobs(lambda job: self.expectation(*job), jobs, None, (lambda *_: done()) if done else None)
         count = len(self.law)
         return [found[i : i + count] for i in range(0, len(jobs), count)]
 
 
-def _draws(shot: Experiment, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Draws x (k, d) of the posterior by the emulator, over all states of the switches, and their log weights (k,).
-    Raises SolverError: there is no such bubble.
+def _information(shot: Experiment, x: Floats) -> Floats:
+    """Information (l, l) of the frames on the values of the law's parameters over those of the truth x (d,): the
+    Gauss-Newton curvature there, less what the other parameters take up under their prior.
 
     The emulator also answers where the measured R_max is somewhat smaller than those that it knows, for which `infer`
     takes simulations."""
-    target = Target(shot)
-    found = [
-        _sampled(model, lambda x: target.measured - shot.emulated(x, emulator()), rng)
-        for model in target.models(shot.noise(discrepancy=True))
-    ]
-    if not any(len(x) for x, _ in found):
-        raise SolverError(f"{shot.curve.name}: there is no such bubble")
-    x, log_weight = (np.concatenate(part) for part in zip(*found, strict=True))
-    return x, log_weight
-
-
-def _sampled(model: Model, quick: Frames, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Draws x (k, d) of one model and their log weights (k,), of which the exponentials sum to its evidence; none where
-    there is no such bubble. quick: residuals (k, n) at x."""
+    target, law = Target(shot), shot.law_size
+    state = target.state(x)
+    u = state.to_u(x[None], INSIDE)
 
     def residuals(u: Floats) -> Floats:
-        return quick(model.to_x(u))
+        return target.measured - shot.emulated(state.to_x(u), emulator())
 
-    maxima = alone(finding_maxima(model.noise, model.dimension, BUDGET, rng), residuals)
-    if not np.any(np.isfinite(maxima.value)):
-        return model.to_x(np.zeros((0, model.dimension))), np.zeros(0)
-    mixture = ridges(residuals, model.noise, maxima, BUDGET, rng, LOOKED_AT, REACH)
-    rounds = first_round(mixture, BUDGET.rounds[0], residuals, rng)
-    draws, _ = sample(residuals, model.log_posterior, rounds, BUDGET.rounds, rng, BUDGET.sampled, BUDGET.walkers)
-    return model.to_x(draws.u), draws.log_weight + draws.log_evidence
+    _, (curvature,) = expand(residuals, shot.noise(discrepancy=True), u, residuals(u))
+    moved = state.to_x(u + STEP * np.eye(u.shape[1])) - state.to_x(u)
+    slopes = LN10 * np.diag(moved[:law, :law]) / STEP
+    own, mixed, others = curvature[:law, :law] - np.eye(law), curvature[:law, law:], curvature[law:, law:]
+    return np.asarray((own - mixed @ np.linalg.solve(others, mixed.T)) / np.outer(slopes, slopes))
+
+
+def _half_widths(information: Floats, known: Floats, bounds: Floats) -> Floats:
+    """(l,) decades, half of the 90 % interval of each parameter in its range (l, 2), flat in log10, from the
+    information (l, l) on its value over that of the truth `known` (l,), log10. The others may be off by about the
+    truth."""
+    widths = []
+    for i, (low, high) in enumerate(bounds):
+        others = np.arange(len(known)) != i
+        rest = information[np.ix_(others, others)] + np.eye(len(known) - 1)
+        own = information[i, i] - information[i, others] @ np.linalg.solve(rest, information[others, i])
+        places = np.linspace(low, high, POINTS)
+        mass = np.cumsum(np.exp(-0.5 * own * (10.0 ** (places - known[i]) - 1.0) ** 2))
+        ends = np.interp([0.05, 0.95], mass / mass[-1], places)
+        widths.append(0.5 * (ends[1] - ends[0]))
+    return np.array(widths)
 
 
 def variance(ends: Floats) -> Floats:
