@@ -8,7 +8,7 @@ from answers import GEL, holds, same, simulated
 from conftest import slow
 
 import cavirheo
-from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, fit, infer, infer_many
+from cavirheo import Bubble, Newtonian, RadiusCurve, fit, infer, infer_many
 from cavirheo.inference import experiment
 from cavirheo.inference.which_law import rank_laws
 from cavirheo.physics.laws import Fung
@@ -190,13 +190,3 @@ def test_a_wrong_law_does_not_fit():
     assert answer.checks.verdict == "does_not_fit"
     assert "misfit.systematic" in [one.code for one in answer.checks.messages]
     assert answer.diagnostics.predictive["p_value"] < 0.01
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
-def test_intervals_of_eight_gels_hold_the_truth(seed):
-    rng = np.random.default_rng(seed)
-    modulus, viscosity = 10 ** rng.uniform([3.3, -1.7], [4.5, -0.9])
-    law = NeoHookeanKelvinVoigt(modulus, viscosity)
-    curve = simulated(law, stretch=6.0, within=REAL, noise=0.01, seed=seed, stated_time_of_max=0.0)
-    assert holds(infer(curve), 0.99, shear_modulus=modulus, viscosity=viscosity)

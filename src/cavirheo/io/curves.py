@@ -559,6 +559,6 @@ def _time_scale(t: Floats, unit: str | None) -> tuple[float, str]:
         return TIME_UNITS[unit], ""
     span = float(np.ptp(t)) if len(t) else 0.0
     unit = "s" if len(t) < 2 or 5e-7 <= span <= 5e-3 else "us"
-    message = f"the unit of time cannot be told from its span ({span:.4g}); name it in the header, e.g. time_us"
+    message = f"the unit of time cannot be told from its span ({span:.4g}): name it, as in time_us"
     require(unit == "s" or 1.0 <= span <= 5e3, message, "table.time")
     return TIME_UNITS[unit], f"no unit given for time: taken as {unit} from its span"
