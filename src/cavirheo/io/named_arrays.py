@@ -17,7 +17,7 @@ outside the shots counts for each. What is not used is named in a note.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import prod
@@ -108,10 +108,11 @@ def _shots(arrays: Arrays, camera: Camera, notes: Sequence[str] = ()) -> list[Ra
     folders: dict[str, list[_Series]] = {}
     for series in sorted(filter(None, map(_series, arrays, arrays.values())), key=lambda series: series.number):
         folders.setdefault(series.folder, []).append(series)
-    with_radii = [folder for folder, members in folders.items() if _form(members)]
-    with_radii = [folder for folder in with_radii if _NUMBERED not in folder or _around(folder) not in with_radii]
+    with_radii = {folder: None for folder, members in folders.items() if _form(members)}
+    for folder in [folder for folder in with_radii if _NUMBERED in folder and _around(folder) in with_radii]:
+        del with_radii[folder]  # R counts before R2
     with_times = [folder for folder in with_radii if _add_times(folders, folder, with_radii) or folder.endswith("}")]
-    shots = with_times or with_radii
+    shots = with_times or list(with_radii)
     if not shots:
         raise _no_history(arrays)
     inside: dict[str, list[str]] = {folder: [] for folder in ["", *shots]}  # "": outside all others
@@ -152,7 +153,7 @@ def _around(folder: str) -> str:
     return folder.rpartition("/")[0]
 
 
-def _add_times(folders: dict[str, list[_Series]], folder: str, with_radii: Sequence[str]) -> bool:
+def _add_times(folders: dict[str, list[_Series]], folder: str, with_radii: Container[str]) -> bool:
     """Add to a shot without times those of the nearest folder around it that has no radii of its own; whether it has
     any then."""
     outer = folder
