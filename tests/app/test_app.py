@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import fields, replace
 from multiprocessing import active_children
 from pathlib import Path
-from threading import Event
+from threading import Event, active_count
 
 import httpx
 import numpy as np
@@ -185,6 +185,27 @@ def gone(visitors, name):
     folder = visitors.session_for(name).folder
     visitors.leave(name)
     until(lambda: visitors.forget_absent() or not folder.exists())
+
+
+def test_answers_go_with_the_last_visitor_who_has_them():
+    with closing(Visitors(VisitorLimits(absent_seconds=0.05))) as visitors:
+        for name in ("one", "other"):
+            session = visitors.session_for(name)
+            session.add([SOFT], QUICK, copy=True)
+            infer(session, ["soft_gel[1]"])
+        keys = visitors.session_for("other").keys
+
+        def kept():
+            return [key for key in keys if visitors.store.get(key)]
+
+        gone(visitors, "one")
+        assert len(kept()) == 1
+        gone(visitors, "other")
+        until(lambda: kept() == [])
+        threads = active_count()
+        for k in range(20):
+            visitors.leave(f"page {k}")
+        assert active_count() <= threads  # none sleeps for a page
 
 
 def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
