@@ -53,7 +53,8 @@ def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_pat
     radii = (R_STAR, R_STAR, R_STAR, [], R_STAR[:3], np.full(180, np.nan), R_STAR)
     times = (T_STAR, T_STAR, T_STAR, [], T_STAR[:3], T_STAR, T_STAR)
     maxima = (1e-4, 2e-4, 3e-4, 0.0, 1e-4, 1e-4, 0.0)
-    save(tmp_path / "gel.mat", bdt_variables(radii, times, maxima))
+    other = {"Rnew": files.cells(*[RADIUS] * 7), "err": files.cells(*[RADIUS] * 7)}
+    save(tmp_path / "gel.mat", bdt_variables(radii, times, maxima) | other)
     curves = read_curves(tmp_path / "gel.mat", density=1025.0)
     assert [c.name for c in curves] == [f"gel[{k}]" for k in range(1, 8)]
     for curve, maximum in zip(curves[:3], maxima, strict=False):
@@ -64,6 +65,7 @@ def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_pat
         assert len(curve.source_sha256) == 64
         assert any("density 1025 kg/m3" in note for note in curve.notes)
         assert any("before R_max (growth)" in note for note in curve.notes)
+        assert any("not used: Rnew" in note for note in curve.notes)
     codes = ["curve.unusable", "curve.few_frames", "curve.few_frames", "curve.unusable"]
     assert [code_of(lambda curve=curve: curve.max_radius) for curve in curves[3:]] == codes
 

@@ -99,15 +99,16 @@ def curves(arrays: Arrays, camera: Camera, density: float, pressure: float) -> l
         return _bdt(arrays, camera, density, pressure)
     if names.issuperset(_ROWS):
         note = "R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew"
-        return _shots(_with_radii_of_rows(arrays), camera, [note])
+        return _shots(_with_radii_of_rows(arrays), camera, [note], _ROWS)
     return _shots(arrays, camera)
 
 
-def _shots(arrays: Arrays, camera: Camera, notes: Sequence[str] = ()) -> list[RadiusCurve]:
-    """Return the curves of all folders that are shots."""
+def _shots(arrays: Arrays, camera: Camera, notes: Sequence[str] = (), only: Container[str] = ()) -> list[RadiusCurve]:
+    """Return the curves of all folders that are shots. only: names of the times and radii, if not of any names."""
     folders: dict[str, list[_Series]] = {}
     for series in sorted(filter(None, map(_series, arrays, arrays.values())), key=lambda series: series.number):
-        folders.setdefault(series.folder, []).append(series)
+        if not only or _CELL.sub("", series.path) in only:
+            folders.setdefault(series.folder, []).append(series)
     with_radii = {folder: None for folder, members in folders.items() if _form(members)}
     for folder in [folder for folder in with_radii if _NUMBERED in folder and _around(folder) in with_radii]:
         del with_radii[folder]  # R counts before R2
@@ -382,7 +383,7 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
         if path != _BDT[2]:
             in_units[path] = leaf
     curves = []
-    for curve in _shots(in_units, camera, [note]):
+    for curve in _shots(in_units, camera, [note], _BDT):
         if unscaled and not curve.unusable:  # the user's R_max will scale both time and radius
             time, radius = curve.time / _UNIT, curve.radius / _UNIT
             curve = replace(curve, time=time, radius=radius, unscaled=unscaled, time_unscaled=True)
