@@ -326,7 +326,8 @@ def _facts(stated: Mapping[str, _Stated], camera: Camera) -> tuple[Camera, dict[
 
 def _note_on(not_used: Sequence[str]) -> list[str]:
     """Return a note, in a list, on arrays that are not used, if there are any."""
-    return [f"not used: {listed(not_used, _LISTED)}"] if not_used else []
+    names = [_CELL.sub("", path) for path in not_used]
+    return [f"not used: {listed(names, _LISTED)}"] if names else []
 
 
 def _rows(picked: Sequence[_Series]) -> list[list[Floats]]:
