@@ -223,6 +223,16 @@ def _ends(count: int, total: int, names: Sequence[str]) -> str:
     return f": {words}, in {count} of {total}: check the µm per pixel, the frame rate, and that R_max was recorded"
 
 
+def _bubble(count: int, total: int, names: Sequence[str]) -> str:
+    words = ", ".join(map(_spaced, names))
+    return f": {words}, in {count} of {total}: no such bubble is known, so the law may be wrong"
+
+
+def _walls(count: int, total: int, distance: float) -> str:
+    where = f"{digits.significant(1e6 * distance, 2)} µm away"
+    return f", {where}, in {count} of {total}: check the µm per pixel and the frame rate, or give --wall-distance-um"
+
+
 def _heaps(name: str, heaps: Sequence[Any]) -> str:
     short = iter(digits.distinct_names([shot for heap in heaps for shot in heap.shots]))
     shots = " | ".join(", ".join(next(short) for _ in heap.shots) for heap in heaps)
@@ -285,7 +295,9 @@ _DETAILS: dict[str, Callable[..., str]] = {  # by code or its first part, of the
     "model.rejected": _rejected,
     "model.chosen": _chosen,
     "group.doubt.ends": _ends,
+    "group.doubt.bubble": _bubble,
     "group.doubt.heaps": _heaps,
+    "group.doubt.walls": _walls,
     "group.rival": lambda count, total, models: f" in {count} of {total} shots: {' or '.join(models)}",
     "group.not_given": lambda values: f": {constants_in_words(values)}",
     "group.trend": lambda trends: f": {', '.join(trends)}; --column R_max measures it",

@@ -139,7 +139,8 @@ class Diagnostics:
 
     Attributes:
         stretch_source: origin of the stretch: "given", "fitted", ...
-        at_bound: clock, scale and R_max factor that are at an end of their priors.
+        at_bound: clock, scale and R_max factor that are at an end of their priors, and other parameters that are at
+            an end beyond which there is physics.
         frames_left_out: number of frames that are not used: spikes, and a rise as by another bubble.
         draws: number of weighted draws.
         effective_sample_size: number of independent draws that they are worth.
@@ -150,6 +151,8 @@ class Diagnostics:
         failed_simulations: number of failed simulations.
         modulus_over_scale: relative change of G per relative change of R_max; None if G is only bounded.
         viscosity_over_scale: relative change of mu per relative change of R_max; None if mu is only bounded.
+        secant_modulus: 5 %, 50 % and 95 % of the modulus, Pa, of the neo-Hookean gel that pulls as strongly at R_max;
+            of a gel that most probably stiffens, whose G is that of small strains.
     """
 
     stretch_source: str = ""
@@ -163,6 +166,7 @@ class Diagnostics:
     failed_simulations: int | None = None
     modulus_over_scale: float | None = None
     viscosity_over_scale: float | None = None
+    secant_modulus: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

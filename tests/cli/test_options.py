@@ -209,17 +209,17 @@ BUBBLES = {  # options, and the bubble that they ask for
     "": REAL,
     "--bubble field": FIELD,
     "--accommodation 0.1": replace(REAL, accommodation=0.1),
-    "--confinement-damping 0": Bubble("kinetic", confinement_damping=0.0),
-    "--contents equilibrium": Bubble(confinement_damping="free"),
+    "--confinement-damping 0": replace(REAL, confinement_damping=0.0),
+    "--contents equilibrium": Bubble(confinement_inertia="free", confinement_damping="free"),
     "--bubble field --confinement-inertia free": Bubble(confinement_inertia="free"),
-    "--wall-distance-um 900": replace(REAL, wall_distance=9e-4),
+    "--wall-distance-um 900": replace(REAL, wall_distance=9e-4, confinement_inertia=0.0),
     "--vapour-excess 2000 --damage strain": replace(REAL, vapour_excess=2e3, damage="strain"),
 }
 SEVERAL = {  # of which-law
     "": (REAL,),
     "--bubble real,field": (REAL, FIELD),
     "--bubble field --damage none,strain": (FIELD, Bubble(damage="strain")),
-    "--bubble real,field --confinement-damping 0": (Bubble("kinetic"), FIELD),
+    "--bubble real,field --confinement-damping 0": (replace(REAL, confinement_damping=0.0), FIELD),
 }
 TABLES = (("infer", BUBBLES), ("fit", BUBBLES), ("which-law", SEVERAL))
 ASKED = [(verb, words, bubbles) for verb, table in TABLES for words, bubbles in table.items()]

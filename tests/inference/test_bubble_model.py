@@ -82,7 +82,12 @@ def test_a_wall_that_is_given_is_in_the_answer():
 
 
 def test_different_bubbles_have_different_names_and_titles():
-    changes = [{}, {"damage": "strain"}, {"confinement_damping": 0.2, "wall_distance": 1e-3}, {"motion": "gilmore"}]
+    changes = [
+        {},
+        {"damage": "strain"},
+        {"confinement_damping": 0.2, "confinement_inertia": 0.0, "wall_distance": 1e-3},
+        {"motion": "gilmore"},
+    ]
     made = [replace(kind, **change) for kind in (REAL, FIELD) for change in changes]
     assert len({one.name for one in made}) == len({one.title for one in made}) == len(made)
 

@@ -71,13 +71,15 @@ def test_the_emulator_follows_the_solver():
     family, x = usual("nhkv", 60, rng)
     stretch, radius = rng.uniform(3.0, 10.0, 60), np.full(60, 2e-4)
     accommodation, damping = 10.0 ** rng.uniform(-1.7, -0.3, 60), rng.uniform(0.0, 0.5, 60)
+    inertia, excess = rng.uniform(0.0, 0.5, 60), rng.uniform(0.0, 3e3, 60)
     ones = np.ones(60)
-    bubbles = Bubbles(family.material(x), WATER, radius, stretch, accommodation, damping, ones, ones)
+    bubbles = Bubbles(family.material(x), WATER, radius, stretch, accommodation, damping, inertia, excess, ones, ones)
     times = np.linspace(0.0, 3.0, 50) * WATER.time_scale(2e-4)
     emulated = emulator().radius(bubbles, Camera(times, np.zeros(1), np.ones(1), np.zeros(60)))
     errors = []
     for i in range(60):
-        bubble = Bubble("kinetic", float(accommodation[i]), confinement_damping=float(damping[i]))
+        walls = {"confinement_inertia": float(inertia[i]), "confinement_damping": float(damping[i])}
+        bubble = Bubble("kinetic", float(accommodation[i]), vapour_excess=float(excess[i]), **walls)
         shot = {"max_radius": float(radius[i]), "stretch": float(stretch[i]), "time": times, "bubble": bubble}
         simulated = simulate(family.material(x[i]), **shot).radius / radius[i]
         errors.append(np.sqrt(np.mean((emulated[i] - simulated) ** 2)))

@@ -14,14 +14,14 @@ from cavirheo.inference.which_law import rank_laws
 from cavirheo.physics.laws import Fung
 from cavirheo.physics.materials import Viscoelastic
 
-REAL = Bubble("kinetic", 0.1, confinement_damping=0.15)
-STIFF = Viscoelastic(Fung(2e3, 0.05), Newtonian(0.05))
+REAL = Bubble("kinetic", 0.1, confinement_inertia=0.03, confinement_damping=0.15)
+STIFF = Viscoelastic(Fung(5e3, 0.05), Newtonian(0.05))
 SHOTS = {  # law, stretch and bubble; what the intervals hold; switches that are on, and that are off
     "gel": (GEL, 6.5, REAL, {"shear_modulus": 8e3, "accommodation": 0.1}, {}, {"liquid"}),
     "liquid": (Newtonian(0.03), 8.0, REAL, {}, {"liquid"}, set()),
     "field": (GEL, 6.5, Bubble(), {"shear_modulus": 8e3}, {"field_bubble"}, {"liquid"}),
     # 90 frames with 0.8 % noise do not tell this stiffening from none
-    "stiffening": (STIFF, 6.5, REAL, {"shear_modulus": 2e3}, set(), {"liquid"}),
+    "stiffening": (STIFF, 6.5, REAL, {"shear_modulus": 5e3}, set(), {"liquid"}),
 }
 
 
@@ -53,7 +53,7 @@ def test_the_default_answer_holds_the_truth_and_its_switches_are_set(answers, na
 def test_of_a_liquid_the_modulus_is_bounded_from_above(answers):
     answer = answers["liquid"]
     assert answer.bound("shear_modulus") == "upper"
-    assert answer.interval("shear_modulus")[1] < 3e3
+    assert answer.interval("shear_modulus")[1] < 5e3  # walls, whose distance is not known, may hide it
     assert answer.bound("viscosity") is None
     low, high = answer.interval("viscosity")
     assert high < 1.6 * low

@@ -83,7 +83,7 @@ def test_exposure_is_the_mean_over_the_shutter():
 @pytest.mark.parametrize("camera", [(0.0, 0.0, 0.0), (0.9, 0.0, 0.0), (0.0, 0.9, 0.0), (0.0, 0.0, 0.9)])
 def test_emulated_frames_are_those_of_the_solver_with_clock_scale_and_factor(bubble, camera):
     there = experiment(shot(noise=0.003), bubble=bubble, exposure=0.4e-6)
-    x = there.from_best(TRUTH | {"accommodation": 0.1, "confinement_damping": 0.2})
+    x = there.from_best(TRUTH | {"accommodation": 0.1, "confinement_damping": 0.2, "confinement_inertia": 0.1})
     for name, value in zip(("time_origin", "radius_scale", "max_radius_factor"), camera, strict=True):
         x[there.names.index(name)] = value
     exact = there.predict(x)[there.counted]
@@ -91,9 +91,9 @@ def test_emulated_frames_are_those_of_the_solver_with_clock_scale_and_factor(bub
 
 
 def test_a_real_bubble_at_the_end_of_its_switch_is_the_fields():
-    """Without damping: it has equilibrium contents in an unbounded liquid, by the solver and by the emulator."""
+    """Without walls: it has equilibrium contents in an unbounded liquid, by the solver and by the emulator."""
     real, field = (experiment(shot(), bubble=bubble) for bubble in (REAL, FIELD))
-    x = real.from_best(TRUTH | {"confinement_damping": 0.4})
+    x = real.from_best(TRUTH | {"confinement_damping": 0.4, "confinement_inertia": 0.2})
     x[real.names.index("accommodation")] = np.inf
     of_field = field.from_best(TRUTH)
     assert real.predict(x) == pytest.approx(field.predict(of_field))
@@ -171,7 +171,7 @@ def test_every_free_parameter_has_a_proper_prior():
     prior = there.prior()
     x = prior.to_x(np.random.default_rng(1).normal(size=(20_000, len(prior.names))))
     natural = there.natural(x.T)
-    for name, deviation in (("confinement_inertia", 0.3), ("confinement_damping", 0.3), ("vapour_excess", 3039.75)):
+    for name, deviation in (("confinement_inertia", 0.1), ("confinement_damping", 0.3), ("vapour_excess", 3039.75)):
         assert natural[name].min() >= 0
         assert np.sqrt(np.mean(natural[name] ** 2)) == pytest.approx(deviation, rel=0.03)
     assert 0.01 <= natural["accommodation"].min() < natural["accommodation"].max() <= 1
@@ -184,7 +184,11 @@ def test_the_default_family_has_the_stated_probabilities_of_its_switches():
     """A third liquid, half of the gels without stiffening, a fifth with the field's bubble."""
     there = experiment(shot(), law="auto", bubble=REAL)
     prior = there.prior()
-    x = dict(zip(prior.names, prior.to_x(np.random.default_rng(0).standard_normal((20_000, 9))).T, strict=True))
+    x = dict(
+        zip(
+            prior.names, prior.to_x(np.random.default_rng(0).standard_normal((20_000, len(prior.names)))).T, strict=True
+        )
+    )
     assert np.mean(np.isneginf(x["shear_modulus"])) == pytest.approx(1 / 3, abs=0.015)
     assert np.mean(np.isneginf(x["stiffening"])) == pytest.approx(1 / 2, abs=0.015)
     assert np.mean(np.isposinf(x["accommodation"])) == pytest.approx(1 / 5, abs=0.015)

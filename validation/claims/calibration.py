@@ -1,13 +1,14 @@
 """Do intervals hold the truth as often as they say, and switches as often as their probability? Simulated shots.
 
 Truths: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max 100 to
-400 um. Kinds: "real": a neo-Hookean gel, log10 of the accommodation (0.01 to 1) uniform, the confinement damping from
-the half of a normal, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the real bubble;
-"stiffening": Fung's spring that is 1.3 to 20 times as stiff at R_max, the real bubble. 100 frames over 4.07 t_c, each
-the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame, radii by a scale and R_max by a factor
-with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. Kind "prior": law, bubble and
-stretch from the prior of the default family itself, whose probabilities of switches are compared with them. Ways:
-"infer" (the default family), "nhkv" (`infer` by this law), "fit" (by this law; clock, scale and R_max free).
+400 um. Kinds: "real": a neo-Hookean gel, log10 of the accommodation (0.01 to 1) uniform, confinement inertia and
+damping from halves of normals, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the
+real bubble; "stiffening": Fung's spring that is 1.3 to 20 times as stiff at R_max, the real bubble. 100 frames over
+4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame, radii by a scale and
+R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. Kind
+"prior": law, bubble and stretch from the prior of the default family itself, whose probabilities of switches are
+compared with them. Ways: "infer" (the default family), "nhkv" (`infer` by this law), "fit" (by this law; clock, scale
+and R_max free).
 
 An interval counts as it is printed: low <= truth <= high. The truths of all kinds but "prior" are from narrower ranges
 than the priors.
@@ -29,7 +30,7 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.answer import NEEDED
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.emulator import LARGEST_PULL, features
-from cavirheo.inference.experiment import BOUND_SCALES, ZETA, Experiment
+from cavirheo.inference.experiment import BETA, BOUND_SCALES, ZETA, Experiment
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.laws import Fung
@@ -38,7 +39,7 @@ from cavirheo.physics.media import WATER
 from validation.numbers import Number, Run, coverage, share, statistic
 
 RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4.0, 11.0)}
-ADDED = "confinement_damping"  # of the real bubble: half-normal
+WALLS = ("confinement_inertia", "confinement_damping")  # of the real bubble: half-normal
 LEVELS = (0.5, 0.9)
 FIRST = 2000  # seed of the first shot: on those before it settings were chosen
 KINDS = ("real", "field", "liquid", "stiffening", "prior")  # of truths
@@ -76,14 +77,14 @@ def of_kind(kind: str, rng: np.random.Generator) -> tuple[dict[str, float], Mate
     if kind == "field":
         return truth, law, FIELD
     bubble = real_bubble(rng)
-    truth |= {"accommodation": float(bubble.accommodation), ADDED: float(bubble.confinement_damping)}
+    truth |= {"accommodation": float(bubble.accommodation), **{name: getattr(bubble, name) for name in WALLS}}
     return truth, law, bubble
 
 
 def real_bubble(rng: np.random.Generator) -> Bubble:
     accommodation = float(10 ** rng.uniform(-2.0, 0.0))
-    damping = float(ZETA * truncnorm(0.0, BOUND_SCALES).rvs(random_state=rng))
-    return Bubble("kinetic", accommodation, confinement_damping=damping)
+    inertia, damping = truncnorm(0.0, BOUND_SCALES).rvs(2, random_state=rng).tolist()
+    return Bubble("kinetic", accommodation, confinement_inertia=BETA * inertia, confinement_damping=ZETA * damping)
 
 
 @cache

@@ -12,7 +12,7 @@ import numpy as np
 from cavirheo.arrays import Floats, relative_weights, weighted_covariance
 from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import LARGEST_PULL, emulator, features, outside
+from cavirheo.inference.emulator import LARGEST_PULL, elastic_stress, emulator, features, outside
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
@@ -21,6 +21,8 @@ from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import CAMERA, DECIDING, LOG10, Bound, bound_of, units
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
+from cavirheo.physics.bubble import ZERO_BY_DEFAULT
+from cavirheo.physics.laws import NeoHookean
 from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
 from cavirheo.prior import Prior, State
 
@@ -29,11 +31,18 @@ REJECTED = 0.01  # probability under a right law at which the predictive check r
 LARGE_MISFIT = 0.03  # misfit over R_max beyond noise that rejects the law
 SEEN_MISFIT = 5e-4  # a misfit over R_max that is smaller is not stated
 PRIOR_END = 2.3  # a nuisance so far from the middle of its prior has 1 % of it beyond
-OPEN_ENDS: dict[str, Bound] = {"stretch": "lower", "accommodation": "upper", "confinement_damping": "lower"}
-"""Ends of nuisances beyond which there is physics: a larger stretch, a smaller accommodation, a larger damping."""
-TRADED = 0.3  # correlation of a parameter with a nuisance at its end, above which it is only bounded
+OPEN_ENDS: dict[str, Bound] = {
+    "stretch": "lower",
+    "accommodation": "upper",
+    "confinement_damping": "lower",
+    "confinement_inertia": "lower",
+}
+"""Ends of nuisances beyond which there is physics: a larger stretch, damping or inertia, a smaller accommodation."""
+BEYOND, TRADED = 0.1, 0.5
+"""A parameter is only bounded if it would move by TRADED widths of its interval, were another one at its end further by
+BEYOND of its range."""
 ENOUGH = EMULATED.effective  # draws without which there is no interval
-NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation"}
+NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation", "confinement_inertia": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
 AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
 INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
@@ -116,8 +125,8 @@ def sampled_answer(
         raise SolverError(f"{shot.curve.name}: none of {len(all_draws.x)} likely bubbles can be simulated")
     found = _with_draws(replace(empty, medium=shot.medium), target, weighed)
     best = int(np.argmax(weighed.log_posterior))
-    predictive, excess, at = judge(target, noise, weighed, best, seed)
-    pulled = _pulled(shot, prior, at)
+    predictive, excess = judge(target, noise, weighed, best, seed)
+    pulled = _pulled(shot, prior, weighed)
     effective = weighed.effective
     verdict, messages = _bounds(found, shot.family)
     if target.unknown:
@@ -138,7 +147,10 @@ def sampled_answer(
     messages += shot.messages
     diagnostics = Diagnostics(
         stretch_source=shot.stretch_source(),
-        at_bound=tuple(name for name in pulled if name in CAMERA),
+        at_bound=(
+            *(name for name in pulled if name in CAMERA),
+            *open_ends(prior, weighed.x, weighed.log_weight),
+        ),
         frames_left_out=int(np.count_nonzero(~shot.counted)),
         draws=len(weighed.x),
         effective_sample_size=effective,
@@ -148,6 +160,7 @@ def sampled_answer(
         failed_simulations=target.failures,
         modulus_over_scale=over_scale([found], "shear_modulus"),
         viscosity_over_scale=over_scale([found], "viscosity"),
+        secant_modulus=secant_modulus(shot, weighed) if found.switches.get("stiffening", 0.0) > 0.5 else (),
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
     provenance |= noise.describe(weighed.residuals[best])
@@ -180,7 +193,7 @@ def _with_draws(empty: Posterior, target: Target, weighed: Weighed) -> Posterior
     names, theta = shot.to_theta(x)
     values = shot.all_values(x[int(np.argmax(weighed.log_posterior))])
     if values.get("accommodation") == np.inf:  # the field's bubble, as in theta
-        values |= {"accommodation": 1.0, "confinement_damping": 0.0}
+        values |= {"accommodation": 1.0} | dict.fromkeys(ZERO_BY_DEFAULT, 0.0)
     return replace(
         empty,
         names=names,
@@ -219,8 +232,9 @@ def _switched_off(names: Sequence[str], theta: Floats) -> Floats:
     if "accommodation" in names:
         field = np.isposinf(theta[:, names.index("accommodation")])
         theta[field, names.index("accommodation")] = 1.0
-        if "confinement_damping" in names:
-            theta[field, names.index("confinement_damping")] = 0.0
+        for name in ZERO_BY_DEFAULT:
+            if name in names:
+                theta[field, names.index(name)] = 0.0
     if "log10_stiffening" in names:
         theta[np.isneginf(theta[:, names.index("log10_shear_modulus")]), names.index("log10_stiffening")] = -np.inf
     return theta
@@ -244,44 +258,55 @@ def _switches(prior: Prior, x: Floats, weight: Floats) -> dict[str, float]:
 
 
 def trades(prior: Prior, x: Floats, log_weight: Floats, law: Sequence[str]) -> dict[str, tuple[str, Bound]]:
-    """The parameters of a law that trade against a nuisance at an end of its range, with this nuisance and the bound
-    that is left: a value on the side to which the nuisance would move it is not excluded."""
+    """The parameters of a law that trade against another one at an end of its range, with this one and the bound that
+    is left: a value on the side to which it would move them is not excluded."""
     columns = dict(zip(prior.names, x.T, strict=True))
     found: dict[str, tuple[str, Bound]] = {}
-    for other, open_end in OPEN_ENDS.items():
-        if other not in columns or len(x) < 2:
-            continue
+    for other in open_ends(prior, x, log_weight):
         low, high = prior.bounds(other)
-        ends = weighted_quantile(columns[other], [0.05, 0.95], log_weight).tolist()
-        if bound_of(min(ends[0], high), min(ends[1], high), (low, high)) != open_end:
-            continue
-        outwards = 1.0 if open_end == "lower" else -1.0
+        outwards = BEYOND * (high - low) * (1.0 if OPEN_ENDS[other] == "lower" else -1.0)
         for name in law:
             pair = weighted_covariance(columns[name], columns[other], log_weight)
             if pair is None:
                 continue
-            correlation = pair[0, 1] / np.sqrt(pair[0, 0] * pair[1, 1] + 1e-300)
-            if abs(correlation) > TRADED:
-                found[name] = other, "lower" if outwards * correlation > 0.0 else "upper"
+            moved = outwards * pair[0, 1] / (pair[1, 1] + 1e-300)
+            width = np.ptp(weighted_quantile(columns[name], [0.05, 0.95], log_weight))
+            if abs(moved) > TRADED * width:
+                found[name] = other, "lower" if moved > 0.0 else "upper"
     return found
 
 
-def _pulled(shot: Experiment, prior: Prior, x: Floats) -> dict[str, str]:
-    """The free parameters of bubble and camera that are at the end of their prior at x (d,), with this end."""
-    u = prior.to_u(x, 1e-3)
-    at_field = np.isposinf(x[prior.names.index("accommodation")]) if "accommodation" in prior.names else False
+def open_ends(prior: Prior, x: Floats, log_weight: Floats) -> list[str]:
+    """The nuisances whose intervals reach an end beyond which there is physics."""
+    columns = dict(zip(prior.names, x.T, strict=True))
+    reached = list[str]()
+    for name, end in OPEN_ENDS.items():
+        if name not in columns or len(x) < 2:
+            continue
+        low, high = prior.bounds(name)
+        ends = weighted_quantile(columns[name], [0.05, 0.95], log_weight).tolist()
+        if bound_of(min(ends[0], high), min(ends[1], high), (low, high)) == end:
+            reached.append(name)
+    return reached
+
+
+def _pulled(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str, str]:
+    """The free parameters of bubble and camera of which most draws are at the end of their prior, with this end."""
+    weight = relative_weights(weighed.log_weight)
+    weight = weight / np.sum(weight)
+    u = prior.to_u(weighed.x, INSIDE)
     ends: dict[str, str] = {}
-    for name, value in zip(prior.names, u, strict=True):
-        if name in shot.free and abs(value) > PRIOR_END and (name in CAMERA or not at_field):
-            ends[name] = "lower" if value < 0 else "upper"
+    for name, values in zip(prior.names, u.T, strict=True):
+        for end, beyond in (("lower", values < -PRIOR_END), ("upper", values > PRIOR_END)):
+            usual = name in ZERO_BY_DEFAULT and end == "lower"
+            if name in shot.free and not usual and weight @ beyond > 0.5:
+                ends[name] = end
     return ends
 
 
-def judge(
-    target: Target, noise: Noise, weighed: Weighed, best: int, seed: int
-) -> tuple[dict[str, Any] | None, float, Floats]:
-    """The predictive check at the best draw, the misfit beyond noise, and the place x (d,) that it is judged at: if the
-    check rejects, the nearest that the law can come by least squares."""
+def judge(target: Target, noise: Noise, weighed: Weighed, best: int, seed: int) -> tuple[dict[str, Any] | None, float]:
+    """The predictive check at the best draw, and the misfit beyond noise; if the check rejects, that of the nearest
+    that the law can come by least squares."""
     shot, at, residual = target.shot, weighed.x[best], weighed.residuals[best]
     state = target.state(at)
     u = state.to_u(at[None], INSIDE)
@@ -291,10 +316,8 @@ def judge(
         white = Noise(np.full(len(residual), np.median(noise.deviation)), shot.time_since_max[shot.counted], 1.0, False)
         shift = residual - target.quick(at[None])[0]
         nearest = climb(lambda v: target.quick(state.to_x(v)) + shift, white, u).u
-        nearer = shot.misfit(target.simulated(state.to_x(nearest))[0])
-        if nearer < excess:
-            excess, at = nearer, state.to_x(nearest)[0]
-    return predictive, excess, at
+        excess = min(excess, shot.misfit(target.simulated(state.to_x(nearest))[0]))
+    return predictive, excess
 
 
 def predicted(shot: Experiment, noise: Noise, weighed: Weighed, best: int, checks: Checks, seed: int) -> Floats | None:
@@ -311,6 +334,16 @@ def predicted(shot: Experiment, noise: Noise, weighed: Weighed, best: int, check
     ends = np.quantile(frames, [0.05, 0.95], axis=0)
     time = shot.time_since_max[shot.counted] + shot.curve.time_of_max
     return np.column_stack([np.interp(checks.compared_time, time, end) for end in ends])
+
+
+def secant_modulus(shot: Experiment, weighed: Weighed) -> tuple[float, ...]:
+    """`Diagnostics.secant_modulus` of the draws."""
+    elastic = shot.family.material(weighed.x[:, : shot.law_size]).parts().elastic
+    if elastic is None:
+        return ()
+    stretch = np.broadcast_to(shot.natural(weighed.x.T)["stretch"], len(weighed.x))
+    pull, of_one = (elastic_stress(law, stretch)[:, 0] for law in (elastic, NeoHookean(np.ones((len(stretch), 1)))))  # type: ignore[arg-type]
+    return tuple(weighted_quantile(pull / of_one, [0.05, 0.5, 0.95], weighed.log_weight).tolist())
 
 
 def over_scale(answers: Sequence[Posterior], name: str) -> float | None:

@@ -24,8 +24,10 @@ from cavirheo.inference.answer import INSIDE, Target
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
 from cavirheo.inference.emulator import Bubbles, Camera, emulator, outside
 from cavirheo.inference.experiment import (
+    BETA,
     BOUND_SCALES,
     BOUND_SIGMAS,
+    EXCESS,
     QUICK_INSTANTS,
     ZETA,
     Experiment,
@@ -35,7 +37,7 @@ from cavirheo.inference.sample import expand
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.bubble import FREE as INFERRED
-from cavirheo.physics.bubble import REAL, Bubble
+from cavirheo.physics.bubble import REAL, ZERO_BY_DEFAULT, Bubble
 from cavirheo.physics.media import WATER, Medium
 
 RECORDED_GROWTH = 0.8  # t_c before R_max at which a recording begins
@@ -104,19 +106,24 @@ class Draws:
         k, rng, frame = len(self.law), np.random.default_rng(self.seed), 1.0 / setting.frame_rate
         low, high = PARAMETERS["accommodation"].start_range or (0.0, 0.0)
         late, scale = frame * rng.uniform(size=k), 1.0 + rng.normal(size=k) * SCALE_BOUND / BOUND_SIGMAS
-        accommodation, damping = 10.0 ** rng.uniform(low, high, k), np.abs(ZETA * rng.normal(size=k))
+        accommodation = 10.0 ** rng.uniform(low, high, k)
         errors = setting.noise * rng.standard_normal((k, setting.frames))
         given = fixed_bubble(self.bubble, setting.max_radius)
         if self.bubble.contents != "kinetic":
             accommodation[:] = np.inf
         elif self.bubble.accommodation != INFERRED:
             accommodation[:] = given["accommodation"]
-        if self.bubble.confinement_damping != INFERRED:
-            damping[:] = given.get("confinement_damping", 0.0)
-        damping = np.minimum(damping, BOUND_SCALES * ZETA)
+        walls = dict[str, Floats]()
+        for name, width in zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * self.medium.pressure), strict=True):
+            walls[name] = np.full(k, given.get(name, 0.0))
+            if getattr(self.bubble, name) == INFERRED:
+                walls[name] = np.minimum(np.abs(width * rng.normal(size=k)), BOUND_SCALES * width)
         size, whole = np.full(k, setting.max_radius), np.ones(k)
         law = self.family.material(self.law)
-        bubbles = Bubbles(law, self.medium, size, self.stretch, accommodation, damping, whole, whole)
+        bubbles = Bubbles(
+            law, self.medium, size, self.stretch, accommodation, walls["confinement_damping"],
+            walls["confinement_inertia"], walls["vapour_excess"], whole, whole,
+        )  # fmt: skip
         begin = RECORDED_GROWTH * self.medium.time_scale(setting.max_radius)
         time = frame * np.arange(setting.frames, dtype=np.float64) - begin
         camera = Camera(time, *exposure_nodes(setting.exposure, QUICK_INSTANTS), -late)
@@ -128,7 +135,8 @@ class Draws:
                 films.append(None)
                 continue
             truth = dict(zip(self.family.parameters, 10.0 ** self.law[i], strict=True))
-            truth |= {"stretch": self.stretch[i], "accommodation": accommodation[i], "confinement_damping": damping[i]}
+            truth |= {"stretch": self.stretch[i], "accommodation": accommodation[i]}
+            truth |= {name: values[i] for name, values in walls.items()}
             truth |= {"time_origin": -late[i], "radius_scale": scale[i]}
             films.append(Film(RadiusCurve(time, np.maximum(row, 1e-3 * setting.max_radius), meta=meta), truth))
         return films

@@ -5,7 +5,7 @@ bubble feels of it: the stress integral S_el at RADII and the mean viscosity up 
 laws; one relaxing arm and damage by strain are further inputs, and the medium enters by its dimensionless numbers.
 
 A trajectory is given at equal steps of a stretched time s, ds = dtau/R^1.5 with tau = t/T and
-T = 0.9147 t_c/sqrt(1 + |S_el(R_max)|/p): there t(s) and R(s) are both smooth, also at collapses.
+T = 0.9147 t_c (1 + 0.41 beta)/sqrt(1 + |S_el(R_max)|/p): there t(s) and R(s) are both smooth, also at collapses.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.cards import Arrays, card, path_of, read_weights
-from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.bubble import MOTIONS, Bubble
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Fung, Material, NeoHookean, Newtonian, Viscous
 from cavirheo.physics.materials import Maxwell, UpperConvectedMaxwell
@@ -28,13 +28,14 @@ from cavirheo.physics.media import WATER, Medium
 STRETCHING = 1.5  # exponent of R in ds = dtau/R^1.5
 S_END, NODES = 30.0, 241  # of a trajectory: the last s, and the number of equally spaced nodes
 RAYLEIGH = 0.9147  # collapse time of an empty bubble in an inviscid liquid, t_c
+LONGER = 0.41  # part by which a confinement inertia of 1 lengthens it
 RADII = np.array([1.0, 0.85, 0.7, 0.55, 0.42, 0.32, 0.24, 0.17, 0.11, 0.07, 0.04])  # R/R_max of the stresses S_el
 RATES = 10.0 ** np.linspace(-1.0, 3.5, 8)  # t_c |U/R| of the viscosities
 LARGEST_STRESS = 1e3  # S_el/p that stands for a larger one
 LARGEST_PULL = 25.0  # |S_el(R_max)|/p that was trained; of real gels it is at most 5
 FARTHEST = 8.0  # standard deviations from the mean at which an input is cut
 AT_ONCE = 128  # bubbles that are emulated together: their layers stay in the processor's cache
-INPUTS = 2 * len(RADII) + 3 * len(RATES) + 23  # numbers that the network is told of a bubble
+INPUTS = 2 * len(RADII) + 3 * len(RATES) + 25  # numbers that the network is told of a bubble
 _X, _W = np.polynomial.legendre.leggauss(6)
 _X, _W = (_X + 1.0) / 2.0, _W / 2.0  # quadrature on (0, 1)
 
@@ -49,7 +50,8 @@ class Bubbles:
         max_radius: (k,) m.
         stretch: (k,) R_max/R_0.
         accommodation: (k,) of vapour at the wall; infinite: equilibrium contents (the field's bubble).
-        damping: (k,) confinement damping.
+        damping, inertia: (k,) confinement damping and inertia.
+        vapour_excess: (k,) Pa.
         damage_modulus, damage_radius: (k,) factors of a tenfold contraction; 1: no damage.
     """
 
@@ -59,11 +61,14 @@ class Bubbles:
     stretch: Floats
     accommodation: Floats
     damping: Floats
+    inertia: Floats
+    vapour_excess: Floats
     damage_modulus: Floats
     damage_radius: Floats
 
 
 SIZES = (20e-6, 1.5e-3)  # R_max that was trained, m
+LARGEST_INERTIA, LARGEST_EXCESS = 1.0, 0.1  # that were trained: confinement inertia, vapour excess over p
 CONSTANTS = {  # of the medium that were trained, SI
     "density": (850.0, 1250.0),
     "sound_speed": (1200.0, 2000.0),
@@ -80,8 +85,11 @@ def outside(material: Material, bubble: Bubble, medium: Medium, max_radius: floa
         arm.relaxes_elastic_part or not isinstance(arm, Maxwell | UpperConvectedMaxwell) for arm in arms
     ):
         return "the law has more memory than one Maxwell arm"
-    plain = Bubble(bubble.contents, bubble.accommodation, confinement_damping=bubble.confinement_damping)
-    if replace(bubble, damage="none") != plain:
+    plain = replace(bubble, damage="none", motion=MOTIONS[0], exponent=None)
+    inertia, excess = bubble.confinement_inertia, bubble.vapour_excess
+    known = isinstance(inertia, str) or 0.0 <= inertia <= LARGEST_INERTIA
+    known &= isinstance(excess, str) or excess <= LARGEST_EXCESS * medium.pressure
+    if replace(bubble, damage="none") != plain or not known:
         return f"the {bubble.title} has an option that it was not trained for"
     if not SIZES[0] <= max_radius <= SIZES[1]:
         return f"R_max is {max_radius * 1e6:.4g} um, and {SIZES[0] * 1e6:g} to {SIZES[1] * 1e6:g} um were trained"
@@ -145,14 +153,16 @@ def features(bubbles: Bubbles) -> Features:
     ]
     shot = [np.log10(bubbles.stretch), 1.0 / bubbles.stretch, bubbles.damping, np.sqrt(bubbles.damping)]
     shot += [np.isinf(rate) * 1.0, *(np.log1p(scale / rate) for scale in (0.3, 0.03, 0.003))]
+    walls = [bubbles.inertia, bubbles.vapour_excess / pressure]
     damage = [-np.log10(bubbles.damage_modulus), np.log10(bubbles.damage_radius)]
     damage += [damage[0] * np.minimum(np.arcsinh(np.abs(stress[:, 0]) / 0.1), 1.0)]
     law = [np.arcsinh(stress / 0.02), np.arcsinh(stress / 0.5)]
     floored = np.maximum(viscosity, 1e-6)
     law += [np.log10(floored), np.log1p(floored / 0.003), np.log1p(floored / 0.05)]
-    inputs = np.column_stack([*law, *numbers, *shot, arm, *damage])
+    inputs = np.column_stack([*law, *numbers, *shot, arm, *damage, *walls])
     pull = np.abs(stress[:, 0])
-    return Features(inputs, RAYLEIGH * t_c / np.sqrt(1.0 + pull), pull)
+    longer = 1.0 + LONGER * bubbles.inertia
+    return Features(inputs, RAYLEIGH * t_c * longer / np.sqrt(1.0 + pull), pull)
 
 
 def elastic_stress(law: Elastic, stretch: Floats) -> Floats:

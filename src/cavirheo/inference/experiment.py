@@ -41,7 +41,7 @@ NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rm
 FIELD_PROBABILITY = 0.2  # prior probability that a bubble is the field's
 SOLVER_ERROR = 1e-3  # smallest noise over R_max that is used: the error of the solver
 # scales of the half-normal priors of walls (inertia, damping) and of vapour (over p_inf), which are cut at BOUND_SCALES
-BETA, ZETA, EXCESS = 0.3, 0.3, 0.03
+BETA, ZETA, EXCESS = 0.1, 0.3, 0.03
 BOUND_SCALES = 10.0 / 3.0  # in these scales
 BOUND_SIGMAS = 3.0  # standard deviations from the middle to the bound of radius scale and R_max factor
 CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
@@ -52,6 +52,8 @@ _EMULATED = {
     "stretch": 7.0,
     "accommodation": 1.0,
     "confinement_damping": 0.0,
+    "confinement_inertia": 0.0,
+    "vapour_excess": 0.0,
     "damage_modulus": 1.0,
     "damage_radius": 1.0,
 }
@@ -276,11 +278,14 @@ class Experiment:
         accommodation = np.full(k, np.inf)
         if self.options.bubble.contents == "kinetic":
             accommodation = values["accommodation"]
-        real = np.isfinite(accommodation) | (self.options.bubble.contents != "kinetic")
+        fields = np.isposinf(accommodation) & (self.options.bubble.contents == "kinetic")
+        for name in ZERO_BY_DEFAULT:
+            values[name] = np.where(fields, 0.0, values[name])
         radius = self.max_radius * np.broadcast_to(natural["radius_scale"] * natural["max_radius_factor"], (k,))
         return Bubbles(
             self.family.material(x[:, : self.law_size]), self.medium, radius, values["stretch"], accommodation,
-            np.where(real, values["confinement_damping"], 0.0), values["damage_modulus"], values["damage_radius"],
+            values["confinement_damping"], values["confinement_inertia"], values["vapour_excess"],
+            values["damage_modulus"], values["damage_radius"],
         )  # fmt: skip
 
     def emulated(self, x: Floats, emulator: Emulator, *, times: Floats | None = None) -> Floats:

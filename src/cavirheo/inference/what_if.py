@@ -126,7 +126,7 @@ def _emulated_checks(shot: Experiment, x: Floats) -> Checks:
 
 
 def _bubble_of(posterior: Posterior, values: Mapping[str, float]) -> Bubble:
-    """The bubble of the answer; the field's if a real one has no damping, as have the draws of its limit."""
+    """The bubble of the answer; the field's if a real one has no damping, as have the draws of that switch."""
     return FIELD if posterior.bubble == REAL and values.get("confinement_damping") == 0.0 else posterior.bubble
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any
 
@@ -58,7 +58,8 @@ class Bubble:
     """Model of the bubble. A field of type `float | str` may be "free": it is inferred with the other parameters.
 
     `REAL` is the bubble that recordings show: vapour condenses at a finite rate, and the surroundings damp the motion
-    (docs/real-bubbles.md). `FIELD` is the usual model of the literature: equilibrium contents in an unbounded liquid.
+    and add inertia (docs/real-bubbles.md). `FIELD` is the usual model of the literature: equilibrium contents in an
+    unbounded liquid.
 
     Attributes:
         contents: "equilibrium" (vapour at the wall is saturated) or "kinetic" (it condenses at a finite rate, and its
@@ -127,12 +128,15 @@ class Bubble:
     @property
     def name(self) -> str:
         """'real', 'field', 'kinetic, damage by strain', 'field, confinement inertia'."""
-        damped = self.confinement_damping != 0
-        base = {("kinetic", True): "real", ("kinetic", False): "kinetic"}.get((self.contents, damped), "field")
+        damped, walled = self.confinement_damping != 0, self.confinement_inertia != 0
+        base = "kinetic" if self.contents == "kinetic" else "field"
+        if base == "kinetic" and damped and (walled or self.wall_distance):
+            base, damped, walled = "real", False, False
         more = {
             "damage by strain": self.damage != "none",
-            "confinement damping": damped and base == "field",
-            "confinement inertia": self.wall_distance is not None or self.confinement_inertia != 0,
+            "confinement damping": damped,
+            "confinement inertia": walled,
+            "wall": self.wall_distance is not None,
             "vapour excess": self.vapour_excess != 0,
             self.motion: self.motion != MOTIONS[0],
             "polytropic": self.exponent is not None,
@@ -160,8 +164,8 @@ def title_of(name: str) -> str:
 
 
 FIELD = Bubble()
-REAL = Bubble("kinetic", confinement_damping=FREE)
-DAMAGED = Bubble("kinetic", confinement_damping=FREE, damage="strain")
+REAL = Bubble("kinetic", confinement_inertia=FREE, confinement_damping=FREE)
+DAMAGED = replace(REAL, damage="strain")
 BUBBLES = {"real": REAL, "field": FIELD}
 AUTO = "auto"  # both, and the evidence chooses
 Requested = Bubble | str | Sequence[Bubble]

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from cavirheo.messages import Message, title
-from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, is_law_parameter, parameter_of
+from cavirheo.parameters import BUBBLE, CAMERA, VISCOSITY_AT_RATE, is_law_parameter, parameter_of
 from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord, Sentence
 from cavirheo.reporting.material import KEYS, HeapRecord, PopulationRecord, Systematic
@@ -23,6 +23,7 @@ OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values
 REFERENCE_METHODS = ("IMR", "rheometer")  # methods relative to which errors are given, by default
 TWO_SIDED_95 = 1.96  # standard deviations
 MOST = 0.5  # share of the shots of a group, above which they decide its verdict
+INERTIA, FELT_INERTIA = "confinement_inertia", 0.05  # and the least lower end of its interval that tells of a wall
 _EQUAL = 1e-6  # relative range of values that count as equal
 
 
@@ -199,10 +200,17 @@ def _doubts(answered: Sequence[CurveRecord], population: PopulationRecord | None
     if _most(len(doubted), total):
         counts = {"count": len(doubted), "total": total}
         messages.append(Message("group.doubt.input", {**counts, "reason": _reason(doubted)}))
-    pulled = [record for record in answered if {*CAMERA} & {*record.diagnostics.at_bound}]
-    if total > 1 and _most(len(pulled), total):
-        names = sorted({name for record in pulled for name in record.diagnostics.at_bound if name in CAMERA})
-        messages.append(Message("group.doubt.ends", {"count": len(pulled), "total": total, "names": names}))
+    for code, names in (("group.doubt.ends", CAMERA), ("group.doubt.bubble", tuple(BUBBLE))):
+        ends = [{*names} & {*record.diagnostics.at_bound} for record in answered]
+        pulled = sum(map(bool, ends))
+        if total > 1 and _most(pulled, total):
+            found = sorted(set().union(*ends))
+            messages.append(Message(code, {"count": pulled, "total": total, "names": found}))
+    near = [record for record in answered if (record.value(INERTIA).q05 or 0.0) > FELT_INERTIA]
+    if total > 1 and _most(len(near), total):
+        distances = [0.5 * (record.max_radius_m or 0.0) / (record.value(INERTIA).median or np.inf) for record in near]
+        counts = {"count": len(near), "total": total}
+        messages.append(Message("group.doubt.walls", {**counts, "distance": float(np.median(distances))}))
     for name, heaps in (population.heaps if population else {}).items():
         messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
     return messages
@@ -226,8 +234,10 @@ def _verdict(
         return "failed"
     if len(answered) == 1:
         return answered[0].verdict
-    if doubts:
+    if any(message.code != "group.doubt.bubble" for message in doubts):
         return "check_input"
+    if doubts:
+        return "does_not_fit"
     if _most(sum(record.verdict == "does_not_fit" for record in answered), len(answered)):
         return "does_not_fit"
     if population is None or not population.has_material:

@@ -264,6 +264,8 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
         return f"cavirheo show {document}   (the warning of each shot)"
     if "group.doubt.ends" in codes:
         return "the same command with the right --um-per-px (or --rmax-um) and --fps"
+    if "group.doubt.walls" in codes:
+        return "the same command with --wall-distance-um, or the right --um-per-px and --fps"
     if "group.doubt.heaps" in codes:
         return f"cavirheo infer {_first_heap(group, shots)}   (each part by itself)"
     if group.verdict == "does_not_fit":

@@ -12,7 +12,19 @@ from scipy.interpolate import CubicHermiteSpline
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import INPUTS, LARGEST_PULL, NODES, RADII, RATES, S_END, STRETCHING, Bubbles, features
+from cavirheo.inference.emulator import (
+    INPUTS,
+    LARGEST_EXCESS,
+    LARGEST_INERTIA,
+    LARGEST_PULL,
+    NODES,
+    RADII,
+    RATES,
+    S_END,
+    STRETCHING,
+    Bubbles,
+    features,
+)
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 from cavirheo.physics.bubble import Bubble, Damage
 from cavirheo.physics.laws import Material
@@ -34,6 +46,7 @@ DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and wher
     "max_radius": [20e-6, 1500e-6, 60e-6, 500e-6],  # m, likewise
     "accommodation": [0.01, 1.0],
     "field_share": 0.22,  # of the bubbles have equilibrium contents
+    "walled_share": 0.5,  # of the bubbles have confinement inertia, and as many vapour above saturation
     "damaged_share": 0.08,  # of the blocks have damage by strain
     "inputs": INPUTS, "nodes": NODES, "s_end": S_END,
 }  # fmt: skip
@@ -102,9 +115,12 @@ def draw(rng: np.random.Generator) -> Drawn:
     field = rng.random(size) < DOMAIN["field_share"]
     accommodation = np.where(field, np.inf, _log_uniform(rng, *ACCOMMODATIONS, size))
     damping = rng.random(size) ** 1.5 * (rng.random(size) < np.where(field, 0.2, 0.85))
+    inertia, excess = rng.random((2, size)) ** 1.5 * (rng.random((2, size)) < DOMAIN["walled_share"])
+    inertia *= LARGEST_INERTIA
+    excess *= LARGEST_EXCESS * medium.pressure
     modulus = 10.0 ** -(2.0 * rng.random(size)) if damaged else np.ones(size)
     widening = 10.0 ** rng.random(size) if damaged else np.ones(size)
-    arrays = radius, stretch, accommodation, damping, modulus, widening
+    arrays = radius, stretch, accommodation, damping, inertia, excess, modulus, widening
     made = features(Bubbles(family.material(x), medium, *arrays))
     viscosity = 10.0 ** made.inputs[:, VISCOSITIES].max(axis=1)  # over p t_c
     usable = np.isfinite(made.inputs).all(axis=1) & (made.pull <= DOMAIN["largest_stress"])
@@ -118,8 +134,9 @@ def draw(rng: np.random.Generator) -> Drawn:
             continue
         chosen.append(int(i))
         damage = Damage(float(modulus[i]), float(widening[i])) if damaged else "none"
-        kinetic: dict[str, Any] = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
-        models.append(Bubble(**kinetic, damage=damage, confinement_damping=float(damping[i])))
+        options: dict[str, Any] = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
+        options |= {"confinement_inertia": float(inertia[i]), "vapour_excess": float(excess[i])}
+        models.append(Bubble(**options, damage=damage, confinement_damping=float(damping[i])))
         if len(chosen) == BLOCK:
             break
     bubbles = Bubbles(family.material(x[chosen]), medium, *(a[chosen] for a in arrays))

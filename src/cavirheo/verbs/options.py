@@ -231,6 +231,8 @@ class BubbleOptions:
         wall = self.wall_distance_um and self.wall_distance_um * 1e-6
         values = shared_values(self, Bubble) | {"wall_distance": wall, "damage": None}
         values = {name: value for name, value in values.items() if value is not None}
+        if wall:
+            values.setdefault("confinement_inertia", 0.0)
         if self.bubble is None and not values and damages == ["none"]:
             return None
         names = "real" if self.bubble is None else self.bubble
