@@ -17,7 +17,6 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Checks, Diagnostics
-from cavirheo.reporting import laws, result
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
@@ -130,15 +129,6 @@ def shots(n, spread=0.05, width=0.05, *, seed=1, centre=CENTRE, away=()) -> list
     truths = centre + spread * rng.standard_normal((n, 2))
     truths[list(away)] = np.asarray(centre) + 0.5
     return [seen(truth + width * rng.standard_normal(2), width, seed=i) for i, truth in enumerate(truths)]
-
-
-def laws_of(names: Sequence[str]) -> laws.Laws:
-    """A ranking of laws under each name."""
-    (row,) = result([(bubble(), answer(bubble(), draws=40))], "").curves
-    about = laws.WeighedLaw(log_evidence=-1234.5, standard_error=0.31, probability=0.25, answer=row)
-    known = dict.fromkeys(("neo-hookean + carreau-yasuda", "quadratic-kelvin-voigt", "newtonian"), about)
-    each = {"shots": 1, "chosen": "newtonian", "contenders": [], "laws": known}
-    return laws.Laws(command="", curves=[{"name": name, **each} for name in names], groups=[])
 
 
 def sweeps_of(names: Sequence[str]) -> rheometer.Rheometry:

@@ -16,7 +16,6 @@ from markup import prose, table
 from pydantic import BaseModel
 
 from cavirheo import loading, posterior
-from cavirheo.inference import which_law
 from cavirheo.inference.cards import EmulatorCard, ModelCard
 from cavirheo.physics import bubble, media
 from cavirheo.reporting.record import Result
@@ -71,7 +70,7 @@ def records(kind: type[BaseModel]) -> dict[str, Schema]:
 def schema(kind: type[BaseModel]) -> Schema:
     """JSON Schema of a document, each field with its meaning as `description`; without what is not written."""
     whole = kind.model_json_schema()
-    modules = (posterior, bubble, media, which_law)
+    modules = (posterior, bubble, media)
     known = (*below(BaseModel), *(thing for module in modules for thing in vars(module).values()))
     classes = {one.__name__: one for one in known if isinstance(one, type)}
     for name, one in {kind.__name__: whole, **whole.get("$defs", {})}.items():

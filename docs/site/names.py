@@ -78,8 +78,8 @@ ANSWERS = Page(
                 "cavirheo.reporting.record": "Result",
                 "cavirheo.reporting.answer": "CurveRecord Sentence OtherModel Compared",
                 "cavirheo.reporting.group": "GroupRecord PublishedValue",
-                "cavirheo.reporting.material": "PopulationRecord HeapRecord Systematic GroupDifference MaterialRatio",
-                "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw",
+                "cavirheo.reporting.material": "PopulationRecord HeapRecord Systematic MaterialRatio",
+                "cavirheo.reporting.laws": "LawsOfGroup LawOfGroup",
                 "cavirheo.companions.design": "Design DesignedSetting",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer": "Rheometry",
@@ -122,7 +122,7 @@ MORE = Page(
     (
         Group(
             "Which law",
-            {"cavirheo.inference.which_law": "rank_laws Ranking Pair"},
+            {"cavirheo.inference.which_law": "rank_laws Ranking", "cavirheo.posterior": "Pair"},
             "[How](../docs/how-to/which-law.md).",
         ),
         Group(

@@ -31,7 +31,7 @@ for _ in range(600):  # until it listens
 # 2. **Infer**: press *Infer all shots*. A table of shots and their material appears.
 # 3. **Check**: look at each shot. The simulation of the answer must lie on the measured points.
 #
-# ![Step 4: the answer over the measurement, with sliders and a conventional fit beside it](../../docs/app.png)
+# ![Step 4: the answer over the measurement, with sliders](../../docs/app.png)
 #
 # Move the sliders for G, µ and λ: a simulation follows at once, and you see what each parameter does.
 # **Export** gives a zip file with everything that `cavirheo infer` writes.

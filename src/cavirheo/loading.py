@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 Loaded = TypeVar("Loaded", bound="Document | Dataset")
 # by `kind` (the usual file name is KIND.json): the class of the document, and the function that prints its table
 KINDS = {
-    "result": ("cavirheo.reporting.record.Result", "cavirheo.reporting.table.print_all"),
-    "laws": ("cavirheo.reporting.laws.Laws", "cavirheo.reporting.laws.print_table"),
+    "result": ("cavirheo.reporting.record.Result", "cavirheo.reporting.screen.print_all"),
     "rheometer": ("cavirheo.companions.rheometer.Rheometry", "cavirheo.companions.rheometer.print_rheometry"),
     "collapse-time": (
         "cavirheo.companions.collapse_times.CollapseTimes",
@@ -38,11 +37,10 @@ def load(path: str | Path, kind: type[Loaded]) -> Loaded: ...
 
 
 def load(path: str | Path, kind: type[Any] | None = None) -> Any:
-    """Load a document (`Result`, `Laws`, `Measured`, ...: docs/file-formats.md) or a training set; values are SI.
+    """Load a document (`Result`, `Measured`, ...: docs/file-formats.md) or a training set; values are SI.
 
     Args:
-        path: a document with any file name, a folder with one document (of `which-law` it is laws.json), or a folder of
-            `cavirheo generate`.
+        path: a document with any file name, a folder with one document, or a folder of `cavirheo generate`.
         kind: the class that the file must hold, and that is chosen in a folder with several documents; default: any
             class (type checkers see a `Result`).
 
@@ -71,8 +69,6 @@ def _load(path: str | Path, kind: type[Any]) -> Document | Dataset:
         documents = documents_in(path)
         chosen = [file for file in documents if issubclass(resolve_name(KINDS[file.stem][0]), kind)]
         documents = chosen or documents
-        if kind is object and [file.stem for file in documents] == ["result", "laws"]:
-            del documents[0]  # the report of `which-law`, whose own document is the other
         held = ", ".join(document.name for document in documents) or f"none of {', '.join(NAMES)}, and no training set"
         require(len(documents) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents

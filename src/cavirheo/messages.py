@@ -1,5 +1,4 @@
-"""Messages of an answer as records, and the sentences for users; every sentence is written once, here or in
-sentences.toml.
+"""Messages of an answer as records, and the sentences for users: a template in sentences.toml, or a function here.
 
 Other modules create messages from a code and values, and decide by codes alone; none of them parses a sentence.
 """
@@ -38,28 +37,20 @@ class Message:
     @property
     def text(self) -> str:
         """The sentence with its values."""
-        family = self.code.partition(".")[0]
-        if details := _DETAILS.get(self.code) or _DETAILS.get(family):
-            return title(self.code) + details(**self.parameters)
-        if family in _TITLES:
-            return title(self.code)
-        return "".join(_sentences().get(self.code, ["{text}"])).format(**self.parameters)
+        family, *parts = self.code.split(".")
+        if writer := _WRITERS.get(self.code) or _WRITERS.get(family):
+            return writer(**self.parameters) if self.parameters else writer(*parts)
+        return _sentences().get(self.code, "{text}").format(**self.parameters)
 
 
 @cache
-def _sentences() -> dict[str, list[str]]:
+def _sentences() -> dict[str, str]:
     return tomllib.loads(files("cavirheo").joinpath("sentences.toml").read_text(encoding="utf-8"))
 
 
 def is_input_warning(code: str) -> bool:
     """Whether the message concerns the recording or its settings: no answer is ok unless the user confirms these."""
     return code.startswith("check_input.")
-
-
-def title(code: str) -> str:
-    """The part without values, common to all messages with this code; "" for a code without a sentence."""
-    family, *arguments = code.split(".")
-    return _TITLES[family](*arguments) if family in _TITLES else _sentences().get(code, [""])[0]
 
 
 def message_of_bound(name: str, bound: str, interval: Ends) -> Message:
@@ -77,7 +68,7 @@ def message_of_switches(switches: Mapping[str, float]) -> Message | None:
     kinds = {"gel": 1.0 - liquid - stiffening, "liquid": liquid, "stiffening_gel": stiffening}
     kind = max(kinds, key=lambda name: kinds[name]) if "liquid" in switches else "law"
     bubble = "field" if switches.get("field_bubble", 0.0) > 0.5 else "real"
-    return Message(f"state.{kind}.{bubble}", switches)
+    return Message(f"state.{kind}.{bubble}", {"kind": kind, "bubble": bubble, **switches})
 
 
 def message_of_error(error: Exception) -> Message:
@@ -92,14 +83,10 @@ def message_of_error(error: Exception) -> Message:
 
 def state_in_words(kind: str, bubble: str) -> str:
     """'a liquid', 'a gel that stiffens, with the field's bubble'; 'the real bubble' of a law without switches."""
-    materials = {
-        "gel": "a gel that does not stiffen",
-        "liquid": "a liquid",
-        "stiffening_gel": "a gel that stiffens",
-    }
+    words = {"gel": "a gel that does not stiffen", "liquid": "a liquid", "stiffening_gel": "a gel that stiffens"}
     if kind == "law":
         return "the field's bubble" if bubble == "field" else "the real bubble"
-    return f"{materials[kind]}, with the field's bubble" if bubble == "field" else materials[kind]
+    return f"{words[kind]}, with the field's bubble" if bubble == "field" else words[kind]
 
 
 def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
@@ -132,50 +119,51 @@ def _spaced(name: str) -> str:
 def _repeated(times: int, equal: int, frames: int) -> str:
     cause = f"each frame seems to stand {times} times: keep one of each" if times else "keep the first of equal frames"
     count = f"{equal} of {frames} radii equal the one before, also where the bubble moves fast"
-    return f": {count}; {cause}, with its time, or add --trust-input"
+    return f"check the frames: {count}; {cause}, with its time, or add --trust-input"
 
 
 def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
     collapse = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({1e6 * max_radius:.4g} um)"
     advice = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
     if not factors:
-        return f": {collapse}, which no material shows: {advice}"
+        return f"check the scale of radius and time: {collapse}, which no material shows: {advice}"
     size, time = "small (a radius in pixels?)", "long"
     if ratio < 1.0:
         size, time = "large (a diameter given as radius?)", "short"
     by = digits.ends(factors, count=2)
     soft = f"a soft material follows the curve best if radii are {by} times too {size} or times that much too {time}"
-    return f": {collapse}; {soft}: {advice}"
+    return f"check the scale of radius and time: {collapse}; {soft}: {advice}"
 
 
 def _moved(factors: Mapping[str, float], frames: int) -> str:
     words = " and ".join(f"{_spaced(name)} times {factor:.2g}" for name, factor in factors.items())
-    return f": without {digits.counted(frames, 'frame')} it would be {words}"
+    without = f"without {digits.counted(frames, 'frame')} it would be {words}"
+    return f"check the recording: frames that stand out by 20 % of R_max move the answer: {without}"
 
 
-def _probabilities(**switches: float) -> str:
+def _state(kind: str, bubble: str, **switches: float) -> str:
     words = {"liquid": "liquid", "stiffening": "stiffens", "field_bubble": "field's bubble"}
     parts = (f"{words[name]}: {100.0 * value:.0f} %" for name, value in switches.items())
-    return f" ({', '.join(parts)})"
-
-
-def _bound_title(name: str, bound: str) -> str:
-    words = {
-        "undetermined": "does not determine {}",
-        "upper": "gives an upper limit of {} alone",
-        "lower": "gives a lower limit of {} alone",
-        "wide": "gives {} to a factor of more than 10 alone",
-    }
-    return f"the recording {words[bound].format(parameter_of(name).symbol)}"
+    return f"most probably {state_in_words(kind, bubble)} ({', '.join(parts)})"
 
 
 def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
+    symbol = parameter_of(name).symbol
     if bound == "undetermined":
-        return ": values all over the range that is searched follow it"
+        return f"the recording does not determine {symbol}: values all over the range that is searched follow it"
     factor, unit = digits.unit_for(parameter_of(name).unit, q05 if bound == "lower" else q95)
     low, high = (digits.significant(factor * end, 2) for end in (q05, q95))
-    limits = {"wide": f"from {low} to {high}", "upper": f"below {high}", "lower": f"above {low}"}[bound]
-    return f": any value {limits}{f' {unit}' if unit else ''} follows it as well"
+    what, limits = {
+        "upper": (f"an upper limit of {symbol} alone", f"below {high}"),
+        "lower": (f"a lower limit of {symbol} alone", f"above {low}"),
+        "wide": (f"{symbol} to a factor of more than 10 alone", f"from {low} to {high}"),
+    }[bound]
+    return f"the recording gives {what}: any value {limits}{f' {unit}' if unit else ''} follows it as well"
+
+
+def _traded(name: str, other: str, **_: Any) -> str:
+    symbol, limiting = parameter_of(name).symbol, parameter_of(other).symbol
+    return f"{symbol} is only bounded: it trades against {limiting}, of whose larger or smaller values nothing is known"
 
 
 def _constant(stated: float | str, name: str, unit: str, used: object = None) -> str:
@@ -183,21 +171,22 @@ def _constant(stated: float | str, name: str, unit: str, used: object = None) ->
     return f"{_spaced(name)} {value}{f' {unit}' if unit else ''}"
 
 
-_NUISANCES = {  # by nuisance parameter: its name in messages, and what to check if it is at an end of its prior
-    "time_origin": ("time origin", ": check the times of the frames, and that R_max was recorded"),
-    "radius_scale": ("radius scale", ": check the µm per pixel"),
-    "max_radius_factor": ("R_max", ": check that R_max was recorded"),
+_ADVICE = {  # by nuisance parameter
+    "time_origin": ": check the times of the frames, and that R_max was recorded",
+    "radius_scale": ": check the µm per pixel",
+    "max_radius_factor": ": check that R_max was recorded",
 }
 
 
 def _prior_end(name: str, end: str) -> str:
-    words, advice = _NUISANCES.get(name, (_spaced(name), ""))
-    return f"{words} is at the {end} end of what is expected{advice}"
+    words = "R_max" if name == "max_radius_factor" else _spaced(name)
+    return f"{words} is at the {end} end of what is expected{_ADVICE.get(name, '')}"
 
 
 def _systematic(excess: float, detectable: float, exact: bool, limit: float, **predictive: Any) -> str:
     size = f"less than {100 * detectable:.2g}" if excess < detectable else f"{100 * excess:.1f}"
-    text = f": by {size} % of R_max beyond the noise ({digits.p_value_in_words(predictive)})"
+    text = "the simulation differs from the frames by more than noise explains: "
+    text += f"by {size} % of R_max beyond the noise ({digits.p_value_in_words(predictive)})"
     if exact:
         return f"{text}, and the law was taken as exact, so the interval is too narrow"
     if excess > limit:
@@ -206,37 +195,42 @@ def _systematic(excess: float, detectable: float, exact: bool, limit: float, **p
 
 
 def _training_range(name: str, value: float, low: float, high: float, trained_at: float = 0.0) -> str:
+    text = f"outside the training range: {'R_max' if name == 'max_radius' else name}"
     if name == "max_radius":
         trained = f"trained at {1e6 * trained_at:.4g} um: right from {1e6 * low:.0f} to {1e6 * high:.0f}"
-        return f" {1e6 * value:.4g} um ({trained}; the default model knows all sizes)"
+        return f"{text} {1e6 * value:.4g} um ({trained}; the default model knows all sizes)"
     if name == "stretch":
-        return f" {value:.3g} (trained in {low:g} to {high:g})"
-    return f" (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
+        return f"{text} {value:.3g} (trained in {low:g} to {high:g})"
+    return f"{text} (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
 
 
 def _impossible(low: float, high: float, used: float, **of: Any) -> str:
-    return f": {_constant(**of)} is not between {low:g} and {high:g}; {used:g} is used: give the right one"
+    what = f"{_constant(**of)} is not between {low:g} and {high:g}; {used:g} is used"
+    return f"check the constant that the file states: {what}: give the right one"
 
 
 def _ends(count: int, total: int, names: Sequence[str]) -> str:
-    words = ", ".join(_NUISANCES[name][0] for name in names)
-    return f": {words}, in {count} of {total}: check the µm per pixel, the frame rate, and that R_max was recorded"
+    words = ", ".join("R_max" if name == "max_radius_factor" else _spaced(name) for name in names)
+    text = f"most shots ({count} of {total}) fit only with a correction at the end of its range: {words}"
+    return f"{text}: check the µm per pixel, the frame rate, and that R_max was recorded"
 
 
 def _bubble(count: int, total: int, names: Sequence[str]) -> str:
     words = ", ".join(map(_spaced, names))
-    return f": {words}, in {count} of {total}: no such bubble is known, so the law may be wrong"
+    text = f"most shots ({count} of {total}) fit only with a bubble at the end of its range: {words}"
+    return f"{text}: no such bubble is known, so the law may be wrong"
 
 
 def _walls(count: int, total: int, distance: float) -> str:
     where = f"{digits.significant(1e6 * distance, 2)} µm away"
-    return f", {where}, in {count} of {total}: check the µm per pixel and the frame rate, or give --wall-distance-um"
+    text = f"most shots ({count} of {total}) collapse late, as beside a wall {where}"
+    return f"{text}: check the µm per pixel and the frame rate, or give --wall-distance-um"
 
 
 def _heaps(name: str, heaps: Sequence[Any]) -> str:
     short = iter(digits.distinct_names([shot for heap in heaps for shot in heap.shots]))
     shots = " | ".join(", ".join(next(short) for _ in heap.shots) for heap in heaps)
-    return f": {parameter_of(name).symbol} {heaps_in_words(name, heaps)} ({shots})"
+    return f"the shots disagree: {parameter_of(name).symbol} {heaps_in_words(name, heaps)} ({shots})"
 
 
 def _model_in_words(model: Model) -> str:
@@ -258,7 +252,8 @@ def _model_in_words(model: Model) -> str:
 
 def _rejected(this: Model, rival: Model, gain: float, rough: bool) -> str:
     about = "about " if rough else ""
-    return f": {_model_in_words(rival)}, instead of {_model_in_words(this)} (evidence {about}e^{gain:.0f} times larger)"
+    models = f"{_model_in_words(rival)}, instead of {_model_in_words(this)}"
+    return f"the evidence prefers another model: {models} (evidence {about}e^{gain:.0f} times larger)"
 
 
 def _chosen(this: Model, rivals: Sequence[Model]) -> str:
@@ -268,29 +263,30 @@ def _chosen(this: Model, rivals: Sequence[Model]) -> str:
         words = f"{rival['material']}, {rival['bubble']} ({'equally likely' if rival['equal'] else odds})"
         parts["rejected" if rival["rejected"] else "also possible"].append(words)
     others = [f"{words}: {', '.join(models)}" for words, models in parts.items() if models]
-    return f": {', '.join([this['material'], this['bubble'], *others])}"
+    return f"chosen by evidence: {', '.join([this['material'], this['bubble'], *others])}"
 
 
-_TITLES: dict[str, Callable[..., str]] = {  # by the first part of a code, of its other parts
-    "bound": _bound_title,
-    "prior_end": _prior_end,
-    "state": lambda kind, bubble: f"most probably {state_in_words(kind, bubble)}",
-    "traded": lambda name: f"{parameter_of(name).symbol} is only bounded: it trades against a parameter at its end",
-    "training_range": lambda name: f"outside the training range: {'R_max' if name == 'max_radius' else name}",
-}
-_DETAILS: dict[str, Callable[..., str]] = {  # by code or its first part, of the values
+_WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "bound": _bound,
-    "state": _probabilities,
-    "traded": lambda other, **_: f": {parameter_of(other).symbol}, of whose larger or smaller values nothing is known",
+    "prior_end": _prior_end,
+    "state": _state,
+    "traded": _traded,
     "training_range": _training_range,
     "check_input.constant": _impossible,
     "check_input.frames_repeated": _repeated,
     "check_input.scale": _scale,
     "check_input.spikes": _moved,
-    "frames.other_bubble": lambda frames, since: f": {frames} frames from {1e6 * since:.4g} us after R_max on",
-    "stated.used": lambda **of: f": {_constant(**of)}",
-    "stated.replaced": lambda stated, used, **of: f": {_constant(used, **of)}, not {_constant(stated, **of)}",
-    "misfit.rms": lambda rms, limit: f" by {100 * rms:.2g} % of R_max RMS (limit {100 * limit:.2g} %)",
+    "frames.other_bubble": lambda frames, since: (
+        "the end is left out, where the radius rises again as by another bubble: "
+        f"{frames} frames from {1e6 * since:.4g} us after R_max on"
+    ),
+    "stated.used": lambda **of: f"a constant that the file states is used: {_constant(**of)}",
+    "stated.replaced": lambda stated, used, **of: (
+        f"what was given is used, not what the file states: {_constant(used, **of)}, not {_constant(stated, **of)}"
+    ),
+    "misfit.rms": lambda rms, limit: (
+        f"the simulation misses the measurement by {100 * rms:.2g} % of R_max RMS (limit {100 * limit:.2g} %)"
+    ),
     "misfit.systematic": _systematic,
     "model.rejected": _rejected,
     "model.chosen": _chosen,
@@ -298,8 +294,12 @@ _DETAILS: dict[str, Callable[..., str]] = {  # by code or its first part, of the
     "group.doubt.bubble": _bubble,
     "group.doubt.heaps": _heaps,
     "group.doubt.walls": _walls,
-    "group.rival": lambda count, total, models: f" in {count} of {total} shots: {' or '.join(models)}",
-    "group.not_given": lambda values: f": {constants_in_words(values)}",
-    "group.trend": lambda trends: f": {', '.join(trends)}; --column R_max measures it",
-    "group.scale": lambda change: f": 1 % more by {digits.significant(change, 2)} %",
+    "group.rival": lambda count, total, models: (
+        f"evidence for another model in {count} of {total} shots: {' or '.join(models)}"
+    ),
+    "group.not_given": lambda values: f"{constants_in_words(values)}: assumed, for none is given",
+    "group.trend": lambda trends: (
+        f"{', '.join(trends)} with R_max, which a constant does not: wrong law or bubble? --column R_max measures it"
+    ),
+    "group.scale": lambda change: f"1 % in scale or frame rate moves G by {digits.significant(change, 2)} %",
 }

@@ -11,6 +11,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
+from functools import cache
 from math import inf, log10
 from typing import Any, Literal, NamedTuple
 
@@ -183,6 +184,7 @@ def named(given: object, names: Iterable[str], owner: str, code: str) -> str:
     return name
 
 
+@cache
 def _spelled(text: str) -> str:
     """The text with the names of its Greek letters."""
     return "".join(_LETTERS.get(letter, letter) for letter in unicodedata.normalize("NFKC", text))

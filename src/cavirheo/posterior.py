@@ -113,6 +113,25 @@ class Evidence:
 
 
 @dataclass(frozen=True)
+class Pair:
+    """The comparison of two laws by the shots of a group.
+
+    Attributes:
+        first: the law with the larger evidence.
+        second: the law with the smaller evidence.
+        difference: sum over the shots of the differences of log evidence.
+        error: its standard error, from the scatter over the shots.
+        shots: numbers of shots that have the larger evidence with the first and with the second.
+    """
+
+    first: str
+    second: str
+    difference: float
+    error: float
+    shots: tuple[int, int]
+
+
+@dataclass(frozen=True)
 class OtherAnswer:
     """The answer of another model for the same frames.
 
@@ -231,7 +250,7 @@ class Posterior:
         of = f"{self.name}: " if self.curve else ""
         lines = [f"Posterior({of}{self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
         for name, unit in self.parameters.items():
-            value = digits.quantity_with_unit(self.quantity(name), unit="" if unit == "1" else unit)
+            value = digits.quantity(self.quantity(name), unit="" if unit == "1" else unit)
             lines.append(f"  {name:<20}{value}")
         if self.stretch is not None and "stretch" not in self.parameters:
             lines.append(f"  {'stretch':<20}{digits.significant(self.stretch)}")
@@ -291,10 +310,10 @@ class Posterior:
         low, high = weighted_quantile(values, [0.05, 0.95], self.log_weight).tolist()
         if prior_name in self.prior:
             least, largest, *_ = self.prior[prior_name]
-            own = bound_of(to_prior_scale(prior_name, low), to_prior_scale(prior_name, high), (least, largest))
+            reached = bound_of(to_prior_scale(prior_name, low), to_prior_scale(prior_name, high), (least, largest))
         else:
-            own = searched_bound(natural, low, high)
-        return own or self.traded.get(natural) or wide_bound(natural, low, high)
+            reached = searched_bound(natural, low, high)
+        return reached or self.traded.get(natural) or wide_bound(natural, low, high)
 
     def quantity(self, name: str) -> Quantity:
         """Median, interval and bound in natural units; empty if the answer failed. Raises InputError: as `draws`."""

@@ -26,7 +26,6 @@ from cavirheo.app.page import uploaded_paths
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, sliders, what_if
 from cavirheo.app.words import shots_table
-from cavirheo.errors import require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
@@ -283,34 +282,11 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
 def test_a_shot_has_the_density_that_its_file_states_unless_one_is_typed(session):
     session.add([Path(__file__).parents[1] / "cases" / "read" / "01_gui_rho.mat"], QUICK, copy=True)
     (curve,) = session.curves
-    typed = [session.settings_of(curve.name).analysis.medium_for(curve)]
+    typed = [session.settings.analysis.medium_for(curve)]
     for settings in (PageSettings(density=998.0), PageSettings(medium="zhu2025")):
         session.apply_settings(settings)
-        typed.append(session.settings_of(curve.name).analysis.medium_for(curve))
+        typed.append(session.settings.analysis.medium_for(curve))
     assert [(one.density, one.pressure) for one in typed] == [(1060, 83000), (998, 83000), (998.2, 101325)]
-
-
-def test_a_material_has_a_density_of_its_own(session, tmp_path, monkeypatch):
-    for name, scale in (("light", 1.0), ("dense", 1.0001)):  # one recording given twice would be read once
-        session.add([single(tmp_path / f"{name}.csv", scale)], DRAWS)
-    session.add([examples()["stiff_gel.mat"]], DRAWS, copy=True)  # without seconds
-    names, time = [curve.name for curve in session.curves], session.curves[2].time
-    blank = [""] * len(names)
-    name_materials(session, ["light", "a gel", *blank[2:]], ["", "1050", "1100", *blank[3:]])
-    assert np.ptp(session.curves[2].time) == pytest.approx(np.ptp(time) * np.sqrt(1100 / 998))
-    document = infer(session, names[:2]).document
-    light, dense = document.curves
-    assert (light.medium.density, dense.medium.density) == (998.0, 1050.0)
-    assert dense.shear_modulus_Pa.median > 1.1 * light.shear_modulus_Pa.median
-    assert document.command.endswith(f"(2 of {len(names)} shots) ('a gel': --density 1050)")
-    name_materials(session, ["light", "a gel", *blank[2:]], ["", "1060", *blank[2:]])
-    assert session.stale
-    with refused("physics.unusual_density"):
-        name_materials(session, blank, ["", "1.05", *blank[2:]])
-    monkeypatch.setattr(session.reader, "read", lambda *_, **__: require(False, "too slow", "app.reading_too_slow"))
-    with refused("app.reading_too_slow"):
-        session.apply_settings(session.settings, {"dense": 1070.0})
-    assert session.densities == {"dense": 1060.0}
 
 
 def test_a_shot_that_cannot_be_answered_fails_alone(session, tmp_path):
@@ -394,13 +370,13 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
         archive.extractall(tmp_path)
     folder = tmp_path / "cavirheo-result"
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-    assert {"result.json", "result.csv", "report.html", "processed/soft_gel_1.csv"} <= names
-    path = folder / "simulated" / "soft_gel_1-best-draw.csv"
+    assert {"result.json", "result.csv", "report.html", "processed/001_soft_gel_1.csv"} <= names
+    path = folder / "simulated" / "001_soft_gel_1-best-draw.csv"
     head = path.read_text(encoding="utf-8").splitlines()[0]
     typed = [float(re.search(rf"{symbol} = ([\d.]+)", head)[1]) for symbol in ("G", "µ", "λ")]
     assert [one["value"] for one in sliders(session, "soft_gel[1]").values()] == pytest.approx(typed, rel=1e-2)
     assert what_if(session, "soft_gel[1]", typed).rmse_over_rmax == pytest.approx(record.rmse_over_rmax, abs=1e-3)
-    (processed,), (simulated,) = read_curves(folder / "processed" / "soft_gel_1.csv"), read_curves(path)
+    (processed,), (simulated,) = read_curves(folder / "processed" / "001_soft_gel_1.csv"), read_curves(path)
     frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
     assert np.sqrt(np.mean(left**2)) / record.max_radius_m == pytest.approx(record.rmse_over_rmax, rel=0.05)

@@ -116,11 +116,7 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     first = page.inner_text("#trial")
     drag(page, 0.6)
     assert page.inner_text("#trial") != first
-    page.click("#fit")
-    page.wait_for_selector("#stop-fit", state="visible")
-    page.wait_for_selector("#stop-fit", state="hidden")
-    page.wait_for_selector("#check-plot path.fit", state="attached")
-    assert {"what-if", "measured", "simulated", "draws", "fit", "residual"} <= layers(page)
+    assert {"what-if", "measured", "simulated", "draws", "residual"} <= layers(page)
     assert page.evaluate(FITS)
     assert not page.evaluate(  # every field has a name
         "[...document.querySelectorAll('input:not([type=file]), button, select')]"

@@ -84,7 +84,7 @@ def test_every_law_has_full_references(law, document):
 
 def test_a_group_is_said_by_its_material_and_one_shot_by_its_interval(document):
     (group,) = document.groups
-    line = "G = 5.8 kPa [90 %: 5.1, 6.6]"
+    line = "G = 5.8 kPa (90 %: 5.1 to 6.6)"
     spreads = {"shear_modulus": Quantity(median=0.1)}
     material = PopulationRecord(line=line, model="nhkv, equilibrium", n=8, spreads_decades=spreads)
     none = material.model_copy(update={"line": "no material: too few intervals", "spreads_decades": {}})
@@ -99,7 +99,7 @@ def test_a_group_is_said_by_its_material_and_one_shot_by_its_interval(document):
     for trusted, verdict in enumerate(("check_input", "ok")):
         row = document.curves[0].model_copy(update={"shear_modulus_Pa": value, "verdict": verdict})
         paragraph, _ = cited(alone, groups=[group_record(group.name, [row])])
-        assert ("6.4 kPa [5.1, 7.5]" in paragraph) == bool(trusted)  # only if it counts
+        assert ("6.4 kPa (5.1 to 7.5)" in paragraph) == bool(trusted)  # only if it counts
 
 
 MEDIUMS = [

@@ -30,7 +30,7 @@ from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs
 VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": "infer shot.csv --model bdt-viscoelastic",
     "result.json": "fit shot.csv",
-    "laws.json": "which-law shot.csv",
+    "report.html": "which-law shot.csv",
     "comparison.csv": "infer shot.csv --references references.csv",
     "shots.csv": "collapse-time shot.csv",
     "rheometer.csv": f"rheometer {ROOT / 'examples' / 'soft_gel_strain_sweep.csv'}",

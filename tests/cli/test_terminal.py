@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import NAMES, answer, bubble, laws_of, sweeps_of, times_of, with_verdict
+from answers import NAMES, answer, bubble, sweeps_of, times_of, with_verdict
 from conftest import EXAMPLE, ROOT, done, refusal, rows_of
 from rich.text import Text
 
@@ -14,7 +14,7 @@ from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
 from cavirheo.inference.cards import card, path_of
 from cavirheo.io import write_csv
-from cavirheo.reporting import laws, result, screen, table, write_report
+from cavirheo.reporting import result, screen, write_report
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset
 from cavirheo.training.recipe import read_recipe
@@ -43,8 +43,7 @@ def of_comparison(names):
 
 TABLES = {
     "infer": (lambda names: result(answers(names), ""), screen.print_result),
-    "which-law": (laws_of, laws.print_table),
-    "compare": (of_comparison, table.print_comparison),
+    "compare": (of_comparison, screen.print_all),
     "rheometer": (sweeps_of, rheometer.print_rheometry),
     "collapse-time": (times_of, collapse_times.print_table),
 }

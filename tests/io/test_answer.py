@@ -11,7 +11,7 @@ from conftest import ROOT, code_of, refused
 
 from cavirheo import load, table
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting.laws import Laws
+from cavirheo.reporting.measured import Measured
 from cavirheo.reporting.record import Result
 from cavirheo.training.dataset import generate
 from cavirheo.training.recipe import read_recipe
@@ -108,15 +108,12 @@ HEAD, EMPTY = {"schema": 1, "version": "0", "command": "cavirheo"}, {"curves": [
 def test_load_takes_the_one_document_or_training_set_of_a_folder_and_refuses_another_kind(instant, tmp_path):
     (tmp_path / "result.json").write_text(json.dumps(HEAD | EMPTY | {"kind": "result"}), encoding="utf-8")
     assert load(tmp_path, Result) == load(tmp_path) == load(tmp_path / "result.json")
-    for kind, code in ((Laws, "loading.kind"), ("Laws", "input.type")):
+    for kind, code in ((Measured, "loading.kind"), ("Measured", "input.type")):
         assert code_of(load, tmp_path, kind) == code
     (tmp_path / "measure.json").write_text("{}", encoding="utf-8")
     assert code_of(load, tmp_path) == "loading.folder"
     assert load(tmp_path, Result).curves == []
     (tmp_path / "measure.json").unlink()
-    (tmp_path / "laws.json").write_text(json.dumps(HEAD | EMPTY | {"kind": "laws"}), encoding="utf-8")
-    assert isinstance(load(tmp_path), Laws)  # of which the other is the report
-    assert isinstance(load(tmp_path, Result), Result)
     generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 2, tmp_path / "set", progress=False)
     assert len(load(tmp_path / "set")) == 2
 

@@ -1,7 +1,7 @@
 """A program that mypy checks with the sources (pyproject.toml); an expected error that it misses is one, too."""
 
 import cavirheo
-from cavirheo.reporting.laws import Laws
+from cavirheo.reporting.measured import Measured
 
 curve = cavirheo.read_curves("gel.csv", shots="1,4-7")[0]
 low, high = cavirheo.infer(curve, material="nhkv").interval("shear_modulus") or (0.0, 0.0)
@@ -15,4 +15,4 @@ cavirheo.simulate_many([gel], max_radius=2e-4, stretch=6.0, time=[0.0], relaxed=
 cavirheo.simulate_many([gel], max_radius=2e-4, stretch=6.0, time=[0.0], nonsense=1)  # type: ignore[call-arg]
 print(curve.radii)  # type: ignore[attr-defined]
 print(cavirheo.load("result.json").records)  # type: ignore[union-attr]
-print(cavirheo.load("laws.json", Laws).parameters)  # type: ignore[attr-defined]
+print(cavirheo.load("measure.json", Measured).parameters)  # type: ignore[attr-defined]

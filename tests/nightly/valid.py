@@ -7,7 +7,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from answers import answer, bubble, laws_of, sweeps_of, times_of
+from answers import answer, bubble, sweeps_of, times_of
 from broken_recipes import RIGHT
 from files import Make, cells, hdf5, ods_row, put, saved, saved73, write_ods, write_xls, write_xlsx
 from files import lines as rows
@@ -114,5 +114,5 @@ def content(name: str, folder: Path) -> bytes:
 def documents() -> dict[str, str]:
     """One document of each kind, as the program writes it."""
     shots = [(bubble(f"shot[{k}]"), answer(bubble(), 6e3 + 100 * k, draws=40)) for k in range(3)]
-    made = {"laws": laws_of("a"), "collapse-time": times_of("a"), "rheometer": sweeps_of("a")}
+    made = {"collapse-time": times_of("a"), "rheometer": sweeps_of("a")}
     return {f"{name}.json": as_json(one) for name, one in {"result": result(shots, "x"), **made}.items()}

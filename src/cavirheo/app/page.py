@@ -69,13 +69,13 @@ class Page:
                     with gr.Tab(f"{number} {name}", id=number, interactive=number == 1) as tab:
                         part()
                     self.tabs.append(tab)
-            named = {
+            components = {
                 name: part for name, part in (vars(self) | self.fields).items() if isinstance(part, gr.blocks.Block)
             }
-            del named["blocks"]
-            for name, component in named.items():
+            del components["blocks"]
+            for name, component in components.items():
                 component.elem_id = name.replace("_", "-")
-            self.outputs = [*named.values(), *self.tabs, *self.sliders]  # what a handler may change
+            self.outputs = [*components.values(), *self.tabs, *self.sliders]  # what a handler may change
             self._wire([self.fields[field.name] for field in fields(PageSettings)])
             gr.api(_infer_endpoint(visitors), api_name="infer", concurrency_limit=4)
 
@@ -139,15 +139,10 @@ class Page:
         self.answers = _html(none, min_height=120, js_on_load=words.read_file("table.js"))
         self.groups = _html(visible=False)
         self.timer = gr.Timer(1.0, active=False)
-        values = "Published values or a rheometer's sweeps beside them"
-        self.published = gr.UploadButton(values, file_count="multiple", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
 
     def _check(self) -> None:
-        with gr.Row(equal_height=True):
-            self.checked_shot = gr.Dropdown(label="Shot", scale=3, min_width=200)
-            self.fit = gr.Button("Fit conventionally (seconds)", scale=1, min_width=180)
-            self.stop_fit = _stop_button(scale=1, min_width=100)
+        self.checked_shot = gr.Dropdown(label="Shot")
         self.check_plot = _html()
         with gr.Row():
             sliders = steps.SLIDERS.items()
@@ -209,27 +204,25 @@ class Page:
         for name, example in self.examples.items():
             bind(example.click, partial(self._load_example, name), settings, **loading)
         bind(self.clear.click, self._clear, [self.link], js=_ASK)
-        texts = [one for one in settings if isinstance(one, gr.Textbox)]
-        changes = [event for one in texts for event in (one.blur, one.submit)]  # not while somebody types
-        changes += [one.input for one in settings if one not in texts]
+        texts = [box for box in settings if isinstance(box, gr.Textbox)]
+        changes = [event for box in texts for event in (box.blur, box.submit)]  # not while somebody types
+        changes += [box.input for box in settings if box not in texts]
         bind(changes, self._change_settings, [self.shown_shot, *settings], validator=self._field_errors, **_LATEST)
         bind(self.shown_shot.change, self._show_prepared, [self.shown_shot], slow=True, **_LATEST)
         # warnings load the solver: they are shown later, so that the table need not wait for it
         bind(self.shots_table.change, self._warn, slow=True, **_LATEST)
-        js = "(_, shown) => [document.body.dataset.materials, shown]"
-        bind(self.shots_table.submit, self._name_materials, [self.link, self.shown_shot], js=js, **_LATEST)
+        js = "() => [document.body.dataset.materials]"
+        bind(self.shots_table.submit, self._name_materials, [self.link], js=js, **_LATEST)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, **private)
         starts = [self.infer_now.click, self.infer.click]
         begin = bind(starts, self._begin_run, [self.chosen_shots, *settings], queue=False)
         bind(begin.success, self._answer, [self.chosen_shots], slow=True, **_RUNS)
         bind(self.timer.tick, self._refresh_answers, outputs=[self.timer, self.answers], queue=False)
-        bind([self.stop.click, self.stop_fit.click], lambda session: session.runs.stopped.set(), queue=False)
-        bind(self.published.upload, self._add_published, [self.published])
+        bind(self.stop.click, lambda session: session.runs.stopped.set(), queue=False)
         js = "() => [document.body.dataset.picked]"
         bind(self.answers.click, self._open_check, shot, js=js, **_LATEST)
         bind(self.checked_shot.select, self._show_check, shot)
-        bind(self.fit.click, self._fit, shot, slow=True, spinner=self.check_plot, **_RUNS)
         moves = [slider.input for slider in self.sliders]
         drawn = [self.check_plot, self.trial]
         bind(moves, self._try_sliders, [*shot, *self.sliders], outputs=drawn, queue=False, **_LATEST)
@@ -318,12 +311,11 @@ class Page:
             self.answers: words.answers(session),
             self.to_check: gr.Button(interactive=current),
             self.groups: gr.HTML(visible=current, **groups),
-            self.published: gr.UploadButton(visible=current),
         }
 
     def _show_prepared(self, session: Session, name: str | None) -> _Updates:
         selected = (curve for curve in session.curves if curve.name == name)
-        texts = (words.prepared_curve(curve, session.settings_of(curve.name)) for curve in selected)
+        texts = (words.prepared_curve(curve, session.settings) for curve in selected)
         return {self.prepared_curve: next(texts, "")}
 
     def _warn(self, session: Session) -> _Updates:
@@ -356,17 +348,8 @@ class Page:
             shown = {self.checked_shot: gr.Dropdown(choices=names, value=names[0])}
             return shown | self._show_state(session, draw=True) | self._show_check(session, names[0])
 
-    def _name_materials(self, session: Session, materials: str, name: str | None) -> _Updates:
-        earlier = words.shot_cells(session)
-        edits = json.loads(materials)
-        steps.name_materials(session, edits["names"], edits["densities"])
-        same = words.shot_cells(session) == earlier  # the table is not drawn again: the focus stays
-        table = {} if same else self._show_tables(session)
-        return self._show_prepared(session, name) | table | self._show_state(session, draw=True)
-
-    def _add_published(self, session: Session, files: list[str]) -> _Updates:
-        with uploaded_paths(files) as paths:
-            session.add_published(paths)
+    def _name_materials(self, session: Session, materials: str) -> _Updates:
+        steps.name_materials(session, json.loads(materials))  # the table is not drawn again: the focus stays
         return self._show_state(session, draw=True)
 
     def _open_check(self, session: Session, name: str) -> _Updates:
@@ -379,12 +362,6 @@ class Page:
         for slider, limits in zip(self.sliders, steps.sliders(session, name).values(), strict=True):
             shown[slider] = gr.Slider(visible=bool(limits), **(limits or {}))  # type: ignore[arg-type]
         return shown
-
-    def _fit(self, session: Session, name: str) -> _Updates:
-        session.runs.ready()
-        steps.fit(session, name)
-        with session.lock:
-            return self._draw_check(session, name)
 
     def _draw_check(self, session: Session, name: str) -> _Updates:
         return {self.check_plot: words.check_plot(session, name), self.facts: words.facts(session, name)}

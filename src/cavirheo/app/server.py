@@ -107,7 +107,7 @@ def running_server(
                 show_error=True,
                 max_file_size=int(visitors.limits.file_mb * 2**20),
                 theme=_THEME,
-                head=f"<style>{words.page_css()}</style>",
+                head=words.page_head(),
                 js=words.read_file("page.js"),
                 footer_links=[],
                 run_history=False,

@@ -6,7 +6,7 @@ import shlex
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from itertools import count
 from math import inf
 from pathlib import Path
@@ -15,7 +15,6 @@ from tempfile import TemporaryDirectory
 from threading import RLock
 from typing import Any, NamedTuple
 
-from cavirheo.companions.published_values import add_to_groups, published, read_values
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number, parse_number_list, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
@@ -28,7 +27,6 @@ from cavirheo.parallel import Stoppable
 from cavirheo.physics.media import CONSTANTS, Medium, medium
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.group import Published
 from cavirheo.reporting.material import cached_material_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.video.frames import is_video
@@ -162,8 +160,7 @@ class Answers:
     pairs: list[tuple[RadiusCurve, Posterior]]
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots without an answer, because the run was stopped
-    request: tuple[PageSettings, Mapping[str, float]]  # the settings of the run, and the typed densities
-    fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits made after the run, by shot
+    settings: PageSettings  # of the run
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by shot
 
 
@@ -230,8 +227,6 @@ class Session:
         self.measured: dict[Path, Measured] = {}  # of each recording
         self.curves: list[RadiusCurve] = []  # of all files, read with the settings
         self.materials: dict[str, str] = {}  # by shot, as the visitor typed them
-        self.densities: Mapping[str, float] = {}  # kg/m3 by shot, as the visitor typed them
-        self.published: list[dict[str, Published]] = []  # for each upload: values of other methods, by set
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
         self.run = Run([])
@@ -249,7 +244,7 @@ class Session:
             (shutil.copyfile if copy else shutil.move)(path, taken[-1])
         files = [*self.files, *taken]
         try:
-            curves, problems = self._read(files, settings, self.densities)
+            curves, problems = self._read(files, settings)
             limits = self.limits
             frames = sum(len(curve.time) for curve in curves)
             if len(curves) > limits.curves or frames > limits.frames:
@@ -270,10 +265,8 @@ class Session:
             for path in {*taken} - {*self.files}:
                 path.unlink()
 
-    def _read(
-        self, files: Sequence[Path], settings: PageSettings, densities: Mapping[str, float]
-    ) -> tuple[list[RadiusCurve], list[str]]:
-        """Read each shot with its own density, which matters for files without times in seconds: (curves, problems)."""
+    def _read(self, files: Sequence[Path], settings: PageSettings) -> tuple[list[RadiusCurve], list[str]]:
+        """(curves, problems) of files."""
         recordings = [path for path in without_headers(files) if is_video(path)]
         several = f"exclude is of one recording, there are {len(recordings)}: `cavirheo measure` each with its own"
         require(not settings.exclude or len(recordings) < 2, several, "option.exclude")
@@ -285,27 +278,14 @@ class Session:
             sources += [curve.labelled(source=str(path)) for curve in self.measured[path].curves]
             failed += [] if self.measured[path].curves else self.measured[path].problems
         curves, problems = self.reader.read(sources, **settings.read_options)
-        for density in set(densities.values()):
-            reread, _ = self.reader.read(sources, **replace(settings, density=density).read_options)
-            by_name = {curve.name: curve for curve in reread if densities.get(curve.name) == density}
-            curves = [by_name.get(curve.name, curve) for curve in curves]
         if exposure := settings.camera["exposure"]:
             curves = [curve.labelled(exposure_s=exposure) for curve in curves]
         return curves, failed + problems
 
     @property
-    def request(self) -> tuple[PageSettings, Mapping[str, float]]:
-        """The settings, and the typed densities, kg/m3, by shot."""
-        return self.settings, self.densities
-
-    @property
     def names(self) -> list[str]:
         """Names of the shots."""
         return [curve.name for curve in self.curves]
-
-    def settings_of(self, shot: str) -> PageSettings:
-        """Return the settings of a shot, with its own density if one was typed."""
-        return replace(self.settings, density=self.densities[shot]) if shot in self.densities else self.settings
 
     def regroup(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Return the pairs with each curve in the group of its typed material, or else in the group of its file."""
@@ -323,39 +303,17 @@ class Session:
                 words += [option_of(name), *([] if value is True else [str(value)])]
         return shlex.join(words)
 
-    def apply_settings(self, settings: PageSettings, densities: Mapping[str, float] | None = None) -> None:
-        """Set the settings and the densities of shots; read the files again if these change the curves. Raises
-        InputError: also for a density that no medium has."""
-        for density in set((densities or {}).values()):
-            _ = replace(settings, density=density).liquid
-        densities = self.densities if densities is None else dict(densities)
-        before, now = ((one.read_options, one.camera) for one in (self.settings, settings))
-        if self.files and (before != now or densities != self.densities):
-            self.curves, self.problems = self._read(self.files, settings, densities)
+    def apply_settings(self, settings: PageSettings) -> None:
+        """Set the settings; read the files again if these change the curves. Raises InputError."""
+        before, now = ((each.read_options, each.camera) for each in (self.settings, settings))
+        if self.files and before != now:
+            self.curves, self.problems = self._read(self.files, settings)
         self.settings = settings
-        self.densities = densities
-
-    def add_published(self, paths: Sequence[Path]) -> None:
-        """Add values of other methods to the answers' groups, from files for `cavirheo compare`, or from the sweeps of
-        one material for `cavirheo rheometer`. Raises InputError."""
-        groups = self.answers.document.groups if self.answers else []
-        problems = list[InputError]()
-        with TemporaryDirectory(dir=self.folder) as folder:
-            copies = [Path(shutil.copy(path, folder)) for path in paths]
-            answer = self.reader.ask(copies, read_values, *(path.name for path in copies))
-        for values in published(answer):
-            try:
-                add_to_groups(groups, values)
-                self.published.append(values)
-            except InputError as error:  # the other values are added
-                problems.append(error)
-        if problems:
-            raise problems[0]
 
     @property
     def stale(self) -> bool:
-        """Whether there are answers, but with other settings or densities."""
-        return self.answers is not None and self.answers.request != self.request
+        """Whether there are answers, but with other settings."""
+        return self.answers is not None and self.answers.settings != self.settings
 
     @property
     def current(self) -> Answers:

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-import shlex
+import re
 import shutil
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cavirheo.app.session import Answers, PageSettings, Run, Session
-from cavirheo.companions.published_values import add_to_groups
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, parse_number, require
-from cavirheo.inference.what_if import checks_with, compared_window, slider
+from cavirheo.errors import InputError, require
+from cavirheo.inference.what_if import checks_with, slider
 from cavirheo.io import write_csv
 from cavirheo.parallel import cores, run_on_any_core
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting import file_names, result, write_report
+from cavirheo.reporting import result, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.record import Pairs
 from cavirheo.workflow.store import with_source_of
 from cavirheo.writing import digits
-from cavirheo.writing.document import LIST_FILE
+from cavirheo.writing.document import LIST_FILE, short_name
 
 SLIDERS = {  # label, factor from SI
     "shear_modulus": ("Try G (kPa)", 1e-3),
@@ -47,15 +43,13 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
     """Return the answers of the chosen shots, and keep them in the session; a stop leaves out unfinished shots. Raises
     InputError: no or too many shots, stopped before the first answer, or files or settings changed during the run."""
     with session.lock:
-        request, curves = session.request, session.curves
+        settings, curves = session.settings, session.curves
         chosen = [curve for curve in curves if curve.name in names]
-        analyses = {curve.name: session.settings_of(curve.name).analysis for curve in chosen}
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
     run, workers = session.run, max(cores() // len(chosen), 1)
 
     def answer_one(curve: RadiusCurve) -> tuple[RadiusCurve, Posterior]:
-        analysis = analyses[curve.name]
-        key, job = analysis.key(curve), partial(analysis.answer, curve, workers=workers)
+        key, job = settings.analysis.key(curve), partial(settings.analysis.answer, curve, workers=workers)
         session.keys.add(key)  # visitors with one file share one answer, which is removed with the last of them
         answer = session.store.get_or_compute(key, partial(run_on_any_core, job))
         pair = curve, with_source_of(answer, curve)
@@ -64,67 +58,37 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
 
     try:
         pairs = [pair for pair in session.runs.run_jobs(answer_one, chosen) if pair]
-        answered = [curve.name for curve, _ in pairs]
-        pooled = _pool_answers(session, pairs, [name for name in names if name not in answered], request)
+        names_answered = [curve.name for curve, _ in pairs]
+        pooled = _pool_answers(session, pairs, [name for name in names if name not in names_answered], settings)
     finally:
         if not session.runs.busy.locked():  # an earlier run, which continues, uses it
             session.run = Run([])
     with session.lock:
-        if session.curves is not curves or session.request != request:
+        if session.curves is not curves or session.settings != settings:
             raise InputError(_CHANGED_MESSAGE, "app.changed")
         session.answers = pooled
         return pooled
 
 
-def _pool_answers(
-    session: Session, pairs: Pairs, not_run: list[str], request: tuple[PageSettings, Mapping[str, float]]
-) -> Answers:
-    """Return the answers with their document: groups, published values, command and notes."""
-    (settings, densities), pairs = request, session.regroup(pairs)
+def _pool_answers(session: Session, pairs: Pairs, not_run: list[str], settings: PageSettings) -> Answers:
+    """Return the answers with their document: groups, command and notes."""
+    pairs = session.regroup(pairs)
     command = session.command(settings)
     if len(pairs) < len(session.curves):
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
-    by_group = dict.fromkeys((curve.group, densities[curve.name]) for curve, _ in pairs if curve.name in densities)
-    command += "".join(f" ({shlex.quote(group)}: --density {density:g})" for group, density in by_group)
     materials = ", ".join(f"{shot} = {material}" for shot, material in session.materials.items())
     document = result(pairs, command, notes=[f"materials that were typed: {materials}"] if materials else [])
-    for values in session.published:
-        with suppress(InputError):  # other groups than when they were given
-            add_to_groups(document.groups, values)
-    return Answers(pairs, document, not_run, request)
+    return Answers(pairs, document, not_run, settings)
 
 
-def name_materials(session: Session, names: Sequence[str], densities: Sequence[str] = ()) -> None:
-    """Set the material of each loaded shot, "" for the group of its file, and pool the answers again. densities: kg/m3
-    of each shot, "" for that of the settings; the files are read again if these change. Raises InputError."""
-    shots = session.names
-    fine = len(names) == len(shots) and len(densities) in (0, len(names))
-    require(fine, "the files were changed: reload the page", "app.changed")
-    if densities:
-        numbers = {shot: parse_number(text, "density") for shot, text in zip(shots, densities, strict=True)}
-        by_shot = {shot: density for shot, density in numbers.items() if density is not None}
-        session.apply_settings(session.settings, by_shot)
+def name_materials(session: Session, names: Sequence[str]) -> None:
+    """Set the material of each loaded shot, "" for the group of its file, and pool the answers again. Raises
+    InputError."""
+    require(len(names) == len(session.curves), "the files were changed: reload the page", "app.changed")
     groups = zip(session.curves, map(str.strip, names), strict=True)
     session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
-        pooled = _pool_answers(session, old.pairs, old.not_run, old.request)
-        session.answers = replace(pooled, fits=old.fits)
-
-
-def fit(session: Session, name: str | None) -> None:
-    """Fit an answered curve conventionally: same law, bubble, medium, window and stretch. Raises InputError."""
-    with session.lock:
-        (answers, curve, posterior, _), settings = session.find_answer(name), session.settings_of(name or "")
-    analysis, end = settings.analysis, None
-    if analysis.method == "bdt":  # a network with a fixed window: the fit takes the same window
-        end = compared_window(curve, analysis).end * (1.0 + 1e-9)
-    model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
-    analysis = replace(analysis, method="fit", free=None, end=end, **model)
-    (answer,) = session.runs.run_jobs(partial(run_on_any_core, analysis.answer), [curve])
-    with session.lock:
-        if answer is None or session.answers is not answers:
-            raise InputError(_CHANGED_MESSAGE, "app.changed")
-        answers.fits[curve.name] = answer
+        session.answers = _pool_answers(session, old.pairs, old.not_run, old.settings)
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
@@ -138,7 +102,7 @@ def what_if(session: Session, name: str, values: Sequence[float | None]) -> Chec
     reason."""
     answers, curve, posterior, _ = session.find_answer(name)
     changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-    answers.trials[name] = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
+    answers.trials[name] = checks_with(curve, posterior, changed, session.settings.analysis)
     return answers.trials[name]
 
 
@@ -149,11 +113,7 @@ def export(session: Session) -> Path:
     shutil.rmtree(base, ignore_errors=True)
     for kind in ("processed", "simulated"):
         (folder / kind).mkdir(parents=True)
-    options: dict[str, Any] = {"notes": document.notes}
-    options["published"] = {group.name: group.published for group in document.groups}
-    write_report(folder, answers.pairs, document.command, **options)
-    if fits := [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]:
-        write_report(folder / "least-squares", fits, f"{document.command}; then fit", **options)
+    write_report(folder, answers.pairs, document.command, notes=document.notes)
     for listing in folder.rglob(LIST_FILE):  # the list of files by run, which one run does not need
         listing.unlink()
     _write_curves(folder, answers)
@@ -162,8 +122,9 @@ def export(session: Session) -> Path:
 
 def _write_curves(folder: Path, answers: Answers) -> None:
     """Write the processed and the simulated curves as CSV."""
-    names = file_names([record.name for record in answers.document.curves])
-    for stem, (curve, posterior), record in zip(names, answers.pairs, answers.document.curves, strict=True):
+    for number, (record, (curve, posterior)) in enumerate(zip(answers.document.curves, answers.pairs, strict=True), 1):
+        safe_name = re.sub(r"[^\w.+-]+", "_", record.name).strip("_.")
+        stem = short_name(f"{number:03}_{safe_name}")
         write_csv(folder / "processed" / f"{stem}.csv", curve)
         time, radius = posterior.checks.reconstruction_time, posterior.checks.reconstruction_radius
         if time is not None and radius is not None:

@@ -15,19 +15,13 @@ from cavirheo.inference.cards import card, shipped
 from cavirheo.inference.what_if import compared_window
 from cavirheo.posterior import Checks
 from cavirheo.reporting import group_pictures, html
-from cavirheo.reporting.answer import curve_record, parameter_key
+from cavirheo.reporting.answer import parameter_key
 from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.panels import all_curves_panel, curve_panels, preview_panels
-from cavirheo.reporting.pictures import all_curves_svg, curve_svg
 from cavirheo.reporting.record import result_of
-from cavirheo.reporting.table import (
-    curve_warnings,
-    curves_by_note,
-    curves_by_remark,
-    summary_cells,
-)
+from cavirheo.reporting.svg import all_curves_svg, curve_svg
+from cavirheo.reporting.table import curve_warnings, curves_by_message, curves_by_note, summary_cells
 from cavirheo.writing import digits
-from cavirheo.writing.terminal import names_by_message
 
 VERSION = version("cavirheo")
 BUBBLES = [  # label and value of each choice of the page
@@ -70,9 +64,10 @@ def with_option(label: str, name: str) -> str:
     return f"{label} ({option_of(name).replace('-', HYPHEN)})"
 
 
-def page_css() -> str:
-    """Return the CSS of the page: the report's CSS inside .report, and app.css."""
-    return f".report {{\n{html.template('report.css').render()}}}\n{read_file('app.css')}"
+def page_head() -> str:
+    """Return CSS and script of the page: the report's CSS inside .report, app.css, and the report's table.js."""
+    css = f".report {{\n{html.template('report.css').render()}}}\n{read_file('app.css')}"
+    return f"<style>{css}</style><script>{html.template('table.js').render()}</script>"
 
 
 def read_file(name: str) -> str:
@@ -96,22 +91,15 @@ def material_choices() -> list[tuple[str, str]]:
     return [("a liquid, or a gel that may stiffen", "auto"), *((word, law) for law, word in words.items())]
 
 
-def shot_cells(session: Session) -> list[tuple[str, tuple[str, ...]]]:
-    """(name, cells of the table) of each shot."""
-    return [(curve.name, summary_cells(curve)) for curve in session.curves]
-
-
 def shots_table(session: Session) -> str:
     """The table of the loaded shots, a row per shot."""
     curves = session.curves
     rows = []
     for curve in curves:
         material = session.materials.get(curve.name, curve.group)
-        density = session.densities.get(curve.name)
-        density_text = "" if density is None else f"{density:.10g}"
-        rows.append((curve, digits.elide(curve.name, 36), material, density_text, summary_cells(curve)))
+        rows.append((curve, digits.elide(curve.name, 36), material, summary_cells(curve)))
     pooled = sum(curve.group == UPLOAD_FOLDER for curve in curves)
-    return render("shots_table", rows, curves_by_note(curves), pooled, f"{session.settings.liquid.density:g}")
+    return render("shots_table", rows, curves_by_note(curves), pooled)
 
 
 def overview(session: Session) -> str:
@@ -119,7 +107,7 @@ def overview(session: Session) -> str:
     usable = []
     for curve in session.curves:
         with suppress(InputError):
-            medium = session.settings_of(curve.name).analysis.medium_for(curve)
+            medium = session.settings.analysis.medium_for(curve)
             usable.append((curve, Checks("ok", time_scale=medium.time_scale(curve.max_radius))))
     return render("pictures", [all_curves_svg(all_curves_panel(usable))] if usable else [])
 
@@ -127,16 +115,15 @@ def overview(session: Session) -> str:
 def groups(session: Session) -> str:
     """The report's pictures of all groups of several shots."""
     answers = session.answers
-    return render("pictures", group_pictures(answers.pairs, answers.document, []) if answers else [])
+    return render("pictures", [*group_pictures(answers.pairs, answers.document, []).values()] if answers else [])
 
 
 def check_plot(session: Session, name: str) -> str:
-    """Picture of the answer over the measurement, with its band, conventional fit and sliders' simulation."""
+    """Picture of the answer over the measurement, with its band and the sliders' simulation."""
     answers, curve, posterior, _ = session.find_answer(name)
-    fit = answers.fits.get(name)
     simulated = f"simulation: {digits.simulation_name(posterior.method)}"
-    simulations: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name)}
-    return render("pictures", [curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
+    panels = curve_panels(curve, posterior.checks, simulated, answers.trials.get(name))
+    return render("pictures", [curve_svg(panels, (840, 460))])
 
 
 def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
@@ -157,38 +144,24 @@ def answers(session: Session) -> str:
     current = session.answers
     run = session.run
     if run.records:
-        current = Answers([], result_of(run.ready, ""), [], session.request)
+        current = Answers([], result_of(run.ready, ""), [], session.settings)
     if current is None:
         return render("hint", NO_ANSWERS)
     document = current.document
-    factor, unit = document.modulus_unit
-    differences = [difference.words for difference in document.differences]
-    said = [html.render_macro("group_answer", *answer) for answer in html.group_answers(document)]
-    said.append(html.render_macro("comparisons", document.groups, factor, unit))
-    groups = "\n".join(said), differences
+    sections = [html.render_macro("group_answer", *answer) for answer in html.group_answers(document)]
+    groups = "\n".join([*sections, html.render_macro("comparisons", document)])
     rows = document.curves
     models = {row.model_title for row in document.curves if row.has_answer}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
-    shots = html.render_macro("curves_table", rows, factor, unit, title, False)
+    shots = html.render_macro("curves_table", document, rows, [row.name for row in rows], title)
     explanation = html.render_macro("reading"), *methods_paragraph(document)
     stale = session.stale and not run.records
     done = len(document.curves), current.not_run
-    return render("answers", stale, run, *done, *groups, shots, curves_by_remark(rows), *explanation)
+    return render("answers", stale, run, *done, groups, shots, curves_by_message(rows), *explanation)
 
 
 def facts(session: Session, name: str) -> str:
-    """The answer and its conventional fit, if there is one, as rows of a table; then all facts of the answer."""
-    answers, curve, answer, record = session.find_answer(name)
-    factor, unit = answers.document.modulus_unit
-    table = ""
-    failed = {}
-    frames = list[int]()
-    if posterior := answers.fits.get(name):
-        rows = {"answer": record, "least squares": curve_record(curve, posterior)}
-        records = [row.model_copy(update={"name": what}) for what, row in rows.items()]
-        table = html.render_macro("curves_table", records, factor, unit, "Answer and conventional fit", False)
-        failed = names_by_message((row.name, row.message) for row in records[1:] if not row.has_answer)
-        times = (posterior.checks.compared_time for posterior in (answer, posterior))
-        frames = [len(time) for time in times if time is not None]
-    key = parameter_key(record.other_parameters)
-    return render("facts", table, frames, failed, record, html.about(record, factor, unit), key)
+    """All facts of the answer."""
+    answers, *_, record = session.find_answer(name)
+    about = html.render_macro("about", record, *answers.document.modulus_unit)
+    return render("facts", record, about, parameter_key(record.other_parameters))

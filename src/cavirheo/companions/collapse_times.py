@@ -246,7 +246,7 @@ def print_table(document: CollapseTimes) -> None:
     """Print a row per group, then remarks on the groups."""
     console = terminal.console()
     factor, unit = document.modulus_unit
-    heads = ("n", "model", f"G [90 %]\n{unit}", "µ [90 %]\nPa s", "scatter\n% of t₁")
+    heads = ("n", "model", f"G (90 %)\n{unit}", "µ (90 %)\nPa s", "scatter\n% of t₁")
     table = terminal.table("material", heads, left=("model",))
     names = digits.distinct_names([group.name for group in document.groups])
     for who, group in zip(names, document.groups, strict=True):
@@ -256,7 +256,7 @@ def print_table(document: CollapseTimes) -> None:
         mu = digits.quantity(value.viscosity_Pa_s, joint="\n")
         table.add_row(who, n, group.model, G, mu, digits.percent(value.scatter))
     console.print(table)
-    remarks = terminal.names_by_message(remark for group in document.groups for remark in _remarks(group, factor, unit))
+    remarks = terminal.names_by_text(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
     changes = [group.estimate.modulus_per_percent_Pa for group in document.groups if group.estimate]
     if moves := digits.ends([abs(change) for change in changes if change], factor, 2):

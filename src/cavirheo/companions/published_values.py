@@ -18,10 +18,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
-from typing import Annotated, Any
+from typing import Annotated
 
 import pydantic
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 
 from cavirheo.column import listed
 from cavirheo.companions import rheometer
@@ -29,8 +29,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Term, Vocabulary, read_columns
-from cavirheo.reporting import table
-from cavirheo.reporting.group import OUR_METHOD, GroupRecord, Published, PublishedValue
+from cavirheo.reporting import comparison
+from cavirheo.reporting.group import OUR_METHOD, Published, PublishedValue
 from cavirheo.reporting.record import Result
 from cavirheo.writing.document import Outputs
 
@@ -61,7 +61,6 @@ class _ReferenceLine(pydantic.BaseModel):
 
 
 _COLUMNS = tuple(_ReferenceLine.model_fields)
-_VALUES_BY_SOURCE = TypeAdapter(list[dict[str, Published]])
 _VOCABULARY = Vocabulary(
     {name: Term(name) for name in _COLUMNS},
     f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
@@ -164,16 +163,6 @@ def read_sets(paths: Iterable[str | Path]) -> list[list[ReferenceSet]]:
     return sources
 
 
-def read_values(_: object, *paths: str) -> list[dict[str, Any]]:
-    """The values of `read_sets` by set, method and parameter, as `published` takes them. A function for `Reader`."""
-    return _VALUES_BY_SOURCE.dump_python([values_of(sets) for sets in read_sets(paths)])
-
-
-def published(values: list[dict[str, Any]]) -> list[dict[str, Published]]:
-    """Check the output of `read_values`. Raises ValueError: it has another form."""
-    return _VALUES_BY_SOURCE.validate_python(values)
-
-
 def values_of(sets: Iterable[ReferenceSet]) -> dict[str, Published]:
     """Values by set."""
     return {reference.name: reference.values for reference in sets}
@@ -215,13 +204,6 @@ def by_group_of_all(names: Iterable[str], sources: Iterable[Sequence[ReferenceSe
     return merged
 
 
-def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
-    """Add to each group the values that `by_group` finds for it. Raises InputError: as `by_group`."""
-    values = by_group((group.name for group in groups), sets)
-    for group in groups:
-        group.add_published(values.get(group.name, {}))
-
-
 def joined(results: Sequence[Result], *, command: str, date: str, notes: Sequence[str]) -> Result:
     """The answers of several results as one, without their sets that have no recording. Raises InputError: two of them
     have a group of the same name."""
@@ -237,5 +219,5 @@ def joined(results: Sequence[Result], *, command: str, date: str, notes: Sequenc
 def write_comparison(folder: Path, document: Result, inputs: Iterable[str | Path]) -> None:
     """Write the table of the comparison beside result.json. Raises InputError: as `Outputs`."""
     outputs = Outputs(folder, TABLE, inputs=inputs)
-    outputs.write(TABLE, table.write_comparison, document)
+    outputs.write(TABLE, comparison.write_comparison, document)
     outputs.finish()

@@ -407,7 +407,7 @@ def print_rheometry(document: Rheometry) -> None:
         answer += f", µ = {digits.spread(document.viscosity_Pa_s)} Pa s at {document.at_rad_per_s:g} rad/s"
     terminal.print_text(console, answer, first=digits.printable(document.material), look="bold")
     remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
-    terminal.print_remarks(console, terminal.names_by_message(remarks), document.notes)
+    terminal.print_remarks(console, terminal.names_by_text(remarks), document.notes)
 
 
 def _range(sweep: Sweep) -> str:

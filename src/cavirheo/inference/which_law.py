@@ -22,26 +22,7 @@ from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.messages import Message
 from cavirheo.physics.bubble import REAL, Bubble, Requested, bubbles_of
-from cavirheo.posterior import Evidence, Posterior
-
-
-@dataclass(frozen=True)
-class Pair:
-    """The comparison of two laws by the shots of a group.
-
-    Attributes:
-        first: the law with the larger evidence.
-        second: the law with the smaller evidence.
-        difference: sum over the shots of the differences of log evidence.
-        error: its standard error, from the scatter over the shots.
-        shots: numbers of shots that have the larger evidence with the first and with the second.
-    """
-
-    first: str
-    second: str
-    difference: float
-    error: float
-    shots: tuple[int, int]
+from cavirheo.posterior import Evidence, Pair, Posterior
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,24 +8,22 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cavirheo.curve import RadiusCurve
-from cavirheo.posterior import Posterior
-from cavirheo.reporting import html, pictures, table
-from cavirheo.reporting.answer import CurveRecord
+from cavirheo.posterior import TRUSTED
+from cavirheo.reporting import html, svg
 from cavirheo.reporting.group import GroupRecord, Published
-from cavirheo.reporting.group_panels import group_panels
+from cavirheo.reporting.laws import LawsOfGroup
 from cavirheo.reporting.panels import answer_panels
-from cavirheo.reporting.pictures import file_names
+from cavirheo.reporting.plane import group_panels
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
+from cavirheo.reporting.table import csv_rows
 from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
 
 if TYPE_CHECKING:
     from cavirheo.inference.population import CommonErrors
 
-__all__ = ["file_names", "read_json", "result", "write_report"]
+__all__ = ["read_json", "result", "write_report"]
 
-MAX_GROUP_PICTURES = 50  # most groups of a run that have a picture in the report
-MAX_PAGE_POINTS = 240_000  # most points in the pictures of all curves of a report; those of all groups have 1/24 of it
+MAX_PICTURES = 200  # most curves, and most groups, of a report with a picture; exceptions come first
 DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 
@@ -39,6 +37,7 @@ def write_report(
     complete: bool = True,
     draw: bool = True,
     published: Mapping[str, Published] | None = None,
+    laws: Mapping[str, LawsOfGroup] | None = None,
     errors: CommonErrors | None = None,
     replace: bool = False,
 ) -> Result:
@@ -55,6 +54,7 @@ def write_report(
         complete: False for a run that was stopped before all curves were answered: no report.
         draw: whether the report has pictures.
         published: values of other methods by group, method and parameter, shown beside the groups.
+        laws: laws that were compared, by group.
         errors: relative standard deviations of the errors that all shots of a group share; default: those of
             `population`.
         replace: whether answers of another call or command line may be replaced.
@@ -71,10 +71,12 @@ def write_report(
         folder = Outputs(directory, *DOCUMENTS, inputs=[curve.source for curve in pairs.curves if curve.source])
         document = result(pairs, command, date=date, notes=notes, errors=errors)
         document.add_published(published or {})
-        of_curves = _curve_pictures(pairs, document) if draw else []
-        of_groups = group_pictures(pairs, document, document.notes) if draw else []
+        for group in document.groups:
+            group.laws = (laws or {}).get(group.name)
+        of_curves = _curve_pictures(pairs, document, draw=draw)
+        of_groups = group_pictures(pairs, document, document.notes) if draw else {}
         folder.write("result.json", write_json, document)
-        folder.write("result.csv", write_rows, *table.csv_rows(document))
+        folder.write("result.csv", write_rows, *csv_rows(document))
         if complete:
             sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
             folder.write("report.html", html.write, document, of_curves, of_groups, sheets)
@@ -82,29 +84,33 @@ def write_report(
     return document
 
 
-def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
-    """SVG of each curve, or the reason why there is none: large if alone; half as high, R(t) only, of too many."""
-    single, brief = len(pairs) == 1, len(pairs) > html.MAX_DETAILED_CURVES
-    count = 1 if brief else 2
-    width, height = (pictures.WIDTH, pictures.HEIGHT) if single else pictures.SHOT_SIZE
-    height = height / 2 if brief else height
-    points, notes = min(pictures.POINTS, MAX_PAGE_POINTS // max(len(pairs), 1)), document.notes
+def _curve_pictures(pairs: CurveAnswers, document: Result, *, draw: bool) -> dict[int, str]:
+    """SVG of curves by their numbers, or the reason why there is none, "" if none is drawn. Of many curves, those with
+    an exceptional verdict come first."""
+    rows, notes = document.curves, document.notes
+    size = svg.SIZE if len(pairs) == 1 else svg.SHOT_SIZE
+    exceptions_first = sorted(range(len(rows)), key=lambda number: rows[number].verdict in TRUSTED)
 
-    def draw(pair: tuple[RadiusCurve, Posterior], row: CurveRecord) -> str:
-        panels = answer_panels(pair[0], pair[1].checks, row)
-        return pictures.curve_svg(panels[:count], width, height, points=points, with_key=single)
+    def curve_picture(number: int) -> str:
+        curve, answer = pairs[number]
+        panels = answer_panels(curve, answer.checks, rows[number])
+        return svg.curve_svg(panels, size, with_key=len(pairs) == 1)
 
-    rows = zip(pairs, document.curves, strict=True)
-    return [try_to_draw(f"picture of {row.name}", notes, draw, pair, row) or notes[-1] for pair, row in rows]
+    pictures = dict[int, str]()
+    for number in sorted(exceptions_first[:MAX_PICTURES]):
+        name = f"picture of {rows[number].name}"
+        pictures[number] = (try_to_draw(name, notes, curve_picture, number) or notes[-1]) if draw else ""
+    if len(rows) > MAX_PICTURES:
+        notes.append(f"report.html has the sections of {MAX_PICTURES} of {len(rows)} curves, exceptions first")
+    return pictures
 
 
-def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
-    """SVG of each of the first MAX_GROUP_PICTURES groups with several answered shots, or the reason why there is none,
-    which is also added to `notes`."""
-    members = [(group, indices) for group, indices in document.indices_by_group() if group.n > 1][:MAX_GROUP_PICTURES]
-    points = min(pictures.GROUP_POINTS, MAX_PAGE_POINTS // (24 * max(len(members), 1)))
+def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> dict[str, str]:
+    """SVG of each of the first MAX_PICTURES groups with several answered shots, by name; or the reason why there is
+    none, which is also added to `notes`."""
+    members = [(group, indices) for group, indices in document.indices_by_group() if group.n > 1][:MAX_PICTURES]
 
     def draw(group: GroupRecord, indices: list[int]) -> str:
-        return pictures.group_svg(group_panels(pairs, document, group, indices), points)
+        return svg.group_svg(group_panels(pairs, document, group, indices))
 
-    return [try_to_draw(f"picture of {of[0].name}", notes, draw, *of) or notes[-1] for of in members]
+    return {of[0].name: try_to_draw(f"picture of {of[0].name}", notes, draw, *of) or notes[-1] for of in members}

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
 from math import inf
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer
@@ -75,9 +75,10 @@ class Answer(ParameterValues):
         stretch: R_max/R_0, inferred, fitted or given.
     """
 
-    if TYPE_CHECKING:
-        material: str
-        bubble: Bubble
+    material: str
+    bubble: Bubble = FIELD
+    rmse_over_rmax: Finite = None
+    stretch: Quantity = Quantity()
     _keys = KEYS | {"stretch": "stretch"}
 
     @property
@@ -91,7 +92,7 @@ class Answer(ParameterValues):
         return f"{self.material}, {self.bubble.title}"
 
 
-class OtherModel(Record, Answer):
+class OtherModel(Answer):
     """The answer of another model for the same frames.
 
     Attributes:
@@ -100,15 +101,8 @@ class OtherModel(Record, Answer):
         evidence_error: standard error of log_evidence; null where it is not known.
     """
 
-    material: str
-    bubble: Bubble
     log_evidence: Finite = None
     evidence_error: Finite = None
-    rmse_over_rmax: Finite = None
-    shear_modulus_Pa: Quantity = Quantity()
-    viscosity_Pa_s: Quantity = Quantity()
-    stretch: Quantity = Quantity()
-    other_parameters: dict[str, Quantity] = {}
 
 
 class Sentence(Record):
@@ -123,7 +117,7 @@ class Sentence(Record):
     text: str
 
 
-class CurveRecord(Record, Answer):
+class CurveRecord(Answer):
     """The answer for one curve. If the verdict is "failed", all values of the answer are null, and `messages` say why.
 
     Attributes:
@@ -166,17 +160,10 @@ class CurveRecord(Record, Answer):
     max_radius_m: Finite
     time_of_max_s: Finite
     strain_rate_per_s: Finite
-    stretch: Quantity
-    material: str
-    bubble: Bubble = FIELD
     switches: dict[str, float] = {}
     medium: StoredMedium | None = None
     method: str
-    shear_modulus_Pa: Quantity
-    viscosity_Pa_s: Quantity
-    other_parameters: dict[str, Quantity] = {}
     best: Mapping[str, Finite] = {}
-    rmse_over_rmax: Finite
     mae_over_rmax: Finite
     max_difference_over_rmax: Finite
     window: Compared
@@ -233,11 +220,6 @@ class CurveRecord(Record, Answer):
         """Messages about the recording and its settings, if they decide the verdict."""
         decisive = self.verdict == "check_input"
         return [message for message in self.messages if decisive and is_input_warning(message.code)]
-
-    @property
-    def remarks(self) -> list[Sentence]:
-        """The messages other than `warnings`; these are shown first."""
-        return [message for message in self.messages if message not in self.warnings]
 
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:

@@ -10,17 +10,17 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from cavirheo.messages import Message, title
+from cavirheo.messages import Message
 from cavirheo.parameters import BUBBLE, CAMERA, VISCOSITY_AT_RATE, is_law_parameter, parameter_of
 from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord, Sentence
+from cavirheo.reporting.laws import LawsOfGroup
 from cavirheo.reporting.material import KEYS, HeapRecord, PopulationRecord, Systematic
 from cavirheo.writing.document import Quantity, Record, Spread
 
 MIN_TREND_SHOTS = 5  # least number of shots in which a trend with R_max is looked for
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
-REFERENCE_METHODS = ("IMR", "rheometer")  # methods relative to which errors are given, by default
 TWO_SIDED_95 = 1.96  # standard deviations
 MOST = 0.5  # share of the shots of a group, above which they decide its verdict
 INERTIA, FELT_INERTIA = "confinement_inertia", 0.05  # and the least lower end of its interval that tells of a wall
@@ -57,8 +57,7 @@ class GroupRecord(Record):
         verdicts: number of curves by verdict.
         published: values of other methods, by method and parameter, SI; left out unless they were given. The parameter
             viscosity_at_1_rad_per_s is the viscosity by a rheometer at this angular frequency.
-        errors: |value - mean of the reference| / mean of the reference, by reference, method ("cavirheo" for the answer
-            of this group) and parameter; left out where there is no reference.
+        laws: the laws that were compared by their evidence; left out unless they were (`which-law`).
     """
 
     name: str
@@ -71,8 +70,8 @@ class GroupRecord(Record):
     messages: list[Sentence] = []
     verdicts: dict[str, int]
     published: dict[str, dict[str, PublishedValue]] = {}
-    errors: dict[str, dict[str, dict[str, float]]] = {}
-    _omitted_if_empty = ("population", "systematic", "published", "errors")
+    laws: LawsOfGroup | None = None
+    _omitted_if_empty = ("population", "systematic", "published", "laws")
 
     def value(self, name: str) -> Quantity:
         """The group's answer for a parameter by its natural name; an empty one if there is none."""
@@ -104,35 +103,20 @@ class GroupRecord(Record):
         return [message for message in self.messages if message.code.startswith("group.doubt.")]
 
     @property
+    def facts(self) -> list[Sentence]:
+        """The messages on what could be wrong."""
+        return [message for message in self.messages if message not in self.doubts]
+
+    @property
     def remarks(self) -> list[str]:
-        """All messages, then the remarks on the population, as sentences."""
+        """The doubts, and the remarks on the population, as sentences."""
         of_population = self.population.remarks if self.population else []
-        return [message.text for message in self.messages] + of_population
+        return [message.text for message in self.doubts] + of_population
 
-    def add_published(self, published: Published) -> None:
-        """Add published values, and the errors of all methods relative to the reference methods."""
-        self.published |= {method: dict(values) for method, values in published.items()}
-        for reference in [name for name in REFERENCE_METHODS if self.published.get(name)]:
-            expected, self.errors[reference] = self.published[reference], {}
-            numbers = {
-                method: {name: value.mean for name, value in values.items()}
-                for method, values in self.published.items()
-            }
-            numbers[OUR_METHOD] = {name: self.value(name).median for name in KEYS}
-            for method, values in numbers.items():
-                errors = {
-                    name: error_of(number, expected[name].mean) for name, number in values.items() if name in expected
-                }
-                finite_errors = {name: error for name, error in errors.items() if error is not None}
-                if finite_errors and method != reference:
-                    self.errors[reference][method] = finite_errors
-
-
-def error_of(value: float | None, reference: float | None) -> float | None:
-    """|value - reference| / reference; None where one of the two is not known."""
-    if value is None or not reference:
-        return None
-    return abs(value - reference) / reference
+    @property
+    def change_by_scale(self) -> float | None:
+        """Change of G, %, by 1 % in scale or frame rate; None where it is not known."""
+        return self.systematic.slopes.get("shear_modulus", {}).get("scale") if self.systematic else None
 
 
 def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
@@ -159,21 +143,24 @@ def group_record(
     systematic: Systematic | None = None,
 ) -> GroupRecord:
     """The record of a group, from the records of its curves and from its material."""
-    answered = [record for record in members if record.has_answer]
+    shots = [record for record in members if record.has_answer]
     if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
         population = _of_one_shot(members[0])
-    doubts = _doubts(answered, population)
-    facts = [*_not_given(answered), *_rivals(answered), *_sensitivity(systematic)]
-    if trends := size_trends(answered):
+        change = members[0].diagnostics.modulus_over_scale
+        slopes = {} if change is None else {"shear_modulus": {"scale": change}}
+        systematic = Systematic(errors={}, slopes=slopes, statistics={})
+    doubts = _doubts(shots, population)
+    facts = [*_sensitivity(systematic), *_not_given(shots), *_rivals(shots)]
+    if trends := size_trends(shots):
         facts.append(Message("group.trend", {"trends": trends}))
     return GroupRecord(
         name=name,
-        n=len(answered),
+        n=len(shots),
         n_counted=population.n if population else sum(record.trusted for record in members),
-        n_failed=len(members) - len(answered),
+        n_failed=len(members) - len(shots),
         population=population,
         systematic=systematic,
-        verdict=_verdict(answered, doubts, population),
+        verdict=_verdict(shots, doubts, population),
         messages=[Sentence(code=message.code, text=message.text) for message in (*doubts, *facts)],
         verdicts=dict(Counter(record.verdict for record in members)),
     )
@@ -192,21 +179,21 @@ def _most(count: int, of: int) -> bool:
     return count > MOST * of
 
 
-def _doubts(answered: Sequence[CurveRecord], population: PopulationRecord | None) -> list[Message]:
+def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord | None) -> list[Message]:
     """Why the answer of a group is not to be used without a second look."""
     messages = []
-    total = len(answered)
-    doubted = [record for record in answered if record.verdict == "check_input"]
+    total = len(shots)
+    doubted = [record for record in shots if record.verdict == "check_input"]
     if _most(len(doubted), total):
         counts = {"count": len(doubted), "total": total}
         messages.append(Message("group.doubt.input", {**counts, "reason": _reason(doubted)}))
     for code, names in (("group.doubt.ends", CAMERA), ("group.doubt.bubble", tuple(BUBBLE))):
-        ends = [{*names} & {*record.diagnostics.at_bound} for record in answered]
+        ends = [{*names} & {*record.diagnostics.at_bound} for record in shots]
         pulled = sum(map(bool, ends))
         if total > 1 and _most(pulled, total):
             found = sorted(set().union(*ends))
             messages.append(Message(code, {"count": pulled, "total": total, "names": found}))
-    near = [record for record in answered if (record.value(INERTIA).q05 or 0.0) > FELT_INERTIA]
+    near = [record for record in shots if (record.value(INERTIA).q05 or 0.0) > FELT_INERTIA]
     if total > 1 and _most(len(near), total):
         distances = [0.5 * (record.max_radius_m or 0.0) / (record.value(INERTIA).median or np.inf) for record in near]
         counts = {"count": len(near), "total": total}
@@ -217,45 +204,43 @@ def _doubts(answered: Sequence[CurveRecord], population: PopulationRecord | None
 
 
 def _reason(doubted: Sequence[CurveRecord]) -> str:
-    """The input warning that most of these shots have; what its sentences have in common, if they differ."""
-    warnings = [message for record in doubted for message in record.warnings or record.messages]
+    """The input warning that most of these shots have; of the first of them, if its numbers differ."""
+    warnings = [(record.name, message) for record in doubted for message in record.warnings or record.messages]
     if not warnings:
         return "see each shot"
-    code = Counter(message.code for message in warnings).most_common(1)[0][0]
-    texts = {message.text for message in warnings if message.code == code}
-    return title(code) if len(texts) > 1 else texts.pop()
+    code = Counter(message.code for _, message in warnings).most_common(1)[0][0]
+    name, text = next((name, message.text) for name, message in warnings if message.code == code)
+    return text if len({message.text for _, message in warnings if message.code == code}) == 1 else f"{name}: {text}"
 
 
-def _verdict(
-    answered: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord | None
-) -> Verdict:
+def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord | None) -> Verdict:
     """The verdict of a group. It obeys its rows; with a material it is about the material's G and mu."""
-    if not answered:
+    if not shots:
         return "failed"
-    if len(answered) == 1:
-        return answered[0].verdict
+    if len(shots) == 1:
+        return shots[0].verdict
     if any(message.code != "group.doubt.bubble" for message in doubts):
         return "check_input"
     if doubts:
         return "does_not_fit"
-    if _most(sum(record.verdict == "does_not_fit" for record in answered), len(answered)):
+    if _most(sum(record.verdict == "does_not_fit" for record in shots), len(shots)):
         return "does_not_fit"
     if population is None or not population.has_material:
-        return Counter(record.verdict for record in answered).most_common(1)[0][0]
+        return Counter(record.verdict for record in shots).most_common(1)[0][0]
     values = [population.value(name) for name in KEYS]
     return "bound" if any(value.bound and not value.is_zero for value in values) else "ok"
 
 
-def _not_given(answered: Sequence[CurveRecord]) -> list[Message]:
+def _not_given(shots: Sequence[CurveRecord]) -> list[Message]:
     """A message on the constants that neither a file nor the user gave."""
-    values = {name: value for record in answered for name, value in record.provenance.get("assumed", {}).items()}
+    values = {name: value for record in shots for name, value in record.provenance.get("assumed", {}).items()}
     return [Message("group.not_given", {"values": values})] if values else []
 
 
-def _rivals(answered: Sequence[CurveRecord]) -> list[Message]:
+def _rivals(shots: Sequence[CurveRecord]) -> list[Message]:
     """A message on the models that the evidence of single shots prefers to that of the answers."""
-    preferred = Counter(model.model_title for record in answered if (model := record.preferred_model))
-    counts = {"count": preferred.total(), "total": len(answered), "models": list(preferred)}
+    preferred = Counter(model.model_title for record in shots if (model := record.preferred_model))
+    counts = {"count": preferred.total(), "total": len(shots), "models": list(preferred)}
     return [Message("group.rival", counts)] if preferred else []
 
 

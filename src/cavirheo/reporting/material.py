@@ -28,8 +28,8 @@ _KINDS = {"newtonian": "liquid", "nhkv": "gel", "fung + newtonian": "stiffening_
 _MAX_COMPARED = 6  # most groups that are compared, each with each
 
 
-class ParameterValues:
-    """Common part of records with parameters: those of `_keys` are fields, all others are in `other_parameters`.
+class ParameterValues(Record):
+    """A record with parameters: those of `_keys` are fields, all others are in `other_parameters`.
 
     Attributes:
         shear_modulus_Pa: shear modulus G, Pa.
@@ -37,10 +37,9 @@ class ParameterValues:
         other_parameters: all other parameters by natural name, SI.
     """
 
-    if TYPE_CHECKING:
-        shear_modulus_Pa: Quantity
-        viscosity_Pa_s: Quantity
-        other_parameters: dict[str, Quantity]
+    shear_modulus_Pa: Quantity = Quantity()
+    viscosity_Pa_s: Quantity = Quantity()
+    other_parameters: dict[str, Quantity] = {}
     _keys: ClassVar[Mapping[str, str]] = KEYS
 
     @classmethod
@@ -101,7 +100,7 @@ class Systematic(Record):
     statistics: dict[str, Quantity]
 
 
-class PopulationRecord(Record, ParameterValues):
+class PopulationRecord(ParameterValues):
     """The material of n shots. Without a material, the parameters are null, and `line` says why.
 
     Attributes:
@@ -135,9 +134,6 @@ class PopulationRecord(Record, ParameterValues):
     n: int
     switches: dict[str, float] = {}
     heaps: dict[str, list[HeapRecord]] = {}
-    shear_modulus_Pa: Quantity = Quantity()
-    viscosity_Pa_s: Quantity = Quantity()
-    other_parameters: dict[str, Quantity] = {}
     spreads_decades: dict[str, Quantity] = {}
     correlation: dict[str, Quantity] = {}
     outliers: dict[str, float] = {}
@@ -171,40 +167,30 @@ class MaterialRatio(Record):
     """A parameter of the material of the first group over that of the second (`Difference` in inference/population).
 
     Attributes:
+        first: name of the group whose value is the numerator.
+        second: name of the group whose value is the denominator.
+        parameter: natural name.
         ratio: value of the first material over that of the second.
         probability_higher: probability that the value of the first material is larger.
         probability_differs: probability of two materials against one, if both are equally likely in advance, and two
             materials are a factor of about 2 apart.
     """
 
+    first: str
+    second: str
+    parameter: str
     ratio: Quantity
     probability_higher: float
     probability_differs: float
 
-
-class GroupDifference(Record):
-    """The comparison of the materials of two groups with the same model.
-
-    Attributes:
-        first: name of the group whose values are the numerators of the ratios.
-        second: name of the group whose values are the denominators.
-        parameters: ratios by natural name of the parameter; only parameters that both groups determine.
-    """
-
-    first: str
-    second: str
-    parameters: dict[str, MaterialRatio]
-
     @property
     def words(self) -> str:
-        """The ratios in words: 'gel B over gel A: G 1.32 [1.05, 1.65], larger with probability 0.98; ...'."""
-        clauses = []
-        for name, difference in self.parameters.items():
-            higher, ratio = difference.probability_higher, digits.quantity(difference.ratio)
-            way, sure = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
-            probable = "> 0.99" if sure > 0.99 else f"{sure:.2f}"
-            clauses.append(f"{digits.symbol_and_unit(name)[0]} {ratio}, {way} with probability {probable}")
-        return f"{self.first} over {self.second}: {'; '.join(clauses)}"
+        """'gel B over gel A: G 1.32 (1.05 to 1.65), larger with probability 0.98'."""
+        higher = self.probability_higher
+        way, probability = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
+        probable = "> 0.99" if probability > 0.99 else f"{probability:.2f}"
+        ratio = f"{digits.symbol_and_unit(self.parameter)[0]} {digits.quantity(self.ratio)}"
+        return f"{self.first} over {self.second}: {ratio}, {way} with probability {probable}"
 
 
 def material_of(
@@ -281,43 +267,29 @@ def systematic_of(population: Population | None) -> Systematic | None:
 
 
 def _trends_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
-    """The slopes in words: 'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
+    """The slopes in words: 'along concentration, decades per unit: G rises 0.20 (0.15 to 0.25); the material is that at
+    concentration = 3'. Along R_max they are powers of it."""
     from cavirheo.column import LOG_R_MAX
 
+    along, place = f"along {column}, decades per unit", f"{column} = {digits.significant(at)}"
+    if column == LOG_R_MAX:
+        along, place = "over R_max, as a power of it", f"R_max = {digits.micrometres(1e-6 * 10.0**at)} µm"
     clauses = []
     for name, slope in slopes.items():
-        symbol, words = digits.symbol_and_unit(name)[0], digits.quantity(slope)
-        if column == LOG_R_MAX:
-            clauses.append(_size_trend_in_words(symbol, slope, words))
-            continue
-        clause = f"{symbol} {_TREND_VERBS[slope.sign]}: {words} decades per unit"
-        factor = digits.significant(10.0 ** min(abs(slope.median or 0.0), 99.0), 2)
-        clauses.append(f"{clause}, a factor of {factor}" if slope.sign else clause)
-    if column == LOG_R_MAX:
-        size = digits.micrometres(1e-6 * 10.0**at)
-        return f"the material over R_max: {'; '.join(clauses)}; its values are those at R_max = {size} µm"
-    return f"with {column}: {'; '.join(clauses)}; the material is that at {column} = {digits.significant(at)}"
+        verb = _TREND_VERBS[slope.sign]
+        if column == LOG_R_MAX and not slope.sign and max(-(slope.q05 or 0.0), slope.q95 or 0.0) < _MAX_FLAT_POWER:
+            verb = "shows no change"
+        clauses.append(f"{digits.symbol_and_unit(name)[0]} {verb}, {digits.quantity(slope)}")
+    return f"{along}: {'; '.join(clauses)}; the material is that at {place}"
 
 
-def _size_trend_in_words(symbol: str, power: Quantity, words: str) -> str:
-    """A power of R_max in a sentence, 'µ rises as R_max^0.30 [0.10, 0.50]', or, if it may be 0, that this is so."""
-    if power.sign:
-        return f"{symbol} {_TREND_VERBS[power.sign]} as R_max^{words}"
-    if max(-(power.q05 or 0.0), power.q95 or 0.0) < _MAX_FLAT_POWER:
-        return f"no change of {symbol} with R_max is seen (as R_max^{words})"
-    return f"whether {symbol} changes with R_max cannot be told (as R_max^{words})"
-
-
-def differences(materials: Mapping[str, Population | None]) -> list[GroupDifference]:
-    """Differences of each two of the first _MAX_COMPARED materials with the same model that determine a parameter."""
+def differences(materials: Mapping[str, Population | None]) -> list[MaterialRatio]:
+    """Ratios of each two of the first _MAX_COMPARED materials with the same model."""
     whole = [(name, population) for name, population in materials.items() if population and len(population.centre)]
     records = []
     for (earlier, population), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
-        if (population.material, population.bubble) != (second.material, second.bubble):
-            continue
-        parameters = {
-            name: MaterialRatio(**{**difference._asdict(), "ratio": Quantity.from_interval(*difference.ratio)})
-            for name, difference in second.against(population).items()
-        }
-        records += [GroupDifference(first=later, second=earlier, parameters=parameters)] if parameters else []
+        if (population.material, population.bubble) == (second.material, second.bubble):
+            for name, difference in second.against(population).items():
+                ratio = {**difference._asdict(), "ratio": Quantity.from_interval(*difference.ratio)}
+                records.append(MaterialRatio(first=later, second=earlier, parameter=name, **ratio))
     return records

@@ -120,6 +120,6 @@ def print_table(record: Measured) -> None:
     console.print(top)
     for quantity, number in (("frames per second", record.frame_rate_hz), ("um per pixel", record.um_per_px)):
         console.print(f"{quantity}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
-    terminal.print_warnings(console, {warning: [record.name] for warning in record.warnings})
+    terminal.print_remarks(console, {warning: [record.name] for warning in record.warnings}, mark="check input:")
     notes = [note for note in (record.unusable, *record.notes) if note]
     terminal.print_remarks(console, {note: [record.name] for note in notes})

@@ -22,7 +22,7 @@ from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import GroupRecord, Published, group_record
 from cavirheo.reporting.material import (
-    GroupDifference,
+    MaterialRatio,
     cached_material_of,
     differences,
     material_of,
@@ -71,14 +71,14 @@ class Result(Document):
         curves: the answer for each curve.
         groups: the shots of each file or folder, with the answer for their material. A group of published values
             without recordings has no shots.
-        differences: comparisons of each two of the first 6 groups that have a material, where both have the same model
-            and determine a parameter; left out where there is none.
+        differences: ratios of each parameter of each two of the first 6 groups that have a material, where both have
+            the same model and determine it; left out where there is none.
     """
 
     kind: Literal["result"] = "result"
     curves: list[CurveRecord]
     groups: list[GroupRecord]
-    differences: list[GroupDifference] = []
+    differences: list[MaterialRatio] = []
     _omitted_if_empty = ("differences",)
 
     @model_validator(mode="after")
@@ -133,7 +133,7 @@ class Result(Document):
             if name not in [group.name for group in self.groups]:
                 self.groups.insert(k, group_record(name, []))
         for group in self.groups:
-            group.add_published(published.get(group.name, {}))
+            group.published |= {method: dict(values) for method, values in published.get(group.name, {}).items()}
 
 
 def result(

@@ -6,14 +6,15 @@ import shlex
 from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
-from cavirheo.messages import constants_in_words, heaps_in_words
-from cavirheo.parameters import parameter_of
+from cavirheo.messages import heaps_in_words
 from cavirheo.posterior import TRUSTED
-from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.answer import CurveRecord, parameter_key
+from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.laws import LAW_HEADS, LAWS_TITLE
 from cavirheo.reporting.record import Result
+from cavirheo.reporting.table import curves_by_message, model_rows, parameters_table, shots_table
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Quantity
 
@@ -22,43 +23,11 @@ MOST_EXCEPTIONS = 11  # rows of exceptions
 WIDTH = 80  # columns of a terminal that is not wider
 MOST_NOTES = 3  # notes on the run; the report has all
 LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on G is to be used with care
+COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from which on that part is shown
 WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
 _NAME = 28  # most characters of the name of a shot; in a table that is too wide SHORT_NAME
-_LABEL = 5  # columns before the text of a line below the shots
-_SWITCHES = {"liquid": "liquid", "stiffening": "stiffens", "field_bubble": "field's bubble"}
-_VALUES = {"shear_modulus": "G", "viscosity": "µ"}  # parameters of the answer and their labels
-_OTHERS = {"shear_modulus": "viscosity", "viscosity": "shear_modulus"}
-
-
-class ShotCells(NamedTuple):
-    """The cells of a shot in every table: R_max (µm), stretch, G and its interval, µ (Pa s) and its interval, misfit
-    (%). A bound stands in the place of the interval."""
-
-    size: str
-    stretch: str
-    modulus: str
-    modulus_interval: str
-    viscosity: str
-    viscosity_interval: str
-    misfit: str
-
-
-def shot_cells(shot: CurveRecord, factor: float) -> ShotCells:
-    """The cells of a shot. factor: from Pa to the unit of G."""
-    stretch = " ".join(value_parts(shot.stretch, 1.0)).strip()
-    if shot.stretch.median is not None:
-        stretch = digits.number(shot.stretch.median)
-    modulus, viscosity = value_parts(shot.shear_modulus_Pa, factor), value_parts(shot.viscosity, 1.0)
-    misfit = digits.percent(shot.rmse_over_rmax)
-    return ShotCells(digits.micrometres(shot.max_radius_m), stretch, *modulus, *viscosity, misfit)
-
-
-def value_parts(value: Quantity, factor: float) -> tuple[str, str]:
-    """(value, interval) in words; a bound has no value."""
-    if value.bound == "undetermined":
-        return "", "not known"
-    middle, ends = digits.value_parts(value, factor)
-    return middle, " to ".join(ends)
+_LABEL = 6  # columns before the text of a line below the shots
+_SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # parameters of the answer
 
 
 def print_result(
@@ -87,6 +56,8 @@ def print_result(
         _say("note", note)
     if len(notes) > MOST_NOTES:
         _say("note", f"{digits.counted(len(notes) - MOST_NOTES, 'more note')} in the report")
+    if any(group.published for group in result.groups):
+        print_comparison(result)
 
 
 def _width() -> int:
@@ -101,7 +72,7 @@ def _print_title(name: str, facts: Sequence[str]) -> None:
 
 def _shot_facts(shot: CurveRecord) -> list[str]:
     facts = [f"R_max {digits.micrometres(shot.max_radius_m)} µm", f"λ {digits.quantity(shot.stretch)}"]
-    return [*facts, *_windows([shot]), f"misfit {digits.percent(shot.rmse_over_rmax)} %"]
+    return [*facts, *_windows([shot]), f"RMSE {digits.percent(shot.rmse_over_rmax)} %"]
 
 
 def _windows(shots: Sequence[CurveRecord]) -> list[str]:
@@ -114,30 +85,28 @@ def _windows(shots: Sequence[CurveRecord]) -> list[str]:
 def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord | None, every_shot: bool) -> None:
     """A row for each shot; of many, for the exceptions, and how many there are. The stretch is left out, and names are
     shortened, where they are too wide."""
-    names = dict(zip((shot.name for shot in shots), digits.distinct_names([shot.name for shot in shots]), strict=True))
-    shown = list(shots)
+    visible = list(shots)
     if len(shots) > MOST_ROWS and not every_shot:
         outliers = group.population.outliers if group and group.population else {}
         exceptions = [shot for shot in shots if shot.verdict not in TRUSTED or shot.name in outliers]
-        shown = exceptions[:MOST_EXCEPTIONS]
-    factor, unit = result.modulus_unit
-    rows = [["shot", "R_max", "λ", f"G {unit}", "90 %", "µ Pa s", "90 %", "misfit %", ""]] if shown else []
-    for shot in shown:
-        mark = "" if shot.verdict == "ok" else digits.VERDICT_WORDS[shot.verdict]
-        rows.append([digits.elide(names[shot.name], _NAME), *shot_cells(shot, factor), mark])
+        visible = exceptions[:MOST_EXCEPTIONS]
+    names = dict(zip((shot.name for shot in shots), digits.distinct_names([shot.name for shot in shots]), strict=True))
+    heads, rows = shots_table(result, visible, [digits.elide(names[shot.name], _NAME) for shot in visible])
+    marks = ["", *("" if shot.verdict == "ok" else digits.VERDICT_WORDS[shot.verdict] for shot in visible)]
+    rows = [[*cells[:-1], mark] for cells, mark in zip([heads, *rows] if visible else [], marks, strict=False)]
     if _table_width(rows) > _width():
         rows = [[digits.elide(cells[0], digits.SHORT_NAME), *cells[1:]] for cells in rows]
     if _table_width(rows) > _width():
         rows = [[*cells[:2], *cells[3:]] for cells in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    verdicts = [None, *(shot.verdict for shot in shown)]
-    for (name, *numbers, mark), verdict in zip(rows, verdicts, strict=False):
+    for row, verdict in zip(rows, [None, *(shot.verdict for shot in visible)], strict=False):
+        name, *numbers, mark = row
         cells = [name.ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(numbers, widths[1:-1], strict=True)]
         look = digits.VERDICT_STYLES[verdict].terminal if verdict else ""
         _print([("  ".join(cells), "" if verdict else "dim"), (f"  {mark}".rstrip(), look)])
-    if len(shown) < len(shots):
-        hidden = Counter(digits.VERDICT_WORDS[shot.verdict] for shot in shots if shot not in shown)
+    if len(visible) < len(shots):
+        hidden = Counter(digits.VERDICT_WORDS[shot.verdict] for shot in shots if shot not in visible)
         counts = ", ".join(f"{count} {words}" for words, count in hidden.items())
         _say("", f"{digits.counted(hidden.total(), 'more shot')}: {counts} (--all)")
 
@@ -148,23 +117,26 @@ def _table_width(rows: Sequence[Sequence[str]]) -> int:
 
 def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
     for label, parts in answer_lines(result, group, shots, out):
-        if label == "use":
-            _say(label, parts[0], style=digits.VERDICT_STYLES[group.verdict].terminal, most=3)
+        if label in ("use", "check"):
+            style = digits.VERDICT_STYLES[group.verdict].terminal if label == "use" else ""
+            _say(label, parts[0], style=style, most=3)
         else:
-            _say(label, "   ".join(parts), style="bold" if label in _VALUES.values() else "")
+            _say(label, "   ".join(parts), style="bold" if label in _SYMBOLS.values() else "")
 
 
 def answer_lines(
     result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path = Path()
 ) -> list[tuple[str, list[str]]]:
-    """(label, parts of a line) of the answer of a group: G and mu, whether to use them, facts on it, and what to do
-    next. A page has the same lines. out: folder of the documents."""
+    """(label, parts of a line) of the answer of a group: G and mu, whether to use them, what could be wrong, which
+    model, and what to do next. A page has the same lines. out: folder of the documents."""
     lines = list[tuple[str, list[str]]]()
-    for name, symbol in _VALUES.items():
+    for name, symbol in _SYMBOLS.items():
         if group.has_answer and (line := _value_line(result, group, name)):
             lines.append((symbol, line))
     lines.append(("use", [_use(group, shots)]))
-    lines += [("", [line]) for line in _facts(group, shots)]
+    checks, probabilities = "; ".join(message.text for message in group.facts), _probabilities(group)
+    lines += [("check", [checks])] if checks else []
+    lines += [("model", [probabilities])] if probabilities else []
     lines.append(("next", [_next_step(group, shots, out)]))
     return lines
 
@@ -184,18 +156,26 @@ def _value_line(result: Result, group: GroupRecord, name: str) -> list[str]:
         return [f"shots disagree: {heaps_in_words(name, heaps)}"]
     value = group.viscosity if name == "viscosity" else group.value(name)
     if not value.known:
-        switches = group.population.switches if group.population else {}
-        is_liquid = name == "shear_modulus" and switches.get("liquid", 0.0) > 0.5
-        return ["none: the material is a liquid"] if is_liquid else []
+        return ["none: the material is a liquid"] if name == "shear_modulus" and _is_liquid(group) else []
     factor, unit = result.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
-    middle, interval = value_parts(value, factor)
-    line = [f"{middle} {unit}", interval] if middle else [f"{interval} {unit}"]
+    middle, interval = digits.value_parts(value, factor)
+    if not middle:
+        return [f"{interval} {unit}"]
+    line = [f"{middle} {unit}", f"90 %: {interval}"] if interval else [f"{middle} {unit}"]
     statistics = group.systematic.statistics.get(name) if group.systematic else None
     if scatter := _scatter(group, name):
-        line.append(f"(shots disagree: scatter {scatter} %)")
-    elif statistics and value.median is not None:
-        line.append(f"(statistics alone {value_parts(statistics, factor)[1]})")
+        line.append(f"(shots disagree: they scatter by {scatter} %)")
+    elif statistics and _width_of(value) > COMMON_SHARE * _width_of(statistics):
+        line.append(f"({digits.value_parts(statistics, factor)[1]} if scale and rate are exact)")
     return line
+
+
+def _width_of(value: Quantity) -> float:
+    return (value.q95 or 0.0) - (value.q05 or 0.0)
+
+
+def _is_liquid(group: GroupRecord) -> bool:
+    return bool(group.population and group.population.switches.get("liquid", 0.0) > 0.5)
 
 
 def _scatter(group: GroupRecord, name: str) -> str:
@@ -212,48 +192,51 @@ def _scatter(group: GroupRecord, name: str) -> str:
 
 def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """Whether G and mu may be used, in a sentence."""
-    change = _change_by_scale(group, shots)
-    moved = "" if change is None else f"1 % in scale or frame rate moves G by {digits.significant(change, 2)} %"
-    disagreeing = list(group.heaps)
-    if len(group.doubts) == len(disagreeing) == 1 and disagreeing[0] in _OTHERS:
-        symbol, other = parameter_of(disagreeing[0]).symbol, parameter_of(_OTHERS[disagreeing[0]]).symbol
-        return "; ".join(filter(None, [f"{other} with care, not {symbol}, in which the shots disagree", moved]))
-    if group.doubts:
+    doubts = [message for message in group.doubts if message.code != "group.doubt.heaps"]
+    if doubts or len(group.heaps) == len(_SYMBOLS):
         more = f"; {digits.counted(len(group.doubts) - 1, 'more doubt')} in the report" if len(group.doubts) > 1 else ""
         return f"nothing yet: {group.doubts[0].text}{more}"
     if group.verdict == "does_not_fit":
         count = sum(shot.verdict == "does_not_fit" for shot in shots)
         recordings = "the recording does" if len(shots) == 1 else f"{count} of {len(shots)} recordings do"
         return f"nothing: {recordings} not follow the law"
-    if group.verdict == "check_input":
+    if group.verdict == "check_input" and not group.heaps:
         return f"nothing yet: {'; '.join(message.text for message in shots[0].warnings)}"
     if group.verdict == "failed":
         return f"nothing: {shots[0].message}"
     if group.verdict == "unverified":
         return "with care: a network gives one value, without an interval"
-    if abs(change or 0.0) >= LARGE_CHANGE:
-        moved = f"G with care, for {moved}"
-    uses = "the values" if group.verdict == "ok" else "values as values, bounds as bounds"
-    return "; ".join(filter(None, [uses, moved]))
+    uses: dict[str, list[str]] = {}
+    for name, symbol in _SYMBOLS.items():
+        uses.setdefault(_use_of(group, name), []).append(symbol)
+    parts = [f"{' and '.join(symbols)} {how}" for how, symbols in uses.items() if how]
+    return "; ".join(parts) or "nothing: no value is known"
 
 
-def _change_by_scale(group: GroupRecord, shots: Sequence[CurveRecord]) -> float | None:
-    """Change of G, %, by 1 % in scale or frame rate; None where it is not known, or of a single shot small."""
-    if group.systematic:
-        return group.systematic.slopes.get("shear_modulus", {}).get("scale")
-    change = shots[0].diagnostics.modulus_over_scale if len(shots) == 1 else None
-    return change if abs(change or 0.0) >= LARGE_CHANGE else None
+def _use_of(group: GroupRecord, name: str) -> str:
+    """How a parameter may be used; "" where nothing is known of it."""
+    value = group.viscosity if name == "viscosity" else group.value(name)
+    if name in group.heaps:
+        return "not"
+    if value.is_zero or not value.known:
+        return ""
+    if value.bound:
+        return "not" if value.bound == "undetermined" else "as a bound"
+    moved = name == "shear_modulus" and abs(group.change_by_scale or 0.0) >= LARGE_CHANGE
+    return "with care" if moved or _scatter(group, name) else "with interval"
 
 
-def _facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
-    """Constants that were not given, and the switches; in one line if there is room."""
-    values = {name: value for shot in shots for name, value in shot.provenance.get("assumed", {}).items()}
+def _probabilities(group: GroupRecord) -> str:
+    """'gel 99 %, gel that stiffens 1 %; real bubble 100 %'; "" for another law."""
     switches = group.population.switches if group.population and group.has_answer else {}
-    facts = [f"assumed, as none is given: {constants_in_words(values)}"] if values else []
-    if shares := [f"{_SWITCHES[name]} {100.0 * share:.0f} %" for name, share in switches.items() if name in _SWITCHES]:
-        facts.append(f"probabilities: {', '.join(shares)}")
-    line = ".   ".join(facts)
-    return [line] if line and len(line) + _LABEL <= WIDTH else facts
+    parts = list[dict[str, float]]()
+    if "liquid" in switches:
+        liquid, stiffens = switches["liquid"], switches.get("stiffening", 0.0)
+        parts.append({"gel": 1.0 - liquid - stiffens, "gel that stiffens": stiffens, "liquid": liquid})
+    if "field_bubble" in switches:
+        parts.append({"real bubble": 1.0 - switches["field_bubble"], "field's bubble": switches["field_bubble"]})
+    words = [[f"{name} {100.0 * share:.0f} %" for name, share in part.items() if share >= 0.005] for part in parts]
+    return "; ".join(", ".join(part) for part in words)
 
 
 def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> str:
@@ -268,12 +251,13 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
         return "the same command with --wall-distance-um, or the right --um-per-px and --fps"
     if "group.doubt.heaps" in codes:
         return f"cavirheo infer {_first_heap(group, shots)}   (each part by itself)"
-    if group.verdict == "does_not_fit":
-        return f"cavirheo which-law {_files(shots, 2)}"
+    misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
+    if group.verdict == "does_not_fit" or (misfits and any(_scatter(group, name) for name in _SYMBOLS)):
+        return f"cavirheo which-law {_files(misfits or shots, 2)}"
     if group.verdict == "unverified":
         return f"cavirheo infer {_files(shots, 2)}"
-    if abs(_change_by_scale(group, shots) or 0.0) >= LARGE_CHANGE:
-        return "check scale and frame rate, then the same command with --scale-error and --rate-error"
+    if abs(group.change_by_scale or 0.0) >= LARGE_CHANGE:
+        return "measure scale and frame rate better, then --scale-error and --rate-error"
     if group.verdict == "bound":
         return f"cavirheo design {document}   (what to record)"
     return f"cavirheo cite {document}   (after a look at the pictures)"
@@ -311,3 +295,44 @@ def _print(parts: Sequence[tuple[str, str]]) -> None:
 
     line = Text.assemble(*((digits.printable(words), style) for words, style in parts))
     terminal.console().print(line, soft_wrap=True)
+
+
+def print_line(record: CurveRecord) -> None:
+    """Print an answer in one line, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa (5.9 to 7.0), µ 0.029 Pa
+    s (0.026 to 0.033), λ 6.1 (5.9 to 6.3), R_max 152 µm, RMSE 1.2 %'."""
+    from rich.text import Text
+
+    look, unit = digits.VERDICT_STYLES[record.verdict], digits.modulus_unit([record.shear_modulus_Pa.largest])
+    values = [("G", record.shear_modulus_Pa, *unit), ("µ", record.viscosity, 1.0, "Pa s"), ("λ", record.stretch, 1, "")]
+    parts = [
+        f"{symbol} {digits.quantity(value, scale, unit=name)}" for symbol, value, scale, name in values if value.known
+    ]
+    parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
+    line = f"{record.name}: {', '.join(parts) if record.has_answer else record.message}"
+    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(line), "default"))
+
+
+def print_all(result: Result) -> None:
+    """Print further parameters, the answers of other models, and all messages; then the result, with a row for each
+    shot. A shot is called by what distinguishes it."""
+    console = terminal.console()
+    names = digits.distinct_names([row.name for row in result.curves])
+    rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
+    terminal.print_table(console, *parameters_table(rows, result))
+    factor, unit = result.modulus_unit
+    for row in rows:
+        if row.other_models:
+            heads = ["model", f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
+            cells = model_rows(row, factor, joint="\n")
+            terminal.print_table(console, heads, cells, title=f"{row.name}: the answer, then other models")
+    for line in [*result.model_key, *parameter_key(result.parameters)]:
+        terminal.print_text(console, line, style="dim")
+    terminal.print_remarks(console, curves_by_message(rows))
+    for group in result.groups:
+        terminal.print_remarks(console, {remark: [group.name] for remark in group.remarks})
+        if group.laws:
+            title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {LAWS_TITLE}"
+            terminal.print_table(console, LAW_HEADS, group.laws.rows, title=title)
+            terminal.print_remarks(console, {}, group.laws.sentences)
+    terminal.print_remarks(console, {}, [row.words for row in result.differences])
+    print_result(result, every_shot=True)

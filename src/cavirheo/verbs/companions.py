@@ -34,8 +34,9 @@ class Compare(options.PrintingVerb):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import TABLE, by_group_of_all, joined, read_sets, write_comparison
         from cavirheo.loading import load
-        from cavirheo.reporting import DOCUMENTS, html, table
+        from cavirheo.reporting import DOCUMENTS, comparison, html
         from cavirheo.reporting.record import Result
+        from cavirheo.reporting.table import csv_rows
         from cavirheo.writing.document import Outputs, write_json, write_rows
 
         sets = read_sets(self.references)
@@ -45,11 +46,11 @@ class Compare(options.PrintingVerb):
         document = joined(answers, **run.document_fields)
         document.add_published(by_group_of_all([group.name for group in document.groups], sets))
         report.write("result.json", write_json, document)
-        report.write("result.csv", write_rows, *table.csv_rows(document))
-        report.write("report.html", html.write, document)
+        report.write("result.csv", write_rows, *csv_rows(document))
+        report.write("report.html", html.write, document, dict.fromkeys(range(len(document.curves)), ""))
         report.finish()
         write_comparison(self.out, document, inputs)
-        run.show(document, table.print_comparison)
+        run.show(document, comparison.print_comparison)
         counts = f"{digits.counted(len(document.groups), 'set')}, {digits.counted(len(document.curves), 'shot')}"
         run.end(counts, has_problems(document), f"; table: {self.out / TABLE}")
 

@@ -14,7 +14,8 @@ from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
-    from cavirheo.reporting.record import Result
+    from cavirheo.reporting.record import CurveAnswers, Result
+    from cavirheo.writing.document import Outputs
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
@@ -31,8 +32,9 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import TABLE, by_group_of_all, in_sets, read_sets, write_comparison
-        from cavirheo.reporting import DOCUMENTS, write_report
+        from cavirheo.reporting import DOCUMENTS
         from cavirheo.reporting.record import CurveAnswers, group_names
+        from cavirheo.reporting.screen import print_result
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing.document import Outputs
@@ -55,37 +57,30 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             answers = unfinished.answers(curves, analysis)
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
         note = unfinished.note(len(answers), len(curves))
-        if note and folder.listed_entry("report.html"):
-            run.end_interrupted(f"{note}; until then the earlier answers stay", out / "result.json")
-        if note and not pairs:
-            run.end_interrupted(note, None)
-        keywords: dict[str, Any] = {
-            "date": run.date,
-            "draw": self.pictures,
-            "complete": not note,
-            "errors": self.errors,
-            "published": published,
-            "notes": [note, *run.notes] if note else run.notes,
-        }
-        result = write_report(out, pairs, run.command, **keywords)
-        if note:
-            run.end_interrupted(note, out / "result.json")
+        pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
+        keywords = {"draw": self.pictures, "errors": self.errors, "published": published}
+        result = _write(run, folder, pairs, note, **keywords)
         unfinished.remove()
         if references:
             write_comparison(out, result, inputs)
-        run.show(result, partial(_print_answers, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
+        run.show(result, partial(print_result, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
         run.end(digits.counted(len(curves), "curve"), has_problems(result), f"; report: {out / 'report.html'}")
 
 
-def _print_answers(result: Result, **how: Any) -> None:
-    """Print the answers, then the values of other methods beside them, if there are any."""
-    from cavirheo.reporting.screen import print_result
-    from cavirheo.reporting.table import print_comparison_tables
-    from cavirheo.writing import terminal
+def _write(run: Run, folder: Outputs, pairs: CurveAnswers, note: str, **keywords: Any) -> Result:
+    """Write the documents, and return the result. note: why answers are missing; the run ends after what is written."""
+    from cavirheo.reporting import write_report
 
-    print_result(result, **how)
-    if any(group.published for group in result.groups):
-        print_comparison_tables(terminal.console(), result)
+    out = folder.folder
+    if note and folder.listed_entry("report.html"):
+        run.end_interrupted(f"{note}; until then the earlier answers stay", out / "result.json")
+    if note and not pairs:
+        run.end_interrupted(note, None)
+    notes = [note, *run.notes] if note else run.notes
+    result = write_report(out, pairs, run.command, date=run.date, complete=not note, notes=notes, **keywords)
+    if note:
+        run.end_interrupted(note, out / "result.json")
+    return result
 
 
 @dataclass(kw_only=True)
@@ -124,22 +119,22 @@ class WhichLaw(options.MeasuredFiles):
     out: options.Out = Path("cavirheo-laws")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo import reporting
         from cavirheo.inference.assumptions import Options
         from cavirheo.inference.which_law import choose_answers, models, plans, ranked
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.laws import Laws, law_records, preference_lines
+        from cavirheo.reporting import DOCUMENTS
+        from cavirheo.reporting.laws import laws_by_group
+        from cavirheo.reporting.record import CurveAnswers
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
-        from cavirheo.writing import document
+        from cavirheo.writing.document import Outputs
 
         files = run.files(self.files)
         out = self.out
         materials = [name.strip() for name in self.laws.split(",") if name.strip()]
         candidates = models(materials, self.bubbles or (REAL,))
         Options(window=self.window, stretch=self.stretch)
-        outputs = document.Outputs(out, "laws.json", inputs=files)
-        report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
+        folder = Outputs(out, *DOCUMENTS, inputs=files)
         with connected(self.scheduler, self.slurm, run.say) as executor:
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = self.read_curves(run, files)
@@ -147,29 +142,15 @@ class WhichLaw(options.MeasuredFiles):
             analyses = plans(candidates, **settings, discrepancy=not self.exact_law)
             by_law = {law: dict(unfinished.answers(curves, plan).numbered()) for law, plan in analyses.items()}
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
-        complete_curves = [curves[i] for i in complete]
+        answered = [curves[i] for i in complete]
+        singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in by_law.items()})
+        pairs = CurveAnswers(answered, choose_answers(singles, groups))
         note = unfinished.note(len(complete), len(curves))
-        complete_answers = {law: [answers[i] for i in complete] for law, answers in by_law.items()}
-        singles, groups = ranked(complete_curves, complete_answers)
-        by_curve, by_group = law_records(complete_curves, singles, groups)
-        notes = [*([note] if note else []), *run.notes]
-        laws = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
-        if note and report.listed_entry("report.html"):
-            run.end_interrupted(f"{note}; until then the earlier answers stay", out / "laws.json")
-        if complete_curves:
-            outputs.write("laws.json", document.write_json, laws)
-        if note:
-            run.end_interrupted(note, out / "laws.json" if complete_curves else None)
-        outputs.finish()
-        pairs = list(zip(complete_curves, choose_answers(singles, groups), strict=True))
-        notes = [*preference_lines(laws), *laws.notes]
-        reporting.write_report(out, pairs, run.command, date=run.date, draw=self.pictures, notes=notes)
+        result = _write(run, folder, pairs, note, draw=self.pictures, laws=laws_by_group(groups))
         unfinished.remove()
-        run.show(laws)
-        verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
-        failed = not verdicts.isdisjoint(("failed", "check_input")) or any(not ranking.chosen for ranking in singles)
-        places = f"; {out / 'laws.json'}; report: {out / 'report.html'}"
-        run.end(digits.counted(len(curves), "curve"), failed, places)
+        run.show(result)
+        failed = has_problems(result) or any(not ranking.chosen for ranking in singles)
+        run.end(digits.counted(len(curves), "curve"), failed, f"; report: {out / 'report.html'}")
 
 
 @dataclass(kw_only=True)
@@ -184,8 +165,7 @@ class Watch(options.Inference, options.SharedErrors):
         from cavirheo import watch
         from cavirheo.column import is_r_max, read_column
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.reporting.screen import print_result
-        from cavirheo.reporting.table import print_line
+        from cavirheo.reporting.screen import print_line, print_result
 
         folder = self.folder
         out = self.out

@@ -113,7 +113,7 @@ def _show_curves(path: Path, **keywords: Any) -> None:
         table.add_row(curve.name, *summary_cells(curve))
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     console.print(table)
-    terminal.print_warnings(console, curve_warnings(curves))
+    terminal.print_remarks(console, curve_warnings(curves), most=2, mark="check input:")
     terminal.print_remarks(console, curves_by_note(curves), remarks + hints)
     for problem in problems:
         terminal.say(f"error: {problem}")

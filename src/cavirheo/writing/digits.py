@@ -38,12 +38,11 @@ MATERIAL_TITLES = {
     "newtonian": "Newtonian fluid (no elasticity: G is not asked for)",
     "qkv": "quadratic Kelvin-Voigt",
 }
-METHOD_TITLES = {
-    "bdt": "Bubble Dynamics Transformer: a point answer, no interval",
-    "verified": "posterior draws, weighted by the full physics",
-    "least_squares": "posterior draws under white noise, weighted by the full physics",
+METHODS = {  # how a method answers, and what its simulation is called
+    "bdt": ("Bubble Dynamics Transformer: a point answer, no interval", "answer"),
+    "verified": ("posterior draws, weighted by the full physics", "best draw"),
+    "least_squares": ("posterior draws under white noise, weighted by the full physics", "best fit"),
 }
-_SIMULATION_NAMES = {"verified": "best draw", "least_squares": "best fit"}  # by method
 MISSING = "–"
 NO_BREAK = "\u00a0"
 _SIDES = {"upper": "below", "lower": "above"}  # by bound: on which side of the limit the value lies
@@ -59,50 +58,40 @@ def unit_for(unit: str, value: float | None) -> tuple[float, str]:
     return modulus_unit([value]) if unit == "Pa" else (1.0, "" if unit == "1" else unit)
 
 
-def value_parts(value: Quantity, factor: float = 1.0) -> tuple[str, list[str]]:
-    """(value, ends of its interval) with digits by the width: ('6.1', ['5.4', '6.9']); ('6.44', []) without an
-    interval; of a bound there is no value: ('', ['below 0.030']), ('', ['0.010', '0.15']) or ('', ['undetermined'])."""
+def value_parts(value: Quantity, factor: float = 1.0) -> tuple[str, str]:
+    """(value, interval) with digits by the width: ('6.1', '5.4 to 6.9'); ('6.44', '') without an interval; a bound has
+    no value: ('', 'below 0.030'), ('', '0.010 to 0.15') or ('', 'not known')."""
     if value.bound == "undetermined":
-        return "", [value.bound]
-    if value.bound == "upper" and value.q95 == 0.0:
-        return "", ["0"]
+        return "", "not known"
+    if value.is_zero:
+        return "", "0"
     if value.bound == "wide":
-        return "", [number(end, factor, 2) for end in (value.q05, value.q95)]
+        return "", f"{number(value.q05, factor, 2)} to {number(value.q95, factor, 2)}"
     if value.bound:
-        return "", [f"{_SIDES[value.bound]} {number(value.largest, factor, 2)}"]
+        return "", f"{_SIDES[value.bound]} {number(value.largest, factor, 2)}"
     if value.median is None:
-        return MISSING, []
+        return MISSING, ""
     if value.q05 is None or value.q95 is None or value.q05 == value.q95:
-        return significant(value.median * factor), []
-    half = (value.q95 - value.q05) / 2.0
-    relative = half / abs(value.median) if value.median else 1.0
+        return significant(value.median * factor), ""
+    relative = 0.5 * (value.q95 - value.q05) / abs(value.median) if value.median else 1.0
     count = min(max(ceil(-log10(min(relative, 1.0))) + 1, 2), 4) if relative > 0 else 4
     middle = significant(value.median * factor, count)
-    high = value.q95 * factor
-    places = len(middle.partition(".")[2])
-    wide = "e" in middle or high > 100.0 * abs(value.median * factor)
-    above = significant(high, count) if wide else f"{high:.{places}f}"
-    return middle, [significant(value.q05 * factor, count), above]
+    high, places = value.q95 * factor, len(middle.partition(".")[2])
+    is_far = "e" in middle or high > 100.0 * abs(value.median * factor)
+    above = significant(high, count) if is_far else f"{high:.{places}f}"
+    return middle, f"{significant(value.q05 * factor, count)} to {above}"
 
 
 def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
-    """A quantity in words: '6.1 [5.4, 6.9]'; '6.44' without an interval; 'below 0.030 (95 %)', '0.010 to 0.15' or
-    'undetermined' for a bound. `unit` follows the number, `joint` stands before brackets."""
-    middle, ends = value_parts(value, factor)
-    unit = f" {unit}" if unit and value.known else ""
-    if value.bound == "undetermined":
-        return value.bound
+    """A quantity in words: '6.1 kPa (5.4 to 6.9)'; '6.44 kPa' without an interval; 'below 0.030 Pa s (95 %)',
+    '0.010 to 0.15 Pa s' or 'not known' for a bound. `joint` stands before brackets."""
+    middle, interval = value_parts(value, factor)
+    unit = f" {unit}" if unit and value.known and value.bound != "undetermined" else ""
+    if value.bound in ("upper", "lower"):
+        return f"{interval}{unit}{joint}(95 %)"
     if value.bound:
-        limits = f"{' to '.join(ends)}{unit}"
-        return limits if value.bound == "wide" else f"{limits}{joint}(95 %)"
-    return f"{middle}{unit}{joint}[{', '.join(ends)}]" if ends else middle + unit
-
-
-def quantity_with_unit(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
-    """`quantity` for a sentence, with the unit after the interval: '6.1 [5.4, 6.9] kPa', 'below 0.030 Pa s (95 %)'."""
-    if value.bound:
-        return quantity(value, factor, unit=unit)
-    return quantity(value, factor) + (f" {unit}" if unit else "")
+        return interval + unit
+    return f"{middle}{unit}{joint}({interval})" if interval else middle + unit
 
 
 def spread(value: Spread, factor: float = 1.0) -> str:
@@ -165,7 +154,7 @@ def number_ranges(numbers: Sequence[int]) -> str:
 
 def simulation_name(method: str) -> str:
     """Which simulation is drawn over a measurement for an answer by this method: 'best draw'."""
-    return _SIMULATION_NAMES.get(method, "answer")
+    return METHODS[method][1] if method in METHODS else "answer"
 
 
 def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:

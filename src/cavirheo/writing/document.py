@@ -42,6 +42,7 @@ _log = logging.getLogger(__name__)
 MAX_BYTES = 500_000_000  # most bytes of a document that is read
 MAX_NAME_BYTES = 120  # most bytes of a name, to which an ending, a number and ".part" can be added
 LIST_FILE = ".cavirheo"  # file in each output folder, with the list of the files that cavirheo wrote
+_FIRST_KEYS = {"kind": 0, "name": 1}  # order of the keys of a record
 LOCK_FILE = ".cavirheo.lock"  # file in an output folder while a run has locked it
 Kind = TypeVar("Kind", bound="Document")
 Picture = TypeVar("Picture")
@@ -66,7 +67,8 @@ class Record(BaseModel):
 
     @model_serializer(mode="wrap")
     def _without_empty(self, whole: Callable[[Record], dict[str, Any]]) -> dict[str, Any]:
-        return {key: value for key, value in whole(self).items() if value or key not in self._omitted_if_empty}
+        ordered = sorted(whole(self).items(), key=lambda item: _FIRST_KEYS.get(item[0], 2))
+        return {key: value for key, value in ordered if value or key not in self._omitted_if_empty}
 
 
 class Document(Record):

@@ -9,15 +9,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.writing.digits import NO_BREAK, VERDICT_STYLES, elide, printable, together
+from cavirheo.writing.digits import NO_BREAK, elide, printable, together
 
 MOST_REMARKS = 20  # of one kind below a table
 _MAX_LINE = 1000  # most characters of one line
-RATE_PERIOD = 120.0  # s, period of the mean rate: an answer may take many s, and a cluster returns many answers at once
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
-    from rich.progress import Task
     from rich.segment import Segment
     from rich.table import Table
     from rich.text import Text
@@ -52,36 +50,27 @@ def say(text: str) -> None:
 def progress_bar(
     what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
 ) -> Iterator[Callable[..., None]]:
-    """Progress bar on stderr with the rate in `unit` per second and the time left; it disappears at the end. There is
-    none if stderr is no terminal. Yields `advance(count=1, total=None, what=None)`, which adds `count` and, if they are
+    """Progress bar on stderr with the number of `unit` and the time left; it disappears at the end. There is none if
+    stderr is no terminal. Yields `advance(count=1, total=None, what=None)`, which adds `count` and, if they are
     given, sets a new total and a new description."""
     on = console(stderr=True)
     if not (visible and on.is_terminal):  # rich 13 ends a bar that is disabled with an empty line
         yield lambda count=1, total=None, what=None: None
         return
 
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
     from rich.table import Column
-    from rich.text import Text
-
-    class Rate(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            """The rate, '136 curves/s', or '7.2 curves/min' if it is below one per second; empty if it is not known."""
-            if not task.speed:
-                return Text()
-            per, amount = ("s", task.speed) if task.speed >= 1.0 else ("min", 60.0 * task.speed)
-            return Text(f"{amount:.0f} {unit}/{per}" if amount >= 100.0 else f"{amount:.2g} {unit}/{per}", "dim")
 
     whole = Column(no_wrap=True)  # in a narrow terminal only the description folds
     columns = (
         TextColumn("{task.description}", table_column=Column()),
         BarColumn(20),
         MofNCompleteColumn(table_column=whole),
-        Rate(whole),
+        TextColumn(unit, "dim"),
         TimeRemainingColumn(table_column=whole),
         TextColumn("left", "dim"),
     )
-    with Progress(*columns, speed_estimate_period=RATE_PERIOD, console=on, transient=True) as progress:
+    with Progress(*columns, speed_estimate_period=120.0, console=on, transient=True) as progress:
         task = progress.add_task(what, total=total)
         yield lambda count=1, total=None, what=None: progress.update(task, advance=count, total=total, description=what)
 
@@ -101,13 +90,25 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
     return grid
 
 
-def names_by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """{message: names} of (name, message), each message once and in order; empty messages are left out."""
+def print_table(
+    to: Console, heads: Sequence[str], rows: Sequence[Sequence[str]], *, left: Sequence[str] = (), title: str = ""
+) -> None:
+    """Print a `table`, if it has rows; of equal names in the first column only the first is printed."""
+    grid, previous = table(heads[0], heads[1:], left=left, title=title), ""
+    for name, *cells in rows:
+        grid.add_row("" if name == previous else name, *cells)
+        previous = name
+    if rows:
+        to.print(grid)
+
+
+def names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """{text: names} of (name, text), each text once, the most frequent first; empty texts are left out."""
     names: dict[str, dict[str, None]] = {}
-    for name, message in messages:
-        if message:
-            names.setdefault(message, {})[name] = None
-    return {message: list(those) for message, those in names.items()}
+    for name, text in texts:
+        if text:
+            names.setdefault(text, {})[name] = None
+    return {text: list(those) for text, those in sorted(names.items(), key=lambda item: -len(item[1]))}
 
 
 def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
@@ -130,17 +131,11 @@ def print_text(to: Console, text: str, *, first: str = "", look: str = "", style
 def print_remarks(
     to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 5, mark: str = "•"
 ) -> None:
-    """Print each of the first MOST_REMARKS messages after a mark and its names, `most` of them at most; then the
-    notes."""
-    for message, names in list(remarks.items())[:MOST_REMARKS]:
+    """Print each of the first MOST_REMARKS texts after a mark and its names, `most` of them at most; then the notes."""
+    for text, names in list(remarks.items())[:MOST_REMARKS]:
         more = f" and {len(names) - most} more" if len(names) > most else ""
-        print_text(to, f": {message}", first=f"{mark} {', '.join(names[:most])}{more}", look="bold")
+        print_text(to, f": {text}", first=f"{mark} {', '.join(names[:most])}{more}", look="bold")
     if len(remarks) > MOST_REMARKS:
         print_text(to, f"{mark} {len(remarks) - MOST_REMARKS} more such remarks")
     for note in notes:
         print_text(to, note, first="• ")
-
-
-def print_warnings(to: Console, warnings: Mapping[str, Sequence[str]]) -> None:
-    """Print input warnings on recordings and settings, each after the names of its curves."""
-    print_remarks(to, warnings, most=2, mark=f"{VERDICT_STYLES['check_input'].words}:")

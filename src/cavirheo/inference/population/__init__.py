@@ -254,7 +254,7 @@ class Population:
 
     @property
     def line(self) -> str:
-        """'G = 5.8 kPa [90 %: 5.1, 6.6]; shots scatter by 12 % in G; 8 of 9 shots count, 1 of them seems to be of
+        """'G = 5.8 kPa (90 %: 5.1 to 6.6); shots scatter by 12 % in G; 8 of 9 shots count, 1 of them seems to be of
         another material'."""
         if not len(self.centre):
             return "no material: " + "; ".join(self.warnings)
@@ -279,8 +279,10 @@ class Population:
     def _value(self, name: str) -> str:
         value, parameter = self.quantity(name), parameter_of(name)
         factor, unit = digits.unit_for(parameter.unit, value.largest)
-        text = digits.quantity(value, factor, unit=unit)
-        return f"{parameter.symbol} {text}" if value.bound else f"{parameter.symbol} = {text.replace('[', '[90 %: ')}"
+        if value.bound:
+            return f"{parameter.symbol} {digits.quantity(value, factor, unit=unit)}"
+        middle, interval = digits.value_parts(value, factor)
+        return f"{parameter.symbol} = {middle}{f' {unit}' if unit else ''} (90 %: {interval})"
 
     def _scatter_in_words(self) -> str:
         """The scatter of the parameters that are determined; that of others is not known."""

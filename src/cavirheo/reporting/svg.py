@@ -4,30 +4,25 @@ numbers, PX to a pixel, and the colours are those of picture.css, which each pag
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, count
+from itertools import chain
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from cavirheo.arrays import Floats
-from cavirheo.reporting.panels import Axis, Panel
-from cavirheo.writing.document import short_name
+from cavirheo.reporting.panels import Layer, Panel
 
 PX = 4  # SVG units per pixel
-WIDTH, HEIGHT = 480, 300  # px of a picture as the report shows it
-POINTS = 800  # approximate number of points of a picture
-SHOT_SIZE = (380.0, 218.0)  # px of the picture of a shot in a report
+SIZE = (480.0, 300.0)  # px of a picture as the report shows it
+SHOT_SIZE = (380.0, 218.0)  # px of the picture of a shot among others
 GROUP_SIZE = (400.0, 340.0)  # px of each of the two pictures of a group
-GROUP_POINTS = 4 * POINTS  # approximate number of points of all shots of a group
 Word = tuple[str, int, int, str]  # look, x and y of the baseline, text
 Key = list[tuple[str, str]]  # look, text
 _LEFT, _RIGHT, _BOTTOM = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
 _ROW = 17 * PX  # height of a line of text
-_TICK = 4 * PX
 _TONES = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]])  # dark blue, grey, yellow: grey prints keep the order
 _SYMBOLS = {"dots": "●", "line": "—", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
 _SYMBOLS |= {"outlier": "○", "region": "▰", "region-out": "▱", "material": "▣", "published": "▢"}  # or by look
@@ -43,14 +38,14 @@ def colour_of(tone: float) -> str:
 
 @dataclass(frozen=True)
 class Frame:
-    """A panel in a box of an SVG picture, with the paths of its layers. box: left, top, width and height."""
+    """A panel in a box of an SVG picture. box: left, top, width and height."""
 
     panel: Panel
     box: tuple[int, int, int, int]
 
-    def place(self, x: Any, y: Any, axis: Axis | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Points in whole units of the picture. axis: the axis of x, if it is not that of the panel."""
-        (left, top, width, height), along, up = self.box, axis or self.panel.x, self.panel.y
+    def place(self, x: Any, y: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Points in whole units of the picture."""
+        (left, top, width, height), along, up = self.box, self.panel.x, self.panel.y
         across = left + width * (np.asarray(x, dtype=float) - along.low) / (along.high - along.low)
         down = top + height * (up.high - np.asarray(y, dtype=float)) / (up.high - up.low)
         return np.rint(across).astype(int), np.rint(down).astype(int)
@@ -59,69 +54,62 @@ class Frame:
         """(path of the axes, numbers at their ticks, their names). along: with ticks and name of `x`."""
         (left, top, width, height), panel = self.box, self.panel
         right, bottom = left + width, top + height
-        rows, columns = panel.y.ticks(max(height // (36 * PX), 4)), panel.x.ticks(max(width // (55 * PX), 2))
-        places = self.place(panel.x.low, rows)[1]
-        path = "".join(f"M{left} {down}h{width}" for down in places) + f"M{left} {top}v{height}h{width}"
-        ticks = [
-            ("end", left - 5 * PX, down + 4 * PX, panel.y.written(n)) for down, n in zip(places, rows, strict=True)
-        ]
+        path, ticks = f"M{left} {top}v{height}h{width}", list[Word]()
         names = [("name", 2 * PX, top - 8 * PX, panel.y.label)]
+        for place, number in panel.y.ticks(max(height // (36 * PX), 4)):
+            down = int(self.place(panel.x.low, place)[1])
+            path += f"M{left} {down}h{width}"
+            ticks.append(("end", left - 5 * PX, down + 4 * PX, number))
+        for place, number in panel.x.ticks(max(width // (55 * PX), 2)) if along else ():
+            across = int(self.place(place, panel.y.low)[0])
+            path += f"M{across} {bottom}v{4 * PX}"
+            ticks.append(("middle", across, bottom + 15 * PX, number))
         if along:
-            places = self.place(columns, panel.y.low)[0]
-            path += "".join(f"M{across} {bottom}v{_TICK}" for across in places)
-            ticks += [("middle", x, bottom + 15 * PX, panel.x.written(n)) for x, n in zip(places, columns, strict=True)]
             title = ", ".join(filter(None, (panel.x.label, panel.x.remark)))
             names.append(("name end", right, bottom + 31 * PX, title))
-        if second := panel.top_axis:
-            columns = second.ticks(max(width // (45 * PX), 2))
-            for across, n in zip(self.place(columns, panel.y.low, second)[0], columns, strict=True):
-                path += f"M{across} {top}v{-_TICK}"
-                if left + 30 * PX < across < right - 25 * PX:  # names of axes stand at the ends
-                    ticks.append(("middle", across, top - 6 * PX, f"{n:g}"))
-            names.append(("name end", right, top - 6 * PX, second.label))
         return path, ticks, names
 
-    def paths(self, points: int) -> Iterator[tuple[str, str, str]]:
-        """Yield (look, path, colour) of each layer. points: number of points of the picture, of which each layer has
-        its share."""
-        for layer in (layer for layer in self.panel.layers if layer.shape != "labels"):  # `names` writes these
-            most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
-            path: Any = getattr(self, f"_{layer.shape}")
-            if data := path(layer.x, layer.y, most):
-                yield layer.look, data, "" if layer.tone is None else colour_of(layer.tone)
+    def paths(self) -> Iterator[tuple[str, str, str]]:
+        """Yield (look, path, colour) of each layer."""
+        for layer in self.panel.layers:
+            if layer.shape != "labels" and (path := getattr(self, f"_{layer.shape}")(layer)):
+                yield layer.look, path, "" if layer.tone is None else colour_of(layer.tone)
 
-    def _dots(self, x: Floats, y: Floats, most: int) -> str:
-        """Path with a dot for each point, or for every k-th if there are more than `most`."""
-        every = max(-(-len(x) // max(most, 1)), 1)
-        across, down = self.place(x[::every], y[::every])
+    def _dots(self, layer: Layer) -> str:
+        """Path with a dot for each point, or for every k-th if there are too many."""
+        every = max(-(-len(layer.x) // layer.most), 1)
+        across, down = self.place(layer.x[::every], layer.y[::every])
         return "M" + "m".join(f"{step}z" for step in _steps(across, down)) if len(across) else ""
 
-    def _line(self, x: Floats, y: Floats, most: int) -> str:
-        """Path of a line through the points, or through about `most` of them; NaN makes a gap."""
-        finite, path = np.flatnonzero(np.isfinite(y)), ""
-        for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else ():
-            some = part[self._thin(x[part], y[part], max(most * len(part) // len(finite), 2))]
-            path += _path(*self.place(x[some], y[some])) if len(some) > 1 else self._dots(x[some], y[some], 1)
-        return path
+    def _line(self, layer: Layer) -> str:
+        """Path of a line; NaN makes a gap."""
+        finite = np.flatnonzero(np.isfinite(layer.y))
+        parts = np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1)
+        thinned = (part[self._thin(layer.x[part], layer.y[part], layer.most)] for part in parts if len(part))
+        return "".join(_path(*self.place(layer.x[some], layer.y[some])) for some in thinned)
 
-    def _area(self, x: Floats, y: Floats, most: int) -> str:
-        """Path of the area between two lines, of each about `most` points or fewer."""
-        some = self._thin(x, y[:, 1], most)
-        ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
-        return _path(*self.place(x[np.concatenate([some, some[::-1]])], ends)) + "z"
+    def _area(self, layer: Layer) -> str:
+        """Path of the area between two lines."""
+        some = self._thin(layer.x, layer.y[:, 1], layer.most // 2)
+        ends = np.concatenate([layer.y[some, 0], layer.y[some[::-1], 1]])
+        return _path(*self.place(layer.x[np.concatenate([some, some[::-1]])], ends)) + "z"
 
-    def _region(self, x: Floats, y: Floats, _: int) -> str:
-        return _path(*self.place(x, y)) + "z"
+    def _region(self, layer: Layer) -> str:
+        return _path(*self.place(layer.x, layer.y)) + "z"
 
-    def _arrows(self, x: Floats, y: Floats, _: int) -> str:
+    def _ticks(self, layer: Layer) -> str:
+        places = zip(*self.place(layer.x, layer.y), strict=True)
+        return "".join(f"M{across} {down}v{-7 * PX}" for across, down in places)
+
+    def _arrows(self, layer: Layer) -> str:
         """Path of arrows, of which each has two strokes as a head."""
         path = ""
-        for (a, b), (c, d) in zip(*(values.tolist() for values in self.place(x, y)), strict=True):
+        for (a, b), (c, d) in zip(*(values.tolist() for values in self.place(layer.x, layer.y)), strict=True):
             length = max(np.hypot(b - a, d - c), 1.0)
             along, down = (round(6 * PX * (begin - end) / length) for begin, end in ((a, b), (c, d)))
-            half = along // 2, down // 2
-            path += f"M{a} {c}L{b} {d}M{b + along - half[1]} {d + down + half[0]}"
-            path += f"L{b} {d}L{b + along + half[1]} {d + down - half[0]}"
+            aside, below = along // 2, down // 2
+            path += f"M{a} {c}L{b} {d}M{b + along - below} {d + down + aside}"
+            path += f"L{b} {d}L{b + along + below} {d + down - aside}"
         return path
 
     def names(self) -> list[Word]:
@@ -142,9 +130,6 @@ class Frame:
                         break
         return words
 
-    def _ticks(self, x: Floats, y: Floats, _: int) -> str:
-        return "".join(f"M{across} {down}v{-7 * PX}" for across, down in zip(*self.place(x, y), strict=True))
-
     def _thin(self, x: Floats, y: Floats, most: int) -> np.ndarray:
         """Indices of `most` points evenly along a line, and of as many of its turns, so that a collapse stays sharp."""
         if len(x) <= most:
@@ -154,46 +139,36 @@ class Frame:
         along = np.concatenate([[0.0], np.cumsum(steps)])
         even = np.searchsorted(along, np.linspace(0.0, along[-1], most))
         turns = np.flatnonzero(np.diff(np.sign(np.diff(y))) != 0) + 1
-        return np.union1d(np.minimum(even, len(x) - 1), turns[: max(most, 0)])
+        return np.union1d(np.minimum(even, len(x) - 1), turns[:most])
 
 
-def curve_svg(
-    panels: Sequence[Panel],
-    width: float = WIDTH,
-    height: float = HEIGHT,
-    *,
-    points: int = POINTS,
-    with_key: bool = True,
-) -> Markup:
-    """The picture of a curve: measured points with the simulation over them, and below the residual with a band of
-    ± RMSE. width, height: px; the size of the type does not change. points: approximate number of drawn points.
-    with_key: whether the looks are named."""
+def curve_svg(panels: Sequence[Panel], size: tuple[float, float] = SIZE, *, with_key: bool = True) -> Markup:
+    """The picture of a curve: measured points with the simulation over them, and below the residual. size: px; the size
+    of the type does not change. with_key: whether the looks are named."""
     radius, *residual = panels
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
-    key = _key(radius, omitted_look="outside" if width <= WIDTH else "") if with_key else []  # a narrow one has no room
+    key = _key(radius, omitted_look="outside" if size[0] <= SIZE[0] else "") if with_key else []  # if there is no room
     key += [("failed", f"{radius.note}\u2003")] if radius.note else []
-    return _picture(panels, f"measured radius over time{simulated}", key, points, (width, height))
+    return _picture(panels, f"measured radius over time{simulated}", key, size)
 
 
-def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
+def group_svg(panels: Sequence[Panel]) -> Markup:
     """The pictures of a group beside each other: the plane of G and mu, and all curves."""
     plane, curves = panels
-    about = f"{plane.y.label} over {plane.x.label}: the 90 % region of each shot, and that of the material"
+    label = f"{plane.y.label} over {plane.x.label}: the 90 % region of each shot, and that of the material"
     key = _key(plane)
-    if any(layer.look.startswith("arrow") for layer in plane.layers):
+    if any(layer.shape == "arrows" for layer in plane.layers):
         key.append(("", "→ bound"))
-    return _picture([plane], about, key, points, GROUP_SIZE) + all_curves_svg(curves, points)
+    return _picture([plane], label, key, GROUP_SIZE) + all_curves_svg(curves)
 
 
-def all_curves_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
+def all_curves_svg(panel: Panel) -> Markup:
     """The picture of the curves of all shots."""
-    about = f"{panel.y.label} over {panel.x.label} of all shots: measured points, and the predictions of their answers"
-    return _picture([panel], about, [("", panel.note)], points, GROUP_SIZE)
+    label = f"{panel.y.label} over {panel.x.label} of all shots: measured points, and the predictions of their answers"
+    return _picture([panel], label, [("", panel.note)], GROUP_SIZE)
 
 
-def _picture(
-    panels: Sequence[Panel], label: str, key: Key, points: int, size: tuple[float, float] = (WIDTH, HEIGHT)
-) -> Markup:
+def _picture(panels: Sequence[Panel], label: str, key: Key, size: tuple[float, float]) -> Markup:
     """SVG of one panel, or of a panel with that of the residual below it. key: the text in the row at the top."""
     from cavirheo.reporting.html import template
 
@@ -201,15 +176,15 @@ def _picture(
     top = (2 if key else 1) * _ROW + 2 * PX
     across, inner = view[0] - _LEFT - _RIGHT, view[1] - _BOTTOM - top
     below = PX * round(0.26 * (inner - _ROW) / PX) if len(panels) > 1 else 0
-    begin = view[1] - _BOTTOM - below
     between = _ROW + 8 * PX if below else 0
+    begin = view[1] - _BOTTOM - below
     boxes = (_LEFT, top, across, inner - below - between), (_LEFT, begin, across, below)
     frames = [Frame(panel, box) for panel, box in zip(panels, boxes, strict=False)]  # one, or both
     axes, ticks, names = zip(*(frame.axes(along=frame is frames[-1]) for frame in frames), strict=True)
     notes = [("residual end", view[0] - _RIGHT, begin - 6 * PX, panel.note) for panel in panels[1:]]
     content: dict[str, Any] = {"axes": axes, "ticks": [*chain(*ticks)], "key": key}
     content["words"] = [*chain(*names), *notes, *chain(*(frame.names() for frame in frames))]
-    content["layers"] = [*chain(*(frame.paths(points) for frame in frames))]
+    content["layers"] = [*chain(*(frame.paths() for frame in frames))]
     return Markup(template("picture.svg").render(view=view, label=label, left=_LEFT, row=_ROW - 5 * PX, **content))
 
 
@@ -232,13 +207,3 @@ def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
     """Coordinates of the first point, then of the steps from point to point, in as few letters as SVG allows."""
     x, y = np.diff(across, prepend=0).tolist(), np.diff(down, prepend=0).tolist()
     return [f"{a}{b}" if b < 0 else f"{a} {b}" for a, b in zip(x, y, strict=True)]
-
-
-def file_names(names: Sequence[str]) -> list[str]:
-    """A safe, short file name without an ending for each name; no two are equal, also if letter case is ignored."""
-    taken = dict.fromkeys(("result", "report"), "")
-    for name in names:
-        stem = short_name(re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100]) or "curve"
-        unique = next(n for n in chain([stem], (f"{stem}-{k}" for k in count(2))) if n.lower() not in taken)
-        taken[unique.lower()] = unique
-    return list(taken.values())[2:]
