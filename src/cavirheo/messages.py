@@ -301,5 +301,6 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "group.trend": lambda trends: (
         f"{', '.join(trends)} with R_max, which a constant does not: wrong law or bubble? --column R_max measures it"
     ),
+    "group.left_out": digits.left_out_in_words,
     "group.scale": lambda change: f"1 % in scale or frame rate moves G by {digits.significant(change, 2)} %",
 }

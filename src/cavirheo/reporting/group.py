@@ -151,6 +151,8 @@ def group_record(
         systematic = Systematic(errors={}, slopes=slopes, statistics={})
     doubts = _doubts(shots, population)
     facts = [*_sensitivity(systematic), *_not_given(shots), *_rivals(shots)]
+    if population and population.left_out:
+        facts.append(Message("group.left_out", {"counts": population.left_out}))
     if trends := size_trends(shots):
         facts.append(Message("group.trend", {"trends": trends}))
     return GroupRecord(

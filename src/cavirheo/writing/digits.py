@@ -32,6 +32,12 @@ VERDICT_STYLES = {
     "unverified": VerdictStyle("unverified", "#8a3068", "magenta"),
 }
 VERDICT_WORDS = {verdict: look.words for verdict, look in VERDICT_STYLES.items()}
+_REASONS = {  # why a shot does not count, besides its verdict
+    "no_interval": "without an interval",
+    "no_column_value": "without a value along the column",
+    "other_model": "of another model",
+    "copy": "a copy of another",
+}
 MATERIAL_TITLES = {
     "auto": "a neo-Hookean spring that may stiffen or be absent, beside a dashpot",
     "nhkv": "neo-Hookean Kelvin-Voigt",
@@ -139,6 +145,13 @@ def counted_shots(count: int, total: int) -> str:
     return f"{count} of {counted(total, 'shot')} {'counts' if total == 1 else 'count'}"
 
 
+def left_out_in_words(counts: Mapping[str, int]) -> str:
+    """'4 shots do not count: 1 does not fit, 3 without an interval'; "" if all count."""
+    reasons = ", ".join(f"{count} {(VERDICT_WORDS | _REASONS)[why]}" for why, count in counts.items())
+    total = sum(counts.values())
+    return f"{counted(total, 'shot')} {'does' if total == 1 else 'do'} not count: {reasons}" if counts else ""
+
+
 def p_value_in_words(predictive: Mapping[str, Any]) -> str:
     """p-value of a predictive check: 'p = 0.04', or 'p < 0.0015' if it is the least that its replicates can give."""
     p = predictive["p_value"]
@@ -187,18 +200,26 @@ def elide(text: str, width: int) -> str:
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:
-    """What distinguishes the names: of the shots of one file their numbers, "[7]"; of long names what follows the words
-    with which all of them begin."""
-    alike = min(names, default="")
-    while not max(names, default="").startswith(alike):
-        alike = alike[:-1]
-    begin = 0
+    """What distinguishes the names: of the shots of one file their numbers, "[7]"; of long names what stands between
+    the words with which all of them begin, and those with which all of them end."""
+    alike = _common_start(names)
     if "[" in alike:
-        begin = alike.rindex("[")
+        short = [name[alike.rindex("[") :] for name in names]
     elif max(map(len, names), default=0) > SHORT_NAME:
         begin = 1 + max(alike.rfind(mark) for mark in "_- /.")
-    short = [name[begin:] for name in names]
+        ending = _common_start([name[begin:][::-1] for name in names])[::-1]
+        marks = [ending.find(mark) for mark in "_- /." if mark in ending]
+        end = len(ending) - min(marks) if marks else 0
+        short = [name[begin : len(name) - end] for name in names]
+    else:
+        short = list(names)
     return short if all(short) and len(set(names)) > 1 else list(names)
+
+
+def _common_start(names: Sequence[str]) -> str:
+    first, last = min(names, default=""), max(names, default="")
+    length = min(len(first), len(last))
+    return first[: next((k for k in range(length) if first[k] != last[k]), length)]
 
 
 def together(text: str) -> str:

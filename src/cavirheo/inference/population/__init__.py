@@ -50,12 +50,6 @@ MIN_SHOTS = 3  # least number of shots of a population
 _DRAWS = 4000  # draws of a population
 _LEAST_EFFECTIVE = 200.0  # fewest effective draws of a population without a warning
 _EMPTY = np.empty((0, 0))
-_REASONS = {  # reasons why a shot does not count, in words, besides its verdict
-    "no_interval": "without an interval",
-    "no_column_value": "without a value along the column",
-    "other_model": "of another model",
-    "copy": "a copy of another",
-}
 _LN10 = float(np.log(10.0))
 DIFFERENCE_SCALE = 0.3  # decades: prior standard deviation of the difference between two materials that are compared
 
@@ -272,9 +266,8 @@ class Population:
         ]
         unlike = f"probably of another material than the other shots, and hardly counted: {', '.join(away)}"
         texts = [unlike] * bool(away)
-        words = digits.VERDICT_WORDS | _REASONS
-        left = ", ".join(f"{count} {words[why]}" for why, count in self.left_out.items())
-        return texts + [f"shots that do not count: {left}"] * bool(left) + list(self.warnings) * bool(len(self.centre))
+        left = digits.left_out_in_words(self.left_out)
+        return texts + [left] * bool(left) + list(self.warnings) * bool(len(self.centre))
 
     def _value(self, name: str) -> str:
         value, parameter = self.quantity(name), parameter_of(name)
