@@ -312,7 +312,7 @@ def print_line(record: CurveRecord) -> None:
     terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(line), "default"))
 
 
-def print_all(result: Result) -> None:
+def print_all(result: Result, *, out: Path = Path()) -> None:
     """Print further parameters, the answers of other models, and all messages; then the result, with a row for each
     shot. A shot is called by what distinguishes it."""
     console = terminal.console()
@@ -335,4 +335,4 @@ def print_all(result: Result) -> None:
             terminal.print_table(console, LAW_HEADS, group.laws.rows, title=title)
             terminal.print_remarks(console, {}, group.laws.sentences)
     terminal.print_remarks(console, {}, [row.words for row in result.differences])
-    print_result(result, every_shot=True)
+    print_result(result, out=out, every_shot=True)

@@ -55,7 +55,6 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             published = by_group_of_all(group_names(curves), sets)
             analysis.check(curves)
             answers = unfinished.answers(curves, analysis)
-        pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
         note = unfinished.note(len(answers), len(curves))
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
         keywords = {"draw": self.pictures, "errors": self.errors, "published": published}
@@ -125,6 +124,7 @@ class WhichLaw(options.MeasuredFiles):
         from cavirheo.reporting import DOCUMENTS
         from cavirheo.reporting.laws import laws_by_group
         from cavirheo.reporting.record import CurveAnswers
+        from cavirheo.reporting.screen import print_all
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing.document import Outputs
@@ -148,7 +148,7 @@ class WhichLaw(options.MeasuredFiles):
         note = unfinished.note(len(complete), len(curves))
         result = _write(run, folder, pairs, note, draw=self.pictures, laws=laws_by_group(groups))
         unfinished.remove()
-        run.show(result)
+        run.show(result, partial(print_all, out=out))
         failed = has_problems(result) or any(not ranking.chosen for ranking in singles)
         run.end(digits.counted(len(curves), "curve"), failed, f"; report: {out / 'report.html'}")
 
