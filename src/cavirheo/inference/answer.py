@@ -263,15 +263,15 @@ def trades(prior: Prior, x: Floats, log_weight: Floats, law: Sequence[str]) -> d
     columns = dict(zip(prior.names, x.T, strict=True))
     found: dict[str, tuple[str, Bound]] = {}
     for other in open_ends(prior, x, log_weight):
-        low, high = prior.bounds(other)
-        outwards = BEYOND * (high - low) * (1.0 if OPEN_ENDS[other] == "lower" else -1.0)
+        outwards = BEYOND * np.ptp(prior.bounds(other)) * (1.0 if OPEN_ENDS[other] == "lower" else -1.0)
         for name in law:
             pair = weighted_covariance(columns[name], columns[other], log_weight)
             if pair is None:
                 continue
             moved = outwards * pair[0, 1] / (pair[1, 1] + 1e-300)
-            width = np.ptp(weighted_quantile(columns[name], [0.05, 0.95], log_weight))
-            if abs(moved) > TRADED * width:
+            some = np.isfinite(columns[name])
+            low, high = weighted_quantile(columns[name][some], [0.05, 0.95], log_weight[some]).tolist()
+            if abs(moved) > TRADED * (high - low):
                 found[name] = other, "lower" if moved > 0.0 else "upper"
     return found
 

@@ -46,7 +46,7 @@ class Noise:
         self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0,
         typical: float | None = None,
     ) -> None:  # fmt: skip
-        self.deviation, self.time, self.size = deviation, time, len(deviation)
+        self.deviation, self.time, self.size, self.scale = deviation, time, len(deviation), scale
         some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCK_RATIOS for tau in TIMES] if discrepancy else []
         self.grid: list[tuple[float, float, float]] = [(0.0, 0.0, 1.0), *some]
         self.typical: float = float(np.median(deviation)) if typical is None else typical
@@ -102,6 +102,15 @@ class Noise:
         factors = share[:, 0] * (GAMMA_A + 0.5 * squares[:, 0]) / (self.power - 1.0)
         variances = self.deviation**2 * averaged + np.sum(self.covariances.shifts**2, axis=2)
         return np.asarray(np.sqrt(factors @ variances))
+
+    def deviations_at(self, residual: Floats, velocity: Floats) -> Floats:
+        """(m,) standard deviations of one frame, noise and discrepancy, at other instants where the wall has these
+        velocities (m,), 1/s, by a residual (n,)."""
+        _, share, squares = self._shares(residual[None])
+        factors = share[:, 0] * (GAMMA_A + 0.5 * squares[:, 0]) / (self.power - 1.0)
+        ratio, clock_ratio, _ = np.array(self.grid).T[:, :, None]
+        variances = 1.0 + ratio**2 + (clock_ratio * self.scale * velocity) ** 2
+        return np.asarray(self.typical * np.sqrt(factors @ variances))
 
     def describe(self, residual: Floats) -> dict[str, float]:
         """Of a residual (n,): noise over assumed noise, probability of a discrepancy, and its standard deviation."""

@@ -24,13 +24,14 @@ from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior, check_level
 
 DRAWS = 100  # draws of a posterior that are simulated
+VELOCITY_STEP = 1e-3  # t_c, of the differences that give the wall's velocity
 LINE_POINTS = 800  # of an emulated line, for drawing
 SAME_RADIUS = 0.01  # over R_max: half the frames of the answered curve are nearer than this to the compared ones
 WIDEST_SCALE = 0.19  # half-width about 1 of a range that contains every inferred radius scale
 
 
 class PredictedRadius(NamedTuple):
-    """Radii (n,) in m: the mean over simulations of the draws of an answer, and the ends of their central part."""
+    """Radii (n,) in m: the mean over simulations of the draws of an answer, and the ends of what frames measure."""
 
     mean: Floats
     low: Floats
@@ -42,13 +43,14 @@ def predict_radius(
 ) -> PredictedRadius:
     """The radius that an answer predicts at any time, for example in frames that were not compared with it.
 
-    If the answer is right, no other prediction has a smaller expected square error than the mean.
+    If the answer is right, no other prediction has a smaller expected square error than the mean. The ends are those
+    of what a frame there would measure: with its noise, and the discrepancy between simulations and compared frames.
 
     Args:
         curve: the recording that was answered.
         posterior: its answer, with draws.
         time: (n,) s, on the clock of the curve. Before R_max the bubble is mirrored.
-        level: probability that the radius is between the two ends, without the noise of a frame.
+        level: probability that a frame measures a radius between the two ends.
         draws: number of draws to simulate, some milliseconds each.
 
     Returns: three arrays (n,) in m.
@@ -65,21 +67,29 @@ def predict_radius(
     require(_is_of(posterior, curve), message, "predict.other_curve", curve.name)
     check_level(level)
     expect_whole(draws, "draws", 2)
-    rng, radii = np.random.default_rng(0), list[Floats]()
+    rng, radii, frames = np.random.default_rng(0), list[Floats](), list[Floats]()
     setup = posterior.material, cast(Medium, posterior.medium), _compared_end(curve, posterior)
     shots = {bubble: _experiment(curve, bubble, *setup) for bubble in (posterior.bubble, FIELD)}
+    noise = shots[posterior.bubble].noise(bool(posterior.provenance.get("discrepancy")))
+    since, step = time - curve.time_of_max, VELOCITY_STEP * shots[FIELD].time_scale
+    instants = np.concatenate([since, since - step, since + step])
     chosen = rng.choice(len(posterior.theta), draws, p=posterior.weights)
     for values in zip(*(posterior.draws(name)[chosen].tolist() for name in posterior.parameters), strict=True):
         draw = dict(zip(posterior.parameters, values, strict=True))
         shot = shots[_bubble_of(posterior, draw)]
-        simulated = shot.predict(shot.from_best({**posterior.best, **draw}), times=time - curve.time_of_max)
-        if simulated is not None:
-            radii.append(simulated * curve.max_radius)
+        x = shot.from_best({**posterior.best, **draw})
+        simulated = shot.predict(x, times=instants)
+        if simulated is None:
+            continue
+        radius, before, after = np.split(simulated, 3)
+        deviation = noise.deviations_at(shot.difference(x), (after - before) / (2.0 * step))
+        radii.append(radius * curve.max_radius)
+        frames.append((radius + deviation * rng.standard_normal(len(time))) * curve.max_radius)
     if 2 * len(radii) < draws:
         many = f"only {len(radii)} of {draws} draws can be simulated until {1e6 * np.max(time):.4g} us"
         raise SolverError(f"{many}; times are in s, on the clock of the recording")
     tail = 0.5 - 0.5 * level
-    low, high = np.quantile(radii, (tail, 1.0 - tail), axis=0)
+    low, high = np.quantile(frames, (tail, 1.0 - tail), axis=0)
     return PredictedRadius(np.mean(radii, axis=0), low, high)
 
 
