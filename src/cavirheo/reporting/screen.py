@@ -131,7 +131,7 @@ def answer_lines(
     model, and what to do next. A page has the same lines. out: folder of the documents."""
     lines = list[tuple[str, list[str]]]()
     for name, symbol in _SYMBOLS.items():
-        if group.has_answer and (line := _value_line(result, group, name)):
+        if group.has_answer and (line := _value_line(result, group, shots, name)):
             lines.append((symbol, line))
     lines.append(("use", [_use(group, shots)]))
     checks, probabilities = "; ".join(message.text for message in group.facts), _probabilities(group)
@@ -151,7 +151,17 @@ def group_facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     return facts + _windows(shots)
 
 
-def _value_line(result: Result, group: GroupRecord, name: str) -> list[str]:
+def _secant_moduli(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[float]:
+    """Moduli of neo-Hookean gels that pull as strongly at R_max, Pa, one for each shot that counts, of a material that
+    stiffens."""
+    switches = group.population.switches if group.population else {}
+    if switches.get("stiffening", 0.0) < 0.5:
+        return []
+    known = [shot.diagnostics.secant_modulus for shot in shots if shot.trusted or len(shots) == 1]
+    return [values[1] for values in known if values]
+
+
+def _value_line(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], name: str) -> list[str]:
     if heaps := group.heaps.get(name):
         return [f"shots disagree: {heaps_in_words(name, heaps)}"]
     value = group.viscosity if name == "viscosity" else group.value(name)
@@ -162,6 +172,8 @@ def _value_line(result: Result, group: GroupRecord, name: str) -> list[str]:
     if not middle:
         return [f"{interval} {unit}"]
     line = [f"{middle} {unit}", f"90 %: {interval}"] if interval else [f"{middle} {unit}"]
+    if name == "shear_modulus" and (secants := _secant_moduli(group, shots)):
+        return [*line, f"(at small strain; at R_max as {digits.ends(secants, factor, 2)} {unit})"]
     statistics = group.systematic.statistics.get(name) if group.systematic else None
     if scatter := _scatter(group, name):
         line.append(f"(shots disagree: they scatter by {scatter} %)")
