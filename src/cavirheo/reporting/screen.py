@@ -222,6 +222,8 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     for name, symbol in _SYMBOLS.items():
         uses.setdefault(_use_of(group, name), []).append(symbol)
     parts = [f"{' and '.join(symbols)} {how}" for how, symbols in uses.items() if how]
+    if not parts and group.population and len(shots) > 1:
+        return f"each shot by itself; {group.population.line}"
     return "; ".join(parts) or "nothing: no value is known"
 
 
