@@ -130,7 +130,7 @@ PLANTED = (
             "time[first - 1 : last], region", "time[first - 1 : last] + time[1], region",
             ("test_video",)),
     Planted("a cell that begins with @", "errors.py", "'*[=+@", "'*[=+", ("test_reports",)),
-    Planted("standard deviation over n", "writing/document.py", "ddof=1", "ddof=0", ("test_reports",)),
+    Planted("standard deviation over n", "writing/document.py", "ddof=1", "ddof=0", ("test_rheometer",)),
     Planted("a file of the user's is replaced", "writing/document.py",
             "require(bool(self.listed_entry(name)), foreign", "require(True, foreign", ("test_outputs",)),
     Planted("another run's answers are replaced", "writing/document.py",
