@@ -180,14 +180,6 @@ class Prior:
         normal = -0.5 * (z**2 + _LOG_2PI) - np.log(unit * inside)
         return np.asarray(np.sum(np.where(flat, -np.log(self.high - self.low), normal), axis=-1))
 
-    def slope(self, u: Floats) -> Floats:
-        """(d,) dx/du = phi(u)/p(x)."""
-        flat, unit, centre, _, inside = self._normal
-        z = (self.to_x(u) - centre) / unit
-        normal = -0.5 * z**2 - np.log(unit * inside)
-        log_p = np.where(flat, 0.5 * _LOG_2PI - np.log(self.high - self.low), normal)
-        return np.asarray(np.exp(-0.5 * u**2 - log_p))
-
     def to_dict(self) -> dict[str, list[float]]:
         """{name: [low, high]} or [low, high, mean, standard deviation], in x."""
         rows = np.column_stack([self.low, self.high, self.mean, self.std]).tolist()

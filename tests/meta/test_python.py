@@ -36,6 +36,11 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer(CURVE, stretch="7"), "'7'"),
     (lambda: cavirheo.infer(CURVE, window=0), "0"),
     (lambda: cavirheo.infer(CURVE, seed=-1), "-1"),
+    (lambda: cavirheo.infer(CURVE, windows=2), "infer has no option windows; it has curve, medium, stretch, "),
+    (
+        lambda: cavirheo.infer_many([CURVE], windows=2),
+        "infer_many has no option windows; it has curves, ",
+    ),
     (lambda: cavirheo.infer_many([CURVE], workers=0), "0"),
     (lambda: cavirheo.fit([CURVE]), "fit_many"),
     (lambda: cavirheo.fit(CURVE, GEL), "nhkv"),

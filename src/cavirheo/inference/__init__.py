@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from typing import Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.inference.analysis import DEFAULT, Analysis, FitSettings, InferSettings, shows_settings
+from cavirheo.inference.analysis import DEFAULT, Analysis, FitSettings, InferSettings, takes_settings
 from cavirheo.posterior import Posterior
 
 __all__ = ["DEFAULT", "Analysis", "fit", "fit_many", "infer", "infer_many"]
 
 
-@shows_settings(InferSettings)
+@takes_settings(InferSettings)
 def infer(curve: RadiusCurve, **settings: Unpack[InferSettings]) -> Posterior:
     """The material's parameters from one measured curve, with checks that tell whether to trust them.
 
@@ -51,7 +51,7 @@ def infer(curve: RadiusCurve, **settings: Unpack[InferSettings]) -> Posterior:
     return Analysis("infer", **settings).run([curve])[0]
 
 
-@shows_settings(InferSettings)
+@takes_settings(InferSettings)
 def infer_many(
     curves: Sequence[RadiusCurve],
     *,
@@ -79,7 +79,7 @@ def infer_many(
     return Analysis("infer", **settings).run(curves, workers, done)
 
 
-@shows_settings(FitSettings)
+@takes_settings(FitSettings)
 def fit(curve: RadiusCurve, material: str = "nhkv", **settings: Unpack[FitSettings]) -> Posterior:
     """The posterior of one curve under white noise of unknown size, as a least-squares fit takes it, with its best
     value.
@@ -112,7 +112,7 @@ def fit(curve: RadiusCurve, material: str = "nhkv", **settings: Unpack[FitSettin
     return Analysis("fit", material=material, **settings).run([curve])[0]
 
 
-@shows_settings(FitSettings)
+@takes_settings(FitSettings)
 def fit_many(
     curves: Sequence[RadiusCurve],
     material: str = "nhkv",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import partial
+from functools import partial, wraps
 from importlib.metadata import version
 from inspect import Parameter, signature
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any, Literal, TypedDict, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve, as_curves
-from cavirheo.errors import expect_whole, require
+from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
@@ -311,15 +311,25 @@ def _answer(analysis: Analysis, workers: int, curve: RadiusCurve) -> Posterior:
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def shows_settings(kind: type) -> Callable[[Function], Function]:
-    """A decorator: notebooks complete, and `help` shows, the settings (a TypedDict) that the function takes."""
+def takes_settings(kind: type) -> Callable[[Function], Function]:
+    """A decorator: the function takes the settings of a TypedDict, which notebooks complete and `help` shows. It raises
+    InputError for another keyword."""
     defaults = {field.name: field.default for field in fields(Analysis)}
     settings = [Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name]) for name in kind.__annotations__]
 
-    def shown(function: Function) -> Function:
+    def decorate(function: Function) -> Function:
         plain = signature(function)
         *first, _ = plain.parameters.values()
-        function.__signature__ = plain.replace(parameters=[*first, *settings])  # type: ignore[attr-defined]
-        return function
+        complete = plain.replace(parameters=[*first, *settings])
 
-    return shown
+        @wraps(function)
+        def checked(*arguments: Any, **keywords: Any) -> Any:
+            if unknown := ", ".join(sorted(keywords.keys() - complete.parameters.keys())):
+                known = ", ".join(complete.parameters)
+                raise InputError(f"{function.__name__} has no option {unknown}; it has {known}", "option.name")
+            return function(*arguments, **keywords)
+
+        checked.__signature__ = complete  # type: ignore[attr-defined]
+        return checked  # type: ignore[return-value]
+
+    return decorate

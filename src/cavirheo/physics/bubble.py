@@ -165,7 +165,6 @@ def title_of(name: str) -> str:
 
 FIELD = Bubble()
 REAL = Bubble("kinetic", confinement_inertia=FREE, confinement_damping=FREE)
-DAMAGED = replace(REAL, damage="strain")
 BUBBLES = {"real": REAL, "field": FIELD}
 AUTO = "auto"  # both, and the evidence chooses
 Requested = Bubble | str | Sequence[Bubble]
@@ -183,8 +182,3 @@ def bubbles_of(requested: Requested) -> tuple[Bubble, ...]:
     message = f"bubble must be {', '.join(BUBBLES)}, {AUTO} or a Bubble, got {brief(requested)}"
     require(fine, message, "option.bubble")
     return tuple(dict.fromkeys(bubbles))
-
-
-def rival_of(bubble: Bubble) -> Bubble | None:
-    """The bubble whose answer is shown for comparison: `FIELD` for `REAL`, `REAL` for `FIELD`, None for others."""
-    return {REAL: FIELD, FIELD: REAL}.get(bubble)

@@ -45,14 +45,6 @@ def inverse_square(
     f_model = (Z + sqrt(Z^2 + beta))^-2, Z = 2 beta A_RC (0.4637/Re + 0.56598/Re^2 + 5.7331/Re^3),
     beta = 1/(1 + Be/Ca), Be = 5/2 - sqrt(2/3) pi A_RC/lambda; symbols as in docs/method/physics.md, section 1.
     """
-    corrections, Be, Y = _terms(max_radius, stretch, viscosity, medium)
-    beta = 1 / (1 + Be * np.asarray(shear_modulus, dtype=float) / medium.pressure)
-    Z = beta * Y
-    return np.asarray((Z + np.sqrt(Z * Z + beta)) ** -2 - corrections)
-
-
-def _terms(max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, medium: Medium) -> tuple[Floats, ...]:
-    """(f_We + f_Ma + f_gas, Be, Y = Z/beta) of `inverse_square`."""
     R, stretch, mu = (np.asarray(a, dtype=float) for a in (max_radius, stretch, viscosity))
     U_c, p = medium.velocity_scale, medium.pressure
     f_We = -_SURFACE * 2 * medium.surface_tension / (p * R)
@@ -60,8 +52,10 @@ def _terms(max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, medi
     f_gas = _GAS * (stretch**-3 + medium.vapour_pressure / p)
     inverse_Re = mu * U_c / (p * R)
     a, b, c = _VISCOUS
-    Y = 2 * _A * inverse_Re * (a + inverse_Re * (b + inverse_Re * c))
-    return f_We + f_Ma + f_gas, 2.5 - 2 * _SURFACE / stretch, Y
+    Be = 2.5 - 2 * _SURFACE / stretch
+    beta = 1 / (1 + Be * np.asarray(shear_modulus, dtype=float) / p)
+    Z = beta * (2 * _A * inverse_Re * (a + inverse_Re * (b + inverse_Re * c)))
+    return np.asarray((Z + np.sqrt(Z * Z + beta)) ** -2 - (f_We + f_Ma + f_gas))
 
 
 def analytic_time(
@@ -71,20 +65,6 @@ def analytic_time(
     f = inverse_square(max_radius, stretch, shear_modulus, viscosity, medium)
     with np.errstate(divide="ignore"):
         return np.asarray(rayleigh_time(max_radius, medium) / np.sqrt(np.maximum(f, 0.0)))
-
-
-def analytic_modulus(
-    max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, time: ArrayLike, medium: Medium = WATER
-) -> Floats:
-    """G in Pa with which the analytic model collapses at t_1 = `time` (s); the arguments broadcast.
-
-    Zero or negative where t_1 is not shorter than without elasticity. With s = f_model^(-1/2), the two equations
-    Z + sqrt(Z^2 + beta) = s and Z = beta Y give beta = s^2/(1 + 2 s Y).
-    """
-    corrections, Be, Y = _terms(max_radius, stretch, viscosity, medium)
-    with np.errstate(invalid="ignore"):  # a time longer than any collapse of the model
-        s = ((rayleigh_time(max_radius, medium) / np.asarray(time, dtype=float)) ** 2 + corrections) ** -0.5
-    return np.asarray(((1 + 2 * s * Y) / (s * s) - 1) * medium.pressure / Be)
 
 
 def simulated_time(

@@ -105,13 +105,7 @@ def dimensionless(
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # kinetic: p may fall below p_v
     )
     elastic, viscous = (table_of(part) if part else ZERO_TABLE for part in parts[:2])
-    falling, damage = np.zeros((0, 7)), np.zeros(3)
-    if isinstance(bubble.damage, Damage):
-        if parts.elastic is None:
-            why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
-            raise InputError(why, "physics.damage_without_elasticity")
-        falling = falling_table(elastic, bubble.damage, stretch)
-        damage = np.array([bubble.damage.modulus, bubble.damage.radius, 1.0])
+    falling, damage = _damage_tables(bubble, material, elastic, stretch)
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c, p] for arm in parts.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # with ints the solver would be compiled again
@@ -124,6 +118,17 @@ def dimensionless(
         elastic_relaxes=any(arm.relaxes_elastic_part for arm in parts.memory),
         driving=scale_table(driving.table() if driving else ZERO_TABLE, U_c / max_radius, 1 / p),
     )
+
+
+def _damage_tables(bubble: Bubble, material: Material, elastic: Floats, stretch: float) -> tuple[Floats, Floats]:
+    """`elastic_falling`, in Pa, and `damage` of Numbers."""
+    if not isinstance(bubble.damage, Damage):
+        return np.zeros((0, 7)), np.zeros(3)
+    if material.parts().elastic is None:
+        why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
+        raise InputError(why, "physics.damage_without_elasticity")
+    factors = np.array([bubble.damage.modulus, bubble.damage.radius, 1.0])
+    return falling_table(elastic, bubble.damage, stretch), factors
 
 
 def falling_table(elastic: Floats, damage: Damage, stretch: float) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -139,6 +139,22 @@ class Simulation:
         return axes
 
 
+class Solution(NamedTuple):
+    """A solution in dimensionless numbers.
+
+    Attributes:
+        out: (n, 4 + k) radius, velocity, pressure, stress and k memories, NaN from a failure on.
+        shells: (n, 2 cells) moles of gas and vapour and moles of gas in each shell; (0, 0) if they were not asked.
+        stats: steps, rejected steps, drift of the gas, and the time and the radius that were reached.
+        failure: what failed and where; empty if nothing did.
+    """
+
+    out: Floats
+    shells: Floats
+    stats: list[float]
+    failure: str
+
+
 def simulate(
     material: Material,
     *,
@@ -180,7 +196,8 @@ def simulate(
 
     Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
-    times, medium = _checked_times(time), medium_of(medium)
+    times = _checked_times(time)
+    medium = medium_of(medium)
     _check_types(material, bubble, accuracy, driving, fields)
     check_domain(POSITIVE, "max_radius", max_radius)
     if not unusual:
@@ -188,21 +205,28 @@ def simulate(
         DURATION.check("the last time", float(times[-1]), "physics.times_unit", _IF_MEANT)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     t_c = medium.time_scale(max_radius)
-    out, shells, stats, failure = _solve(numbers, material, times, t_c, accuracy, relaxed=relaxed, fields=fields)
-    status = f"{failure} {material} and stretch {stretch:.4g}" if failure else "ok"
-    if throw and failure:
-        raise SolverError(status)
-    steps, rejected, gas_drift, *_ = stats.tolist()
+    solution = _solve(numbers, material, times, t_c, accuracy, relaxed=relaxed, fields=fields)
+    run = _with_units(solution, numbers, material, medium, max_radius, times)
+    if throw and run.status != "ok":
+        raise SolverError(run.status)
+    return run
+
+
+def _with_units(
+    solution: Solution, numbers: Numbers, material: Material, medium: Medium, max_radius: float, times: Floats
+) -> Simulation:
+    """The simulation in SI."""
+    out, shells, (steps, rejected, gas_drift, *_), failure = solution
     return Simulation(
         time=times,
         radius=out[:, 0] * max_radius,
         velocity=out[:, 1] * medium.velocity_scale,
         pressure=out[:, 2] * medium.pressure,
         stress=out[:, 3] * medium.pressure,
-        equilibrium_radius=max_radius / stretch,
-        status=status,
+        equilibrium_radius=max_radius / numbers.stretch,
+        status=f"{failure} {material} and stretch {numbers.stretch:.4g}" if failure else "ok",
         stats={"steps": int(steps), "rejected": int(rejected), "gas_drift": gas_drift},
-        contents=_contents(out, shells, medium, numbers, wall_clustered(accuracy.cells)) if fields else None,
+        contents=_contents(out, shells, medium, numbers, wall_clustered(shells.shape[1] // 2)) if len(shells) else None,
     )
 
 
@@ -219,13 +243,8 @@ def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving
 
 def _solve(
     numbers: Numbers, material: Material, times: Floats, t_c: float, accuracy: Accuracy, *, relaxed: bool, fields: bool
-) -> tuple[Floats, Floats, Floats, str]:
-    """Solve for times (n,), s, with t_c, s, as their scale. Returns four results, the arrays in dimensionless numbers:
-
-    (n, 4 + k) radius, velocity, pressure, stress and k memories, NaN from a failure on; (n, 2 cells) moles of gas and
-    vapour and moles of gas in each shell, (0, 0) without `fields`; (5,) steps, rejected steps, drift of the gas, and
-    the time and the radius that were reached; the failure and its place, empty if there was none.
-    """
+) -> Solution:
+    """Solve for times (n,), s, with t_c, s, as their scale."""
     out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
     shells = np.full((times.size, 2 * accuracy.cells), np.nan) if fields else np.zeros((0, 0))
     stats = np.zeros(5)
@@ -239,12 +258,12 @@ def _solve(
         try:
             memory = np.where(stressed, memories_after_growth(numbers, relative_error), 0.0)
         except SolverError as error:
-            return out, shells, stats, f"{error}; with"
+            return Solution(out, shells, stats.tolist(), f"{error}; with")
     start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
     args = (times / t_c, float(relative_error) * (KINETIC if numbers.condensation_rate < np.inf else 1.0), most, False)
     code = solver.integrate(numbers, grid, RODAS5P, start, *args, out, shells, stats)
     if code == solver.OK:
-        return out, shells, stats, ""
+        return Solution(out, shells, stats.tolist(), "")
     low, high = numbers.elastic[[0, -1], 0]
     why = {
         solver.TOO_MANY_STEPS: f"more than {most} steps",
@@ -252,7 +271,7 @@ def _solve(
         solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
     }[code]
     where = f"at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
-    return out, shells, stats, f"{why} {where}, with"
+    return Solution(out, shells, stats.tolist(), f"{why} {where}, with")
 
 
 def _contents(out: Floats, shells: Floats, medium: Medium, numbers: Numbers, grid: Grid) -> Contents:

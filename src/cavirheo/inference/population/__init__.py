@@ -404,11 +404,8 @@ def population(
 
     Source: docs/method/population.md.
     """
-    own = list(answers)
-    for answer in own:
-        expect(answer, Posterior, "a Posterior of infer or fit for each shot")
+    own = _checked_answers(answers)
     expect_whole(seed, "seed", 0, "option.seed")
-    require(bool(own), "a population needs answers of shots, got none", "population.none")
     shots = _shot_names(own) if names is None else list(names)
     column = np.zeros(len(own)) if along is None else np.asarray(along, dtype=float)
     for argument, values in (("names", shots), ("along", column)):
@@ -434,6 +431,15 @@ def population(
     return _with_material(
         empty, pairs, [*likelihoods.values()], None if along is None else column[[*likelihoods]], seed
     )
+
+
+def _checked_answers(answers: Sequence[Posterior]) -> list[Posterior]:
+    """The answers as a list. Raises InputError: there is none, or something else."""
+    own = list(answers)
+    for answer in own:
+        expect(answer, Posterior, "a Posterior of infer or fit for each shot")
+    require(bool(own), "a population needs answers of shots, got none", "population.none")
+    return own
 
 
 def _with_material(
