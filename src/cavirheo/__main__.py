@@ -27,6 +27,7 @@ def entry() -> None:
     for number in signals:
         signal.signal(number, _interrupt_loading)
     _open_streams()
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # child processes import no modules from the current folder
     from cavirheo import parallel, verbs  # a third of a second, in which nothing can be lost
     from cavirheo.writing.terminal import say
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing
 import multiprocessing.util
 import os
@@ -11,30 +10,29 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, as_completed, wait
 from contextlib import ContextDecorator, closing, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import resource_tracker
-from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from cavirheo.errors import InputError, expect_whole, require
+from cavirheo.errors import InputError, expect_whole
 
 Job = TypeVar("Job")
 Output = TypeVar("Output")
-FEWEST_FOR_PROCESSES = 2  # jobs of some seconds for which processes are started: their start takes a second or two
 JOBS_PER_PROCESS = 2  # jobs sent to each process: one that runs and one that waits
-SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # environment of a Python that imports no modules from the current folder
-# loky restarts a process that has so many bytes more than after its first job; here the first job loads nothing
-_PROCESS_ENVIRONMENT = SAFE_PATH | {"LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
+# of a process: no modules from the current folder; loky restarts one that has so many bytes more than after its first
+# job, which here loads nothing
+_ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
-_pools: dict[tuple[int, int], Any] = {}  # the latest pool, by (process id, size): it is used again
-_processes_lock = threading.Lock()  # held by the call of `map_unordered` that uses the processes
+_pools: dict[int, Any] = {}  # the pool, by its size
+_pool_lock = threading.Lock()
 _calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
-_start_lock = threading.Lock()  # held by the thread that starts processes
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pools.clear)  # a pool is of the process that started it
 
 
 def cores(workers: int | None = None) -> int:
@@ -85,10 +83,7 @@ class Executor(Protocol):
     def map_unordered(
         self, function: Callable[[Job], Output], jobs: Sequence[Job]
     ) -> Generator[tuple[int, Output], None, None]:
-        """(index, function(job)) of each job, in the order in which they end. Closing it drops jobs not yet begun.
-
-        An element of `jobs` is read when its turn comes, so that not all jobs need to be in memory.
-        """
+        """(index, function(job)) of each job, in the order in which they end. Closing it drops jobs not yet begun."""
 
 
 @dataclass(frozen=True)
@@ -104,37 +99,14 @@ class Threads:
         """As `Executor.map_unordered`. An exception, also Ctrl-C, is raised at once: jobs not yet begun are dropped,
         jobs that have begun end by themselves. BLAS has one thread meanwhile. The main thread only waits: compiled code
         that Ctrl-C interrupts raises a SystemError."""
-        waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
-        threads = max(min(cores(self.workers), len(jobs)), 1)
-        may_work = threading.current_thread() is not threading.main_thread()
-
-        def work() -> None:  # a future for each job would cost a tenth of a simulation
-            with suppress(IndexError):
-                while True:
-                    index = waiting.popleft()
-                    try:
-                        ended.put((index, function(jobs[index]), None))
-                    except BaseException as error:  # raised again in the thread that waits
-                        waiting.clear()
-                        ended.put((index, None, error))
-
         with one_blas_thread:
-            if threads < 2 and may_work:
-                for index in waiting:
-                    yield index, function(jobs[index])
-                return
-            pool = ThreadPoolExecutor(threads)
+            pool = ThreadPoolExecutor(max(min(cores(self.workers), len(jobs)), 1))
             try:
-                for _ in range(threads):
-                    pool.submit(work)
-                for _ in range(len(jobs)):
-                    index, result, error = ended.get()
-                    if error:
-                        raise error
-                    yield index, result
+                indices = {pool.submit(function, job): index for index, job in enumerate(jobs)}
+                for future in as_completed(indices):
+                    yield indices.pop(future), future.result()
             finally:
-                waiting.clear()
-                pool.shutdown(wait=False)
+                pool.shutdown(wait=False, cancel_futures=True)
 
 
 @dataclass(frozen=True)
@@ -147,36 +119,41 @@ class Processes:
     def map_unordered(
         self, function: Callable[[Job], Output], jobs: Sequence[Job]
     ) -> Generator[tuple[int, Output], None, None]:
-        """As `Executor.map_unordered`. After its close or an exception, running jobs end at once. Threads do the work
-        while another call in this process uses the processes, or where none can be started; the calling thread runs a
-        job that cannot be pickled. Raises InputError: a process was ended from outside; and what `function` raises."""
-        count, waiting = min(cores(self.workers), len(jobs)), deque(range(len(jobs)))
-        locked = bool(jobs) and _processes_lock.acquire(blocking=False)
+        """As `Executor.map_unordered`. A job whose process was ended from outside is done again. After its close or an
+        exception, running jobs end at once. Threads do the work where no process can be started. Raises InputError:
+        processes were ended twice with no job done in between; and what `function` raises."""
+        count = max(min(cores(self.workers), len(jobs)), 1)
+        waiting = deque(range(len(jobs)))
         sent: dict[Future[Output], int] = {}
+        progress = True  # whether a job was done since processes were ended from outside
         try:
-            pool = _pool_of(count) if locked else None
-            if pool is None:
-                yield from Threads(self.workers).map_unordered(function, jobs)
-                return
             while waiting or sent:
-                while waiting and len(sent) < JOBS_PER_PROCESS * count:
-                    index = waiting.popleft()
-                    sent[pool.submit(function, jobs[index])] = index
-                for future in wait(sent, return_when=FIRST_COMPLETED).done:
-                    try:
-                        result = future.result()
-                    except _loky().process_executor.PicklingError:
-                        result = function(jobs[sent[future]])
-                    yield sent.pop(future), result
-        except BrokenExecutor as error:
-            message = f"one of {count} processes was ended from outside, for want of memory perhaps"
-            mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
-            raise InputError(f"{message}: {mending}", "parallel.ended") from error
+                pool = process_pool(count)
+                if pool is None:
+                    indices = [*waiting]
+                    outputs = Threads(self.workers).map_unordered(function, [jobs[index] for index in indices])
+                    yield from ((indices[place], output) for place, output in outputs)
+                    return
+                try:
+                    while waiting and len(sent) < JOBS_PER_PROCESS * count:
+                        future = pool.submit(function, jobs[waiting[0]])
+                        sent[future] = waiting.popleft()
+                    for future in wait(sent, return_when=FIRST_COMPLETED).done:
+                        output = future.result()
+                        progress = True
+                        yield sent.pop(future), output
+                except _pool_errors() as error:
+                    if not progress:
+                        message = f"one of {count} processes was ended from outside, for want of memory perhaps"
+                        mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
+                        raise InputError(f"{message}: {mending}", "parallel.ended") from error
+                    progress = False
+                    waiting.extendleft(sent.values())
+                    sent.clear()
+                    end_processes()
         finally:
             if sent:
                 end_processes()
-            if locked:
-                _processes_lock.release()
 
 
 def _loky() -> Any:
@@ -184,49 +161,45 @@ def _loky() -> Any:
     return run_in_thread(lambda: import_module("loky"))
 
 
+def _pool_errors() -> tuple[type[Exception], ...]:
+    """Errors of a job whose processes were ended: from outside, or by `end_processes` in another thread."""
+    return BrokenExecutor, _loky().process_executor.ShutdownExecutorError
+
+
 @contextmanager
-def _protected_start() -> Iterator[None]:
-    """Processes that are started in this block import no modules from the current folder, and receive neither Ctrl-C
-    nor the hang-up of the terminal: this process ends them."""
-    before, mask = os.environ.get("PYTHONSAFEPATH"), None
-    os.environ |= SAFE_PATH
+def _signals_blocked() -> Iterator[None]:
+    """Processes that are started in this block receive neither Ctrl-C nor the hang-up of the terminal."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # its start would remove the mask
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
-        if hasattr(signal, "pthread_sigmask"):
-            resource_tracker.ensure_running()  # its start would remove the mask
-            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         yield
     finally:
-        if mask is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        if before is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = before
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _pool_of(count: int) -> Any:
-    """A pool of `count` processes, the latest one if it has this size; None if none can be started, as in a sandbox
-    without semaphores, or without enough memory or files."""
-    key, loky = (os.getpid(), count), _loky()
-    if any(process != os.getpid() for process, _ in _pools):
-        _pools.clear()  # pools of the process that this one was forked from
-    if key not in _pools:
-        end_processes()
-    for _ in range(2):  # the processes of the latest pool may have been ended from outside
-        with suppress(OSError, RuntimeError, NameError), _protected_start():  # NameError: of loky, too many open files
-            if key not in _pools:
-                options = {"timeout": IDLE, "initializer": _tie_to_parent, "initargs": (os.getpid(),)}
-                _pools[key] = loky.ProcessPoolExecutor(count, **options, env=_PROCESS_ENVIRONMENT)
-            _pools[key].submit(int)  # starts the processes, also again after they ended for lack of work
-            return _pools[key]
-        end_processes()
-    return None
+def process_pool(count: int) -> Any:
+    """A pool of at least `count` processes, the latest one if it is large enough; None if none can be started, as in a
+    sandbox without semaphores, or without enough memory or files."""
+    with _pool_lock:
+        if _pools and min(_pools) < count:
+            _pools.popitem()[1].shutdown(wait=False)
+        if not _pools:
+            options = {"timeout": IDLE, "initializer": _tie_to_parent, "initargs": (os.getpid(),), "env": _ENVIRONMENT}
+            with suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, too many files
+                pool = _loky().ProcessPoolExecutor(count, **options)
+                pool.submit(int)  # starts the processes
+                _pools[count] = pool
+        return next(iter(_pools.values()), None)
 
 
 def end_processes() -> None:
     """End all processes that `Processes` has started, even running ones."""
-    while _pools:
-        _pools.popitem()[1].shutdown(kill_workers=True)
+    with _pool_lock:
+        while _pools:
+            _pools.popitem()[1].shutdown(kill_workers=True)
 
 
 def prepare_exit() -> None:
@@ -251,9 +224,9 @@ def _tie_to_parent(parent: int) -> None:
 
 
 def default_executor(jobs: int, workers: int | None = None) -> Executor:
-    """The executor for this number of jobs of some seconds: processes, or threads for few jobs and in a child process
-    of another program, which would wait for our processes at its end."""
-    use_processes = jobs >= FEWEST_FOR_PROCESSES and cores(workers) > 1 and multiprocessing.parent_process() is None
+    """The executor for this number of jobs of some seconds: processes, or threads for one job and in a child process of
+    another program, which would wait for our processes at its end."""
+    use_processes = jobs > 1 and cores(workers) > 1 and multiprocessing.parent_process() is None
     return Processes(workers) if use_processes else Threads(workers)
 
 
@@ -292,54 +265,9 @@ def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
             return function(*arguments)
         finally:
             _calling_thread_lock.release()
-    if cores() > 1 and multiprocessing.parent_process() is None:
-        with _start_lock:
-            pool = None if _processes_lock.locked() else _pool_of(cores())
-        errors = _loky().process_executor
-        # the processes were ended, from outside or for a `map_unordered`, or the job cannot be sent
-        with suppress(BrokenExecutor, errors.ShutdownExecutorError, errors.PicklingError):
-            if pool:
-                return pool.submit(function, *arguments).result()
+    pool = process_pool(cores()) if cores() > 1 else None
+    if pool:
+        with suppress(*_pool_errors()):  # ended from outside, or for a `map_unordered`
+            output: Output = pool.submit(function, *arguments).result()
+            return output
     return function(*arguments)
-
-
-class Stoppable:
-    """Runs one list of jobs at a time, on all cores, until another thread sets `stopped`; `busy` is locked while a list
-    runs."""
-
-    def __init__(self) -> None:
-        self.busy, self.stopped = threading.Lock(), threading.Event()
-        self._left: set[Future[Any]] = set()  # jobs that were running at the stop: they end by themselves
-
-    def ready(self) -> bool:
-        """Whether no list runs; if so, an earlier stop is cleared."""
-        if free := not self.busy.locked():
-            self.stopped.clear()
-        return free
-
-    def run_jobs(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> list[Output | None]:
-        """function(job) of each job, in their order; None for jobs that had not ended at the stop.
-
-        Raises InputError: stopped before the first job ended, or the previous list still runs.
-        """
-        free = self.busy.acquire(blocking=False)
-        require(free, "the run before goes on: stop it, or wait for its end", "parallel.busy")
-        try:
-            wait(self._left)  # so a user who stops and starts repeatedly gets no more cores
-            pool = ThreadPoolExecutor(cores())
-            tasks = [pool.submit(function, job) for job in jobs]
-            left = set(tasks)
-            while left and not self.stopped.is_set():
-                left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED).not_done
-            pool.shutdown(wait=False, cancel_futures=True)
-            self._left = {task for task in left if not task.cancelled()}
-        finally:
-            self.busy.release()
-        require(len(left) < len(tasks), "stopped before a shot was done: nothing has changed", "parallel.stopped")
-        return [None if task in left else task.result() for task in tasks]
-
-
-def call_glibc(name: str, *arguments: int) -> None:
-    """Call a memory function of glibc, such as malloc_trim; no effect with another C library."""
-    with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None)[name](*arguments)

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import zipfile
 from contextlib import closing, contextmanager, suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
 from threading import Event, active_count
@@ -23,7 +23,7 @@ from recordings import RATE, SCALE, film
 from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.app import words
 from cavirheo.app.page import uploaded_paths
-from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
+from cavirheo.app.session import PAGE_FIELDS, PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, sliders, what_if
 from cavirheo.app.words import shots_table
 from cavirheo.inference.analysis import Analysis
@@ -130,7 +130,7 @@ def test_only_the_endpoint_is_public_and_nothing_is_fetched(served, client):
     api = client.view_api(return_format="dict")
     assert (list(api["named_endpoints"]), api["unnamed_endpoints"]) == (["/infer"], {})
     options = [option["parameter_name"] for option in api["named_endpoints"]["/infer"]["parameters"]]
-    assert options == ["files", *(field.name for field in fields(PageSettings))]
+    assert options == ["files", *PAGE_FIELDS]
     policy = httpx.get(served[0]).headers["content-security-policy"]
     assert "default-src 'self'" in policy
     assert "http" not in policy
@@ -330,7 +330,7 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
 
 @pytest.mark.parametrize(("typed", "wrong", "density"), TYPED)
 def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong, density):
-    usual = {field.name: getattr(PageSettings, field.name) for field in fields(PageSettings)}
+    usual = {name: getattr(PageSettings, name) for name in PAGE_FIELDS}
     values = usual | {"density": "", "window": ""} | typed
     assert sorted(PageSettings.errors(values)) == sorted(wrong)
     assert wrong or PageSettings(**values).density == density

@@ -22,7 +22,7 @@ from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
 from cavirheo.training.dataset import generate
-from cavirheo.workflow.cluster import Identity, Workers, identity, required_identity, slurm_cluster
+from cavirheo.workflow.cluster import Workers, identity, required_identity, slurm_cluster
 from cavirheo.workflow.store import Unfinished
 
 
@@ -52,7 +52,7 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
     with refused("parallel.ended"):
         list(Processes(2).map_unordered(os._exit, [1, 1]))
     with pytest.raises(InputError):  # of a worker that comes later and is another
-        list(Workers(workers.client, Identity("9.9", "", "")).map_unordered(double, [1]))
+        list(Workers(workers.client, "cavirheo 9.9").map_unordered(double, [1]))
 
 
 def test_a_data_set_is_the_same_from_threads_and_a_cluster(workers, instant, tmp_path):
@@ -113,13 +113,13 @@ def test_another_version_and_a_worker_without_the_package_are_refused_by_name(ru
     assert not Path("d").exists()
 
 
-@pytest.mark.parametrize("part", ["bits", "code", "version"])
+@pytest.mark.parametrize("part", ["cavirheo 9.9", "code 00000000", "last bits 00000000"])
 def test_a_worker_that_would_answer_otherwise_is_refused(workers, monkeypatch, part):
-    wrong = iter([identity(), identity()._replace(**{part: "0" * 64})])
-    monkeypatch.setattr(
-        workers.client, "run", lambda *_, **__: {a: tuple(next(wrong)) for a in workers.client.nthreads()}
-    )
-    with refused("cluster.refused"):
+    own = identity().split(", ")
+    other = ", ".join(part if part[:4] == one[:4] else one for one in own)
+    answers = dict(zip(workers.client.nthreads(), (identity(), other), strict=True))
+    monkeypatch.setattr(workers.client, "run", lambda *_, **__: answers)
+    with refused("cluster.refused", part):
         required_identity(workers.client, lambda _: None, 5.0)
 
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -256,25 +255,3 @@ def test_ctrl_c_in_compiled_code_fails_no_curve(monkeypatch):
         Analysis().answer(read_curves(EXAMPLE)[0])
     (worked_in_main_thread,) = run_jobs(lambda _: threading.current_thread() is threading.main_thread(), [0], 1)
     assert not worked_in_main_thread
-
-
-def test_what_several_ask_for_is_worked_out_once_and_a_failure_is_not_kept():
-    store, asked, begun = Store(capacity=2), [], threading.Event()
-
-    def work():
-        asked.append(1)
-        begun.wait(10)
-        return "answer"
-
-    with ThreadPoolExecutor(4) as pool:
-        waiting = [pool.submit(store.get_or_compute, "key", work) for _ in range(4)]
-        begun.set()
-        assert [one.result() for one in waiting] == ["answer"] * 4
-    assert len(asked) == 1
-    for key in ("b", "c"):  # two are kept
-        store.get_or_compute(key, key.upper)
-    store.get_or_compute("key", work)
-    assert len(asked) == 2
-    with pytest.raises(ZeroDivisionError):
-        store.get_or_compute("other", lambda: 1 // 0)
-    assert store.get_or_compute("other", lambda: 3) == 3

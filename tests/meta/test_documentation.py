@@ -8,7 +8,6 @@ import runpy
 import shlex
 import tomllib
 from collections.abc import Iterator
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from conftest import ROOT
 import cavirheo
 from cavirheo import read_curves, verbs
 from cavirheo.inference.analysis import Analysis
-from cavirheo.workflow.store import Store
 
 PAGES = sorted(path for where in ("", "docs/**/", "validation/**/") for path in ROOT.glob(f"{where}*.md"))
 FOLDERS = "src|tests|docs|validation|examples|recipes|packaging"
@@ -127,11 +125,14 @@ def test_the_page_of_commands_has_every_verb():
 
 SNIPPET = re.compile(r"^```python\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)  # with its output
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-STORE = Store()  # several pages ask the same of the same file
+ANSWERS: dict[str, Any] = {}  # several pages ask the same of the same file
 
 
 def answer_once(analysis, curve, answer=Analysis.answer, **options):
-    return STORE.get_or_compute(analysis.key(curve), partial(answer, analysis, curve, **options))
+    key = analysis.key(curve)
+    if key not in ANSWERS:
+        ANSWERS[key] = answer(analysis, curve, **options)
+    return ANSWERS[key]
 
 
 def first_shot(*words, **options):

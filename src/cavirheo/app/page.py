@@ -7,7 +7,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from inspect import Parameter, signature
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Any, get_type_hints
 import gradio as gr
 
 from cavirheo.app import steps, words
-from cavirheo.app.session import PageSettings, Run, Session, Visitors
+from cavirheo.app.session import PAGE_FIELDS, STARTS, PageSettings, Run, Session, Visitors
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference import DEFAULT
 from cavirheo.physics.media import MEDIA
@@ -76,7 +76,7 @@ class Page:
             for name, component in components.items():
                 component.elem_id = name.replace("_", "-")
             self.outputs = [*components.values(), *self.tabs, *self.sliders]  # what a handler may change
-            self._wire([self.fields[field.name] for field in fields(PageSettings)])
+            self._wire([self.fields[name] for name in PAGE_FIELDS])
             gr.api(_infer_endpoint(visitors), api_name="infer", concurrency_limit=4)
 
     # layout
@@ -277,8 +277,8 @@ class Page:
         return self._show_data(session)
 
     def _show_settings(self, session: Session) -> _Updates:
-        values = {"window": "", "material": "auto"}
-        values |= {name: value for name, value in vars(session.settings).items() if value is not None}
+        values = {"window": ""} | STARTS
+        values |= {name: value for name in PAGE_FIELDS if (value := getattr(session.settings, name)) is not None}
         texts = {name: f"{value:.10g}" for name, value in values.items() if isinstance(value, float)}
         return {self.fields[name]: value for name, value in (values | texts).items()}
 
@@ -375,8 +375,8 @@ class Page:
 
 
 def _typed(values: Sequence[Any]) -> dict[str, Any]:
-    """The values of the fields of PageSettings by name."""
-    return dict(zip((field.name for field in fields(PageSettings)), values, strict=True))
+    """The values of PAGE_FIELDS by name."""
+    return dict(zip(PAGE_FIELDS, values, strict=True))
 
 
 @contextmanager
@@ -395,7 +395,7 @@ def uploaded_paths(files: Sequence[str]) -> Iterator[list[Path]]:
 
 
 def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
-    """Return the function of the endpoint `/infer`, for programs: files, then the fields of PageSettings in their
+    """Return the function of the endpoint `/infer`, for programs: files, then the values of PAGE_FIELDS in their
     order. Nothing is kept after a call."""
 
     def infer(files: list[gr.FileData], *options: Any) -> dict[str, Any]:
@@ -416,7 +416,8 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
 
     plain = signature(infer)
     kind = Parameter.POSITIONAL_OR_KEYWORD
-    options = [Parameter(field.name, kind, default=field.default) for field in fields(PageSettings)]
+    options = [Parameter(name, kind, default=getattr(PageSettings, name)) for name in PAGE_FIELDS]
     infer.__signature__ = plain.replace(parameters=[plain.parameters["files"], *options])  # type: ignore[attr-defined]
-    infer.__annotations__ |= get_type_hints(PageSettings)
+    hints = get_type_hints(PageSettings)
+    infer.__annotations__ |= {name: hints[name] for name in PAGE_FIELDS}
     return infer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import threading
@@ -24,7 +25,6 @@ from cavirheo.app import words
 from cavirheo.app.page import Page
 from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError
-from cavirheo.parallel import call_glibc
 from cavirheo.physics.simulate import load_solver
 from cavirheo.writing.terminal import say
 
@@ -123,10 +123,16 @@ def running_server(
             yield address, visitors
 
 
+def _call_glibc(name: str, *arguments: int) -> None:
+    """Call a memory function of glibc; no effect with another C library."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None)[name](*arguments)
+
+
 def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits) -> None:
     """Serve the page until SIGINT or SIGTERM. Raises InputError."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: by default, each of many threads keeps a separate heap
+    _call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: by default, each of many threads keeps a separate heap
     with suppress(KeyboardInterrupt), running_server(host, port, limits) as (address, visitors):
         say(f"cavirheo app: {address}   (Ctrl+C ends it)")
         threading.Thread(target=load_solver, daemon=True).start()
@@ -134,5 +140,5 @@ def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits) -> None
             webbrowser.open(address)
         while not threading.Event().wait(60.0):
             visitors.forget_absent()
-            call_glibc("malloc_trim", 0)
+            _call_glibc("malloc_trim", 0)
     say("ended; temporary files are removed")

@@ -4,36 +4,41 @@ from __future__ import annotations
 
 import shlex
 import shutil
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from itertools import count
-from math import inf
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
-from threading import RLock
 from typing import Any, NamedTuple
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, parse_number, parse_number_list, require
-from cavirheo.inference.analysis import DEFAULT, Analysis
-from cavirheo.inference.assumptions import check_stretch
+from cavirheo.errors import InputError, parse_number_list, require
+from cavirheo.inference.analysis import DEFAULT
 from cavirheo.inference.cards import shipped
 from cavirheo.io.files import pixels_of, without_headers
-from cavirheo.io.shots import check_camera, check_max_radius
 from cavirheo.io.subprocess_reader import Reader
-from cavirheo.parallel import Stoppable
-from cavirheo.physics.media import CONSTANTS, Medium, medium
+from cavirheo.parallel import Job, Output, cores
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.material import cached_material_of
 from cavirheo.reporting.record import Pairs, Result
+from cavirheo.settings import Exclude, InferSettings, typed
 from cavirheo.video.frames import is_video
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
 
 UPLOAD_FOLDER = "your files"  # the folder of a visitor, which names the group of single-shot files
+# the settings of the page, in the order of the options of the endpoint: a new one comes last
+PAGE_FIELDS = (
+    *("model", "medium", "density", "rmax_um", "stretch", "window", "material", "bubble", "trust_input"),
+    *("fps", "um_per_px", "exposure_us", "exclude"),
+    *("group", "sound_speed", "surface_tension", "pressure", "temperature"),
+)
+STARTS = {"medium": "water", "material": "auto", "bubble": "real"}  # what fields show that stand for the default
 
 
 def option_of(name: str) -> str:
@@ -56,41 +61,20 @@ class VisitorLimits:
     absent_seconds: float = 600.0  # s from closing the page until the visitor is forgotten
 
 
-@dataclass(frozen=True)
-class PageSettings:
-    """The settings of the page, as options of `cavirheo infer`; None: not given. Numbers may be texts, and an empty
-    text is the default. Raises InputError: a value that `infer` rejects, or a model that is not shipped (a visitor must
-    not open files of this machine)."""
+@dataclass(frozen=True, kw_only=True)
+class PageSettings(InferSettings):
+    """The settings of `cavirheo infer` that the page and its endpoint have; None: not given. Numbers may be texts, and
+    an empty text is the default. Raises InputError: a value that `infer` rejects, or a model that is not shipped (a
+    visitor must not open files of this machine)."""
 
-    model: str = DEFAULT  # the order is that of the options of the endpoint: a new field comes last
-    medium: str = "water"
-    density: float | None = None
-    rmax_um: float | None = None
-    stretch: float | str | None = None  # or "free"
-    window: int | None = None
-    material: str | None = None  # None: the default family, or the law of the network
-    bubble: str = "real"
-    trust_input: bool = False  # scale, frame rate and medium are right even if they look odd
-    fps: float | None = None  # of recordings, and of tables that number their frames
-    um_per_px: float | None = None  # of recordings, and of tables in pixels
-    exposure_us: float | None = None
-    exclude: str | None = None  # frames of a recording to leave out, "12,40-45"
-    group: str = "auto"  # which shots are of one material
-    sound_speed: float | None = None
-    surface_tension: float | None = None
-    pressure: float | None = None
-    temperature: float | None = None
+    exclude: Exclude = None
 
     def __post_init__(self) -> None:
-        for field_ in fields(self):
-            value = getattr(self, field_.name)
-            if isinstance(value, str) and "float" in str(field_.type) and value != "free":
-                value = parse_number(value, field_.name, ".," if field_.name == "fps" else ",")
-            object.__setattr__(self, field_.name, field_.default if value in (None, "") else value)
-        if self.stretch != "free":
-            check_stretch(self.stretch)
-        if self.exposure_us is not None and not 0.0 < self.exposure_us < inf:
-            raise InputError(f"exposure_us must be a positive number, got {self.exposure_us:g}", "video.exposure")
+        for name in PAGE_FIELDS:
+            value = getattr(self, name)
+            if value in (None, "", STARTS.get(name)):
+                value = getattr(PageSettings, name)
+            object.__setattr__(self, name, value if value is None else typed(PageSettings, name, value))
         if self.exclude:
             parse_number_list(self.exclude, "exclude", "video.exclude")
         networks = shipped("point")
@@ -101,11 +85,9 @@ class PageSettings:
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
         _ = self.analysis, self.read_options
-        if self.material == "auto":  # it means the same as None
-            object.__setattr__(self, "material", None)
 
     @classmethod
-    def errors(cls, typed: Mapping[str, Any]) -> dict[str, str]:
+    def errors(cls, texts: Mapping[str, Any]) -> dict[str, str]:
         """Why values that were typed into fields cannot be used, by field; "" for all of them together."""
 
         def problem(**values: Any) -> str:
@@ -115,42 +97,18 @@ class PageSettings:
                 return str(error)
             return ""
 
-        vouch = {"trust_input": typed["trust_input"]}
-        single = {name: problem(**(vouch | {name: value})) for name, value in typed.items()}
+        vouch = {"trust_input": texts["trust_input"]}
+        single = {name: problem(**(vouch | {name: value})) for name, value in texts.items()}
         errors = {name: text for name, text in single.items() if text}
-        if not errors and (text := problem(**typed)):
+        if not errors and (text := problem(**texts)):
             return {"": text}
         return errors
 
     @property
-    def liquid(self) -> Medium:
-        """The medium of these settings. Raises InputError."""
-        names = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
-        return medium(self.medium, unusual=self.trust_input, **{name: getattr(self, name) for name in names})
-
-    @property
     def camera(self) -> dict[str, Any]:
         """The options of `read_curves` for a recording."""
-        exposure = None if self.exposure_us is None else self.exposure_us * 1e-6
-        options = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px}
-        return options | {"exposure": exposure, "exclude": self.exclude}
-
-    @property
-    def read_options(self) -> dict[str, Any]:
-        """The options of `read_shots` for tables. Raises InputError."""
-        liquid = self.liquid
-        largest = None if self.rmax_um is None else self.rmax_um * 1e-6
-        check_max_radius(largest)
-        check_camera(self.fps, self.um_per_px)
-        options = {"density": liquid.density, "pressure": liquid.pressure, "max_radius": largest, "group": self.group}
-        return options | {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px}
-
-    @property
-    def analysis(self) -> Analysis:
-        """The analysis of each curve. Raises InputError."""
-        names = ("model", "material", "bubble", "stretch", "window", "trust_input")
-        given = [name for name in CONSTANTS if self.medium != "water" or getattr(self, name, None) is not None]
-        return Analysis(medium=self.liquid, given=given, **{name: getattr(self, name) for name in names})
+        camera = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px}
+        return camera | {"exposure": self.exposure, "exclude": self.exclude}
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,6 +128,44 @@ class Measured(NamedTuple):
     camera: dict[str, Any]
     curves: list[RadiusCurve]
     problems: list[str]
+
+
+class Stoppable:
+    """Runs one list of jobs at a time, on all cores, until another thread sets `stopped`; `busy` is locked while a list
+    runs."""
+
+    def __init__(self) -> None:
+        self.busy = threading.Lock()
+        self.stopped = threading.Event()
+        self._unfinished: set[Future[Any]] = set()  # jobs that were running at the stop: they end by themselves
+
+    def ready(self) -> bool:
+        """Whether no list runs; if so, an earlier stop is cleared."""
+        if free := not self.busy.locked():
+            self.stopped.clear()
+        return free
+
+    def run_jobs(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> list[Output | None]:
+        """function(job) of each job, in their order; None for jobs that had not ended at the stop.
+
+        Raises InputError: stopped before the first job ended, or the previous list still runs.
+        """
+        free = self.busy.acquire(blocking=False)
+        require(free, "the run before goes on: stop it, or wait for its end", "parallel.busy")
+        try:
+            wait(self._unfinished)  # so a user who stops and starts repeatedly gets no more cores
+            pool = ThreadPoolExecutor(cores())
+            tasks = [pool.submit(function, job) for job in jobs]
+            unfinished = set(tasks)
+            while unfinished and not self.stopped.is_set():
+                unfinished = wait(unfinished, timeout=0.1, return_when=FIRST_COMPLETED).not_done
+            pool.shutdown(wait=False, cancel_futures=True)
+            self._unfinished = {task for task in unfinished if not task.cancelled()}
+        finally:
+            self.busy.release()
+        stopped = "stopped before a shot was done: nothing has changed"
+        require(len(unfinished) < len(tasks), stopped, "parallel.stopped")
+        return [None if task in unfinished else task.result() for task in tasks]
 
 
 class Run:
@@ -213,7 +209,7 @@ class Session:
         self.settings = PageSettings()
         self.error_message = ""  # error message of the last event
         self.link = token_urlsafe(16)  # secret: a page with it in its address opens this session
-        self.lock = RLock()  # held while the session is read or changed, but not while a run answers shots
+        self.lock = threading.RLock()  # held while the session is read or changed, but not while a run answers shots
         self.runs = Stoppable()  # computations on shots
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
@@ -298,7 +294,8 @@ class Session:
     def command(self, settings: PageSettings) -> str:
         """Return the equivalent command line."""
         words = ["cavirheo", "infer", *(path.name for path in self.files)]
-        for name, value in vars(settings).items():
+        for name in PAGE_FIELDS:
+            value = getattr(settings, name)
             if value not in (None, getattr(PageSettings, name)):
                 words += [option_of(name), *([] if value is True else [str(value)])]
         return shlex.join(words)
@@ -352,7 +349,7 @@ class Visitors:
         self.reader = Reader(limits.read_seconds, processes=limits.readers)
         self.measurer = Reader(limits.film_seconds, prestart=False)
         self.store = Store(capacity=200)  # two answers per shot
-        self._lock = RLock()
+        self._lock = threading.RLock()
         self._pages: dict[str, Session] = {}  # session of each page, in the order of use
         self._left: dict[str, float] = {}  # of each page that left: when it is to be forgotten
         self.on_forget: Callable[[str], Any] = lambda name: None  # called with the name of a page that is forgotten

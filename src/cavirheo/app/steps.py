@@ -49,9 +49,12 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
     run, workers = session.run, max(cores() // len(chosen), 1)
 
     def answer_one(curve: RadiusCurve) -> tuple[RadiusCurve, Posterior]:
-        key, job = settings.analysis.key(curve), partial(settings.analysis.answer, curve, workers=workers)
+        key = settings.analysis.key(curve)
         session.keys.add(key)  # visitors with one file share one answer, which is removed with the last of them
-        answer = session.store.get_or_compute(key, partial(run_on_any_core, job))
+        answer = session.store.get(key)
+        if answer is None:
+            answer = run_on_any_core(partial(settings.analysis.answer, curve, workers=workers))
+            session.store.put(key, answer)
         pair = curve, with_source_of(answer, curve)
         run.add(curve_record(*session.regroup([pair])[0]))
         return pair

@@ -10,8 +10,8 @@ import typer
 
 import cavirheo
 from cavirheo.errors import InputError, SolverError
+from cavirheo.settings import option
 from cavirheo.verbs import companions, curves, documents, histories, machine
-from cavirheo.verbs.options import option
 from cavirheo.verbs.run import Command
 from cavirheo.writing.digits import elide
 from cavirheo.writing.terminal import say, write

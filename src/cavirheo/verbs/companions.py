@@ -6,9 +6,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from cavirheo import settings
 from cavirheo.errors import InputError, require
+from cavirheo.settings import argument, option
 from cavirheo.verbs import options
-from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
@@ -23,7 +24,7 @@ _TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) 
 _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Compare(options.PrintingVerb):
     """Answers that exist beside published values, with relative errors; `infer --references` answers and compares."""
 
@@ -55,7 +56,7 @@ class Compare(options.PrintingVerb):
         run.end(counts, has_problems(document), f"; table: {self.out / TABLE}")
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Rheometer(options.PrintingVerb):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer."""
 
@@ -87,8 +88,8 @@ class Rheometer(options.PrintingVerb):
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
-@dataclass(kw_only=True)
-class CollapseTime(options.PrintingVerb, options.Liquid):
+@dataclass(frozen=True, kw_only=True)
+class CollapseTime(options.PrintingVerb, settings.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
@@ -97,8 +98,8 @@ class CollapseTime(options.PrintingVerb, options.Liquid):
     shear_modulus: Annotated[float | None, option("Pa, if it is known: only µ is fitted")] = None
     viscosity: Annotated[float | None, option("Pa s, if it is known: only G is fitted")] = None
     stretch: Annotated[float | None, option(_STRETCH)] = None
-    shots: options.Shots = None
-    group: options.Group = "auto"
+    shots: settings.Shots = None
+    group: settings.Group = "auto"
     out: options.Out = Path("cavirheo-collapse-time")
 
     def __call__(self, run: Run) -> None:
@@ -129,8 +130,8 @@ class CollapseTime(options.PrintingVerb, options.Liquid):
         run.end(f"written to {self.out}", failed)
 
 
-@dataclass(kw_only=True)
-class Design(options.PrintingVerb, options.Liquid, options.BubbleOptions):
+@dataclass(frozen=True, kw_only=True)
+class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
@@ -138,7 +139,7 @@ class Design(options.PrintingVerb, options.Liquid, options.BubbleOptions):
     shear_modulus: Annotated[_Range | None, option(_MODULUS, metavar="LOW HIGH")] = None
     viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
     stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
-    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=options.sum_names)] = "nhkv"
+    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=settings.sum_names)] = "nhkv"
     rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
     fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
     frames: Annotated[int, option("of a recording", min=10)] = 128
@@ -149,7 +150,7 @@ class Design(options.PrintingVerb, options.Liquid, options.BubbleOptions):
     spread: Annotated[float | None, option("scatter of shots, decades  [default: of the result.json]", SEARCH)] = None
     sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
     draws: Annotated[int, option("recordings for each setting", SEARCH, min=2)] = 12
-    seed: options.Seed = 0
+    seed: settings.Seed = 0
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:

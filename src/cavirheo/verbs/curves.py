@@ -7,9 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from cavirheo import settings
 from cavirheo.errors import require
+from cavirheo.settings import BUBBLE, INPUT, INTERVAL, argument, option
 from cavirheo.verbs import options
-from cavirheo.verbs.options import BUBBLE, INPUT, INTERVAL, argument, option
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
-_BUBBLES = option("real, field, or both with a comma", autocompletion=options.bubble_names)
+_BUBBLES = option("real, field, or both with a comma", autocompletion=settings.bubble_names)
 _DAMAGES = "softening of the gel: none, strain, or both with a comma"
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
     """Answer the curves of files by one analysis, and write a report."""
 
@@ -42,7 +43,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
         files = run.files(self.files)
         out = self.out
         references = self.references or []
-        analysis = self.make_analysis()
+        analysis = self.analysis
         sets = read_sets(references)
         inputs = [*files, *references]
         folder = Outputs(out, *DOCUMENTS, inputs=inputs)
@@ -82,17 +83,17 @@ def _write(run: Run, folder: Outputs, pairs: CurveAnswers, note: str, **keywords
     return result
 
 
-@dataclass(kw_only=True)
-class Infer(_ReportVerb, options.Inference):
+@dataclass(frozen=True, kw_only=True)
+class Infer(_ReportVerb, settings.InferSettings):
     """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
     believe them."""
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Fit(_ReportVerb):
     """The field's conventional fit: simulated on measured radius histories under white noise, with intervals."""
 
-    material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
+    material: Annotated[str, option(_FITTED, autocompletion=settings.law_names)] = "nhkv"
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
     free: Annotated[str | None, option(_FREE, INTERVAL)] = None
     t0_us: Annotated[float | None, option("largest |t0|, us  [default: what the frames leave open]", INTERVAL)] = None
@@ -100,21 +101,21 @@ class Fit(_ReportVerb):
     out: options.Out = Path("cavirheo-fit")
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """As `AnsweringVerb.settings`."""
+    def analysis_options(self) -> dict[str, Any]:
+        """As `Settings.analysis_options`."""
         t0_bound, end = (None if us is None else us * 1e-6 for us in (self.t0_us, self.window_us))
         own = {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
-        return super().settings | own
+        return super().analysis_options | own
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class WhichLaw(options.MeasuredFiles):
     """Which of several laws explains the curves best? Evidence by sampling."""
 
-    laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
-    exact_law: options.ExactLaw = False
+    laws: Annotated[str, option("two or more laws, with commas", autocompletion=settings.many_law_names)] = _LAWS
+    exact_law: settings.ExactLaw = False
     bubble: Annotated[str, _BUBBLES] = "real"  # type: ignore[assignment]
-    damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=options.damage_names)] = "none"  # type: ignore[assignment]
+    damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=settings.damage_names)] = "none"  # type: ignore[assignment]
     out: options.Out = Path("cavirheo-laws")
 
     def __call__(self, run: Run) -> None:
@@ -138,8 +139,8 @@ class WhichLaw(options.MeasuredFiles):
         with connected(self.scheduler, self.slurm, run.say) as executor:
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = self.read_curves(run, files)
-            settings = {name: value for name, value in self.settings.items() if name != "bubble"}
-            analyses = plans(candidates, **settings, discrepancy=not self.exact_law)
+            shared = {name: value for name, value in self.analysis_options.items() if name != "bubble"}
+            analyses = plans(candidates, **shared, discrepancy=not self.exact_law)
             by_law = {law: dict(unfinished.answers(curves, plan).numbered()) for law, plan in analyses.items()}
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
         answered = [curves[i] for i in complete]
@@ -153,8 +154,8 @@ class WhichLaw(options.MeasuredFiles):
         run.end(digits.counted(len(curves), "curve"), failed, f"; report: {out / 'report.html'}")
 
 
-@dataclass(kw_only=True)
-class Watch(options.Inference, options.SharedErrors):
+@dataclass(frozen=True, kw_only=True)
+class Watch(settings.InferSettings, options.AnsweringVerb, options.SharedErrors):
     """Every recording that arrives in a folder, answered as `infer` does, until Ctrl-C."""
 
     folder: Annotated[Path, argument("FOLDER", "where the recordings arrive: R(t) files or videos", readable=False)]
@@ -170,11 +171,11 @@ class Watch(options.Inference, options.SharedErrors):
         folder = self.folder
         out = self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
-        analysis = self.make_analysis()
+        analysis = self.analysis
         if self.column is not None and not is_r_max(self.column):
             read_column(self.column)
-        settings = options.shared_values(self, options.FileSettings)
-        read_settings = {name: value for name, value in settings.items() if name != "column"}
+        read_settings = settings.shared_values(self, settings.FileSettings)
+        del read_settings["column"]
         keywords: dict[str, Any] = {"group": self.group, "column": self.column, "read_timeout": self.patience}
         keywords |= {"command": run.command, "date": run.date, "draw": self.pictures, "errors": self.errors}
         keywords |= {"notify": run.say} if run.quiet else {"notify": run.say, "show": print_line}

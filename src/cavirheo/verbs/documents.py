@@ -14,10 +14,10 @@ from typing import Annotated, Any
 
 from typer import Exit
 
+from cavirheo import settings
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import cores
-from cavirheo.verbs import options
-from cavirheo.verbs.options import argument, option
+from cavirheo.settings import argument, option
 from cavirheo.writing import digits, terminal
 
 _FILE = (
@@ -29,9 +29,9 @@ _VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # prefixes of variabl
 
 def show(
     file: Annotated[Path, argument("FILE", _FILE)],
-    shots: options.Shots = None,
-    fps: options.Fps = None,
-    um_per_px: options.UmPerPx = None,
+    shots: settings.Shots = None,
+    fps: settings.Fps = None,
+    um_per_px: settings.UmPerPx = None,
     json: Annotated[bool, option("print the document as it is in its file", None, "--json")] = False,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read.

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from cavirheo import settings
 from cavirheo.errors import InputError, SolverError, require
+from cavirheo.settings import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs import options
-from cavirheo.verbs.options import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs.run import Run
 from cavirheo.writing.terminal import say, write
 
@@ -36,19 +37,19 @@ _FACTORS = "damaged gel: factors of modulus and R_0 at a tenfold contraction"
 _CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame"
 
 
-@dataclass(kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Measure(options.PrintingVerb):
     """Radii of a bubble, with standard deviations, from a high-speed recording."""
 
     video: Annotated[Path, argument("VIDEO", _VIDEO, readable=False)]
     fps: Annotated[Any, number("frames per second of recording  [default: the camera's stamps]")] = None
-    um_per_px: options.UmPerPx = None
+    um_per_px: settings.UmPerPx = None
     exposure_us: Annotated[Any, number("exposure time of a frame, us  [default: the camera's header]")] = None
     polarity: Annotated[Literal["auto", "dark", "bright"], option("the bubble's look before its background")] = "auto"
     roi: Annotated[str | None, option("part of the picture to measure, px", metavar="X,Y,W,H")] = None
     reference_frame: Annotated[int | None, option("number of a frame without the bubble, from 1")] = None
     frames: Annotated[str | None, option("first and last frame to measure", metavar="A:B")] = None
-    exclude: options.Exclude = None
+    exclude: settings.Exclude = None
     overlay: Annotated[bool, option("write overlay.mp4: recording and circles", None, "--overlay")] = False
     out: options.Out = Path("cavirheo-measure")
 
@@ -89,8 +90,8 @@ class Measure(options.PrintingVerb):
         run.end(f"written to {self.out}", bool(warnings or record.unusable))
 
 
-@dataclass(kw_only=True)
-class Simulate(options.Verb, options.Liquid):
+@dataclass(frozen=True, kw_only=True)
+class Simulate(options.Verb, settings.Liquid):
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
     Columns of simulation.csv: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of
@@ -99,7 +100,7 @@ class Simulate(options.Verb, options.Liquid):
 
     rmax_um: Annotated[float, option("largest radius, um")]
     stretch: Annotated[float, option("R_max/R_0")]
-    material: Annotated[str, option(_MATERIAL, autocompletion=options.sum_names)] = "nhkv"
+    material: Annotated[str, option(_MATERIAL, autocompletion=settings.sum_names)] = "nhkv"
     shear_modulus: Annotated[float | None, option("Pa")] = None
     viscosity: Annotated[float | None, option("Pa s")] = None
     stiffening: Annotated[float | None, option("alpha of qkv")] = None
@@ -109,11 +110,11 @@ class Simulate(options.Verb, options.Liquid):
     driving: Annotated[Path | None, option(_DRIVING, DRIVING)] = None
     motion: Annotated[_Motion, option("equation of the wall", BUBBLE)] = "keller-miksis"
     polytropic: Annotated[float | None, option(_POLYTROPIC, BUBBLE)] = None
-    contents: Annotated[Literal["equilibrium", "kinetic"], option(options.CONTENTS, BUBBLE)] = "equilibrium"
+    contents: Annotated[Literal["equilibrium", "kinetic"], option(settings.CONTENTS, BUBBLE)] = "equilibrium"
     accommodation: Annotated[float | None, option("of kinetic contents, up to 10  [default: 0.07]", BUBBLE)] = None
     damage: Annotated[tuple[float, float] | None, option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")] = None
     confinement_inertia: Annotated[float, option(_INERTIA, BUBBLE)] = 0.0
-    wall_distance_um: options.WallDistanceUm = None
+    wall_distance_um: settings.WallDistanceUm = None
     confinement_damping: Annotated[float, option(_DAMPING, BUBBLE)] = 0.0
     vapour_excess: Annotated[float, option("vapour at R_max above saturation, Pa", BUBBLE)] = 0.0
     relaxed: Annotated[bool, option("laws with memory start unstressed", MATERIAL, "--relaxed")] = False
@@ -183,7 +184,7 @@ class Simulate(options.Verb, options.Liquid):
 
         idle = self.accommodation is not None and self.contents != "kinetic"
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
-        values = options.shared_values(self, Bubble) | {"exponent": self.polytropic}
+        values = settings.shared_values(self, Bubble) | {"exponent": self.polytropic}
         values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
         values["wall_distance"] = self.wall_distance_um and self.wall_distance_um * 1e-6
         try:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cavirheo.errors import InputError, require
+from cavirheo.settings import argument, option
 from cavirheo.verbs import options
-from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
 from cavirheo.writing import terminal
 

@@ -19,7 +19,8 @@ import typer
 from typer.core import TyperCommand
 
 from cavirheo.errors import InputError, require, sha256
-from cavirheo.verbs.options import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT, Verb
+from cavirheo.settings import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT
+from cavirheo.verbs.options import Verb
 from cavirheo.writing import terminal
 
 if TYPE_CHECKING:

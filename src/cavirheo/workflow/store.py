@@ -5,8 +5,7 @@ A stored answer remains, whatever ends the run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
@@ -15,7 +14,7 @@ from threading import Lock
 from typing import Any, TypeVar
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
 from cavirheo.parallel import Executor
@@ -29,62 +28,46 @@ from cavirheo.writing.terminal import progress_bar, say
 _TYPES = (Posterior, Checks, Message, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
 _Value = TypeVar("_Value")
-MOST_IN_MEMORY = 500  # answers of a run, up to which all are held in memory
+MOST_IN_MEMORY = 500  # answers of a run that are held in memory besides their files
 
 
 class Store:
     """Values by their keys. Many threads may use a store.
 
     folder: has a file for each value, written completely or not at all; None: values are in memory alone. capacity:
-    only so many of the latest values are held in memory; None: all. If there is a folder, a value without a file in it
-    is always held. written: keys of the files that this store has written. Raises InputError: `folder` is a link or no
-    folder.
+    only so many of the latest values are held in memory; None: all. written: keys of the files that this store has
+    written. Raises InputError: `folder` is a link or no folder.
     """
 
     def __init__(self, folder: Path | None = None, capacity: int | None = None) -> None:
-        fine = folder is None or (not folder.is_symlink() and (folder.is_dir() or not folder.exists()))
-        message = f"{folder} must be a folder and no link, for answers are kept there: give another place with -o"
-        require(fine, message, "document.folder")
+        if folder and (folder.is_symlink() or (folder.exists() and not folder.is_dir())):
+            message = f"{folder} must be a folder and no link, for answers are kept there: give another place with -o"
+            raise InputError(message, "document.folder")
         self.folder = folder
         self.capacity = capacity
         self.written: set[str] = set()
-        self._memory: dict[str, Future[Any]] = {}  # the latest is last
+        self._unsaved: dict[str, Any] = {}  # values without a file, all of which are held
+        self._latest: dict[str, Any] = {}  # other values, the latest last
         self._lock = Lock()
 
     def get(self, key: str, kind: type[_Value] = Posterior) -> _Value | None:  # type: ignore[assignment]
         """The value of a key; None if there is none, or none of this kind that can be read."""
-        with self._lock:
-            in_memory = self._memory.get(key)
-        value = in_memory.result() if in_memory else self._read(key)
-        if in_memory is None and value is not None:
+        value = self._unsaved.get(key) or self._latest.get(key)
+        if value is None and (value := self._read(key)) is not None:
             self._remember(key, value)
         return value if isinstance(value, kind) else None
 
     def put(self, key: str, value: Any, *, file: bool = True) -> None:
         """Store an answer, a curve, or several of them in a tuple or a dict; in a file, too, unless `file` is False.
         Raises InputError: the folder cannot be written."""
-        if self.folder and file:
+        if not file:
+            self._unsaved[key] = value
+            return
+        if self.folder:
             with writable_folder(self.folder), atomic_file(self._path(key)) as temporary:
                 temporary.write_bytes(encode(value, default=str))
             self.written.add(key)
         self._remember(key, value)
-
-    def get_or_compute(self, key: str, function: Callable[[], _Value]) -> _Value:
-        """The value of a key in memory, or else the output of `function`. The first thread that asks calls `function`,
-        and the others wait. If it raises an error, all of them raise it, and it is not stored."""
-        with self._lock:
-            is_first = key not in self._memory
-            task: Future[_Value] = self._memory.pop(key, Future())
-            self._memory[key] = task
-            self._trim()
-        if is_first:
-            try:
-                task.set_result(function())
-            except BaseException as error:  # raised again in every thread that waits
-                with self._lock:
-                    self._memory.pop(key, None)
-                task.set_exception(error)
-        return task.result()
 
     def values(self, kind: type[_Value]) -> Iterator[_Value]:
         """All values of a kind that are in files."""
@@ -95,8 +78,8 @@ class Store:
     def remove(self, keys: Iterable[str]) -> None:
         """Remove the values of these keys, and the folder if it is then empty."""
         for key in keys:
-            with self._lock:
-                self._memory.pop(key, None)
+            self._unsaved.pop(key, None)
+            self._latest.pop(key, None)
             if self.folder:
                 for name in (f"{key}.npz", f".{key}.npz.part.npz"):
                     (self.folder / name).unlink(missing_ok=True)
@@ -115,18 +98,10 @@ class Store:
         return None
 
     def _remember(self, key: str, value: Any) -> None:
-        task: Future[Any] = Future()
-        task.set_result(value)
         with self._lock:
-            self._memory[key] = task
-            self._trim()
-
-    def _trim(self) -> None:
-        """Drop the oldest values if too many are in memory."""
-        over = 0 if self.capacity is None else max(len(self._memory) - self.capacity, 0)
-        for key in list(self._memory)[:over]:
-            if self.folder is None or self._path(key).exists():
-                del self._memory[key]
+            self._latest[key] = value
+            if self.capacity is not None and len(self._latest) > self.capacity:
+                del self._latest[next(iter(self._latest))]
 
 
 def analyse(
@@ -193,16 +168,12 @@ class Answers(Sequence[Posterior]):
 class Unfinished:
     """The answers of one command that writes into the folder `out`, in `out`/unfinished until its documents are
     complete: the same command continues after Ctrl-C, a kill or a full disk. After Ctrl-C `interrupted` is True, and
-    no further curve is begun. With more answers than `capacity`, those with a file are not held in memory. Raises
-    InputError: `out`/unfinished is not a folder."""
+    no further curve is begun. Raises InputError: `out`/unfinished is not a folder."""
 
-    def __init__(
-        self, out: str | Path, *, visible: bool = True, executor: Executor | None = None, capacity: int = MOST_IN_MEMORY
-    ) -> None:
-        self.store = Store(Path(out) / "unfinished")
+    def __init__(self, out: str | Path, *, visible: bool = True, executor: Executor | None = None) -> None:
+        self.store = Store(Path(out) / "unfinished", MOST_IN_MEMORY)
         self.visible = visible
         self.executor = executor
-        self.capacity = capacity
         self.interrupted = False
         self._keys: set[str] = set()  # of all answers that this run may store
 
@@ -210,25 +181,24 @@ class Unfinished:
         """The answers of the curves; not all of them after an interruption."""
         keys = [analysis.key(curve) for curve in curves]
         indices = list[int]()
-        store = self.store
         self._keys.update(keys)
-        store.capacity = 0 if len(curves) > self.capacity else None
-        if self.interrupted:
-            return Answers(store, keys, indices)
-        taken = sum(store.get(key) is not None for key in set(keys) - store.written)
-        if taken and self.visible:
-            say(f"{taken} of {len(curves)} answers are taken from {store.folder}, where an unfinished run left them")
-        try:
-            for index, _ in analyse(curves, analysis, store, self.executor, visible=self.visible):
-                indices.append(index)
-        except KeyboardInterrupt:
-            self.interrupted = True
-        return Answers(store, keys, indices)
+        if not self.interrupted:
+            taken = sum(self.store.get(key) is not None for key in set(keys) - self.store.written)
+            if taken and self.visible:
+                place = self.store.folder
+                say(f"{taken} of {len(curves)} answers are taken from {place}, where an unfinished run left them")
+            try:
+                for index, _ in analyse(curves, analysis, self.store, self.executor, visible=self.visible):
+                    indices.append(index)
+            except KeyboardInterrupt:
+                self.interrupted = True
+        return Answers(self.store, keys, indices)
 
     def note(self, count: int, total: int) -> str:
         """A note on an interrupted run; empty for any other run."""
-        message = f"interrupted: {count} of {total} answered; the same command again answers the rest"
-        return message if self.interrupted else ""
+        if not self.interrupted:
+            return ""
+        return f"interrupted: {count} of {total} answered; the same command again answers the rest"
 
     def remove(self) -> None:
         """Remove this run's answers, when all documents are complete. Answers of other runs stay."""

@@ -1,0 +1,300 @@
+"""What may be set of the analysis of recordings: each setting is declared once, with its help, unit and check. The
+options of the command line, the fields of the browser app and its endpoint are made of these.
+
+The annotations are objects, not text (no `from __future__ import annotations`): typer reads them in the module of a
+verb. Options without a panel are on the first screen of `--help`. Nothing here imports a compiler, a network or the
+solver before it is needed: shell completion and `--help` are quick.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
+
+from typer import Argument, BadParameter, Option
+
+from cavirheo.errors import InputError, brief, parse_number
+
+if TYPE_CHECKING:
+    from cavirheo.inference.analysis import Analysis
+    from cavirheo.physics.bubble import Bubble
+    from cavirheo.physics.media import Medium
+
+_MODELS = Path(__file__).parent / "models"  # completion lists its files: reading the cards is too slow
+INPUT = "Input"
+MATERIAL = "Constants of the material"
+BUBBLE = "Bubble, for experts"
+INTERVAL = "Interval"
+OUTPUT = "Output"
+CLUSTER = "Cluster"
+
+
+def argument(metavar: str, help: str, **keywords: Any) -> Any:
+    """Return a positional argument."""
+    return Argument(metavar=metavar, help=help, **keywords)
+
+
+def option(help: str, panel: str | None = None, *names: str, **keywords: Any) -> Any:
+    """Return an option in a panel of `--help`; without a panel, it is on the first screen."""
+    return Option(*names, help=help, rich_help_panel=panel, **keywords)
+
+
+class Number:
+    """Reads a number or one of `words`; without words, a number above 0. thousands: the marks that may separate
+    thousands in it (`parse_number`)."""
+
+    def __init__(self, *words: str, kind: type[Any] = float, thousands: str = ",") -> None:
+        self.words = words
+        self.kind = kind
+        self.thousands = thousands
+        self.__name__ = "|".join((kind.__name__, *words))
+
+    def read(self, value: Any, name: str = "the value") -> Any:
+        """The number of a text or a number. Raises InputError, which names it."""
+        if value in self.words:
+            return value
+        number = value
+        try:
+            if isinstance(value, str):
+                number = self.kind(value) if self.kind is int else parse_number(value, name, self.thousands)
+            if number is not None and (self.words or number > 0):
+                return number
+        except InputError as error:
+            if error.code == "input.which_number":
+                raise
+        except (TypeError, ValueError):  # of int, or of a comparison
+            pass
+        expected = f"a number or {' or '.join(map(repr, self.words))}" if self.words else "a number above 0"
+        raise InputError(f"{name} must be {expected}, got {brief(value)}", "option.number")
+
+    def __call__(self, text: str) -> Any:
+        """As `read`, for the command line."""
+        try:
+            return self.read(text)
+        except InputError as error:
+            raise BadParameter(error.message) from None
+
+
+def number(help: str, panel: str | None = None, *words: str, **keywords: Any) -> Any:
+    """Return an option that takes a `Number`."""
+    parser = Number(*words, **keywords)
+    return option(help, panel, parser=parser, metavar=f"<{parser.__name__}>")
+
+
+# Shell completion of the values of options; nothing here imports a compiler, a network or the solver.
+
+
+def _completer(words: Callable[[], Iterable[str]], separators: str = "") -> Callable[[str], list[str]]:
+    """Return a completion by these words; if several may be given, it completes the text after the last separator."""
+
+    def complete(incomplete: str) -> list[str]:
+        start = max((incomplete.rfind(mark) for mark in separators), default=-1) + 1
+        prefix = incomplete[:start]
+        beginning = incomplete[start:]
+        prefix += beginning[: len(beginning) - len(beginning.lstrip())]
+        used = prefix.replace(",", " ").split() if "," in separators else []
+        return [prefix + word for word in words() if word.startswith(beginning.strip()) and word not in used]
+
+    return complete
+
+
+def _laws() -> Iterable[str]:
+    laws: Iterable[str] = resolve_name("cavirheo.physics.materials.LAWS")
+    return laws
+
+
+bubble_names = _completer(lambda: ("real", "field"), ",")
+damage_names = _completer(lambda: ("none", "strain"), ",")
+model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.npz")))
+medium_names = _completer(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
+sum_names = _completer(_laws, "+")
+many_law_names = _completer(_laws, "+,")
+
+
+def law_names(incomplete: str) -> list[str]:
+    """Complete the laws, also as the next part of a sum, and auto."""
+    return [*sum_names(incomplete), *_completer(lambda: ["auto"])(incomplete)]
+
+
+_MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
+ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
+_LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid"
+Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
+_FPS = "frames per second, of videos and of tables that number their frames"
+Fps = Annotated[Any, number(_FPS, thousands=".,")]
+UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels")]
+Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]
+Shots = Annotated[str | None, option("shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
+_GROUP = "shots of one material; name: soft_1, soft_2 are soft; auto: those of a file, or all files of one shot"
+Group = Annotated[Literal["auto", "file", "folder", "name", "none"], option(_GROUP)]
+_STRETCH = "R_max/R_0; plateau: late radius as prior; free: no prior  [default: prior of the file]"
+Stretch = Annotated[Any, number(_STRETCH, None, "plateau", "free")]
+_WINDOW = "number of collapses to compare  [default: 3, or all if there are fewer]"
+Window = Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)]
+ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower intervals)", INTERVAL, "--exact-law")]
+WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead of --confinement-inertia", BUBBLE)]
+_TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
+TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
+Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
+_COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
+_EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
+CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
+_BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded"
+_MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
+_ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
+
+
+def shared_values(options: object, kind: Any) -> dict[str, Any]:
+    """Return the values of the options that have the name of a field of the dataclass `kind`."""
+    return {field.name: getattr(options, field.name) for field in fields(kind) if hasattr(options, field.name)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileSettings:
+    """Options that add to or select from measured files. Raises InputError: --shots is no list of numbers."""
+
+    trust_input: TrustInput = False
+    fps: Fps = None
+    um_per_px: UmPerPx = None
+    rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
+    shots: Shots = None
+    group: Group = "auto"
+    exposure_us: Annotated[Any, number(_EXPOSURE, INPUT)] = None
+    column: Annotated[Path | None, option(_COLUMN, INPUT, readable=False)] = None
+
+    def __post_init__(self) -> None:
+        if self.shots is not None:
+            from cavirheo.io.shots import shot_numbers
+
+            shot_numbers(self.shots)
+
+    @property
+    def exposure(self) -> float | None:
+        """Exposure time of a frame, s."""
+        return None if self.exposure_us is None else float(self.exposure_us) * 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Liquid:
+    """Options for the constants of the medium around the bubble."""
+
+    trust_input: TrustInput = False
+    medium: Annotated[str | None, option(_MEDIUM, autocompletion=medium_names)] = None
+    density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
+    sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
+    surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
+    pressure: Annotated[float | None, option("pressure far from the bubble, Pa", MATERIAL)] = None
+    temperature: Annotated[float | None, option("temperature far from the bubble, K", MATERIAL)] = None
+
+    @property
+    def liquid(self) -> "Medium":
+        """The medium of the options. Raises InputError: no such medium, or an impossible constant."""
+        from cavirheo.physics.media import Medium, medium
+
+        return medium(self.medium or "water", unusual=self.trust_input, **shared_values(self, Medium))
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the constants that the options give; with --medium, of all."""
+        from cavirheo.physics.media import CONSTANTS
+
+        return tuple(name for name in CONSTANTS if self.medium or getattr(self, name, None) is not None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BubbleOptions:
+    """Options for the bubble: a named one, and values that replace those of the named one."""
+
+    contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(CONTENTS, BUBBLE)] = None
+    accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
+    confinement_damping: Annotated[Any, number("2 pi (R_max^2/A) c/U_c of a tube around it", BUBBLE, "free")] = None
+    confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, "free")] = None
+    wall_distance_um: WallDistanceUm = None
+    vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, "free")] = None
+    bubble: Annotated[Literal["real", "field"] | None, option(_BUBBLE)] = None
+    damage: Annotated[Literal["none", "strain"], option("softening of the gel", BUBBLE)] = "none"
+
+    @property
+    def bubbles(self) -> "tuple[Bubble, ...] | None":
+        """The named bubbles, each with each damage and the given values; None if no option is given.
+
+        Raises InputError: an unknown name, or impossible values.
+        """
+        from cavirheo.physics.bubble import DAMAGES, Bubble, bubbles_of
+
+        damages = [word.strip() for word in self.damage.split(",")]
+        if not set(damages) <= set(DAMAGES):
+            raise InputError(f"--damage must be {', '.join(DAMAGES)}, got {self.damage!r}", "option.damage")
+        wall = self.wall_distance_um and self.wall_distance_um * 1e-6
+        values = shared_values(self, Bubble) | {"wall_distance": wall, "damage": None}
+        values = {name: value for name, value in values.items() if value is not None}
+        if wall:
+            values.setdefault("confinement_inertia", 0.0)
+        if self.bubble is None and not values and damages == ["none"]:
+            return None
+        names = "real" if self.bubble is None else self.bubble
+        bubbles = [bubble for name in names.split(",") for bubble in bubbles_of(name.strip())]
+        return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in bubbles for damage in damages)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Liquid, FileSettings, BubbleOptions):
+    """How measured curves are read and analysed; values with names of fields of Analysis are its settings."""
+
+    stretch: Stretch = None
+    window: Window = None
+    seed: Seed = 0
+
+    @property
+    def read_options(self) -> dict[str, Any]:
+        """The options of `read_shots`. Raises InputError."""
+        from cavirheo.io.shots import check_camera, check_max_radius
+
+        max_radius = None if self.rmax_um is None else self.rmax_um * 1e-6
+        check_max_radius(max_radius)
+        check_camera(self.fps, self.um_per_px)
+        liquid = self.liquid
+        camera = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px}
+        table = {"density": liquid.density, "pressure": liquid.pressure, "max_radius": max_radius, "group": self.group}
+        return table | camera
+
+    @property
+    def analysis_options(self) -> dict[str, Any]:
+        """The settings of `analysis`. Raises InputError."""
+        from cavirheo.inference.analysis import Analysis
+
+        return shared_values(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid}
+
+    @property
+    def analysis(self) -> "Analysis":
+        """The analysis of each curve. Raises InputError: settings that are impossible, alone or together."""
+        from cavirheo.inference.analysis import Analysis
+
+        return Analysis(**self.analysis_options)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InferSettings(Settings):
+    """Settings of `infer`."""
+
+    material: Material = None
+    model: ModelName = "posterior"
+    exact_law: ExactLaw = False
+
+    @property
+    def analysis_options(self) -> dict[str, Any]:
+        """As `Settings.analysis_options`."""
+        return super().analysis_options | {"discrepancy": not self.exact_law}
+
+
+def typed(kind: type[Settings], name: str, value: Any) -> Any:
+    """The value of a field that may be typed as a text, with the check of its declaration. Raises InputError, which
+    names the field."""
+    annotation = get_type_hints(kind, include_extras=True)[name]
+    for declaration in annotation.__metadata__:
+        if isinstance(declaration.parser, Number):
+            return declaration.parser.read(value, name)
+    if isinstance(value, str) and float in get_args(annotation.__origin__):
+        return parse_number(value, name)
+    return value
