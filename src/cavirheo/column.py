@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -29,57 +29,56 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
 
     Raises InputError: no such table, a name without a curve, a curve without a value, or no group with several values.
     """
-    if is_r_max(path):
-        title, labelled = LOG_R_MAX, with_r_max(curves)
-    else:
-        title, values = read_column(path)
-        require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
-        labelled, unknown, without = with_values(curves, title, values)
-        names = listed([curve.name for curve in curves])
-        message = f"{path}: nothing here is called {listed(unknown)}; there is {names}"
-        require(not unknown, message, "column.unknown")
-        message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
-        require(not without, message, "column.missing")
+    labelled, remarks = labelled_by(curves, path)
+    if remarks:
+        raise InputError("; ".join(remarks), "column.names")
     groups: dict[tuple[str, str], set[float]] = {}
     for curve in labelled:
         groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
-    names = listed([name for name, _ in groups])
-    message = f"{path}: one value of {title} in each group ({names}): a trend needs several"
-    message += "; --group folder makes one group of all files of a folder"
-    require(any(len(numbers) > 1 for numbers in groups.values()), message, "column.constant")
+    if not any(len(numbers) > 1 for numbers in groups.values()):
+        names = listed([name for name, _ in groups])
+        message = f"{path}: one value in each group ({names}): a trend needs several"
+        raise InputError(f"{message}; --group folder makes one group of all files of a folder", "column.constant")
     return labelled
 
 
 def is_r_max(path: str | Path) -> bool:
     """Whether `path` means the R_max of each shot, not a table. Raises InputError: a file of this name exists."""
-    message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename the file (to {R_MAX}.csv)"
-    require(str(path) != R_MAX or not Path(path).is_file(), message, "column.size")
+    if str(path) == R_MAX and Path(path).is_file():
+        message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename it (to {R_MAX}.csv)"
+        raise InputError(message, "column.size")
     return str(path) == R_MAX
 
 
-def with_r_max(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
-    """Return the curves; each one with an R_max has log10 of it (in um) as its value."""
+def labelled_by(curves: Sequence[RadiusCurve], path: str | Path) -> tuple[list[RadiusCurve], list[str]]:
+    """Return (the curves, with their values if there are any; remarks on names without a curve and curves without a
+    value). Raises InputError: as `read_column`, and `is_r_max`."""
     labelled = list(curves)
-    for k, curve in enumerate(curves):
-        with suppress(InputError):  # no scale, or no maximum
-            labelled[k] = curve.labelled(column={LOG_R_MAX: float(np.log10(1e6 * curve.max_radius))})
-    return labelled
-
-
-def with_values(
-    curves: Sequence[RadiusCurve], title: str, values: Mapping[str, float]
-) -> tuple[list[RadiusCurve], list[str], list[str]]:
-    """Return (the curves, with their values if any; names that no curve has; the names of curves without a value)."""
+    if is_r_max(path):
+        for k, curve in enumerate(curves):
+            with suppress(InputError):  # no scale, or no maximum
+                labelled[k] = curve.labelled(column={LOG_R_MAX: float(np.log10(1e6 * curve.max_radius))})
+        return labelled, []
+    title, values = read_column(path)
     names_of_curves: set[str] = set()
-    labelled, without = [], []
-    for curve in curves:
+    without = []
+    for k, curve in enumerate(curves):
         source = Path(curve.source)
         names = [curve.name, source.name, source.stem, curve.group]  # names for it in a table, most specific first
         names_of_curves.update(names)
-        value = next((values[name] for name in names if name in values), None)
-        labelled.append(curve if value is None else curve.labelled(column={title: value}))
-        without += [curve.name] if value is None else []
-    return labelled, [name for name in values if name not in names_of_curves], without
+        if name := next((name for name in names if name in values), None):
+            labelled[k] = curve.labelled(column={title: values[name]})
+        else:
+            without.append(curve.name)
+    remarks = []
+    if unknown := [name for name in values if name not in names_of_curves]:
+        there = listed([curve.name for curve in curves])
+        remarks.append(f"{path}: nothing here is called {listed(unknown)}; there is {there}")
+    if without:
+        remarks.append(
+            f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
+        )
+    return labelled, remarks
 
 
 def read_column(path: str | Path) -> tuple[str, dict[str, float]]:

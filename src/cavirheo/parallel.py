@@ -42,8 +42,8 @@ def cores(workers: int | None = None) -> int:
         try:
             return int(_loky().cpu_count())
         except ValueError:
-            given = os.environ.get("LOKY_MAX_CPU_COUNT")
-            raise InputError(f"LOKY_MAX_CPU_COUNT must be a whole number, got {given!r}", "parallel.cores") from None
+            text = os.environ.get("LOKY_MAX_CPU_COUNT")
+            raise InputError(f"LOKY_MAX_CPU_COUNT must be a whole number, got {text!r}", "parallel.cores") from None
     expect_whole(workers, "workers", 1)
     return workers
 

@@ -149,11 +149,11 @@ def parameter_of(name: str) -> Parameter:
 def symbol(name: str) -> str:
     """The symbol of a parameter, µ_2 for that of the second law of a sum; its name if it has none."""
     try:
-        known = parameter_of(name).symbol
+        base = parameter_of(name).symbol
     except KeyError:
         return name
     number = re.search(r"_\d+$", natural_name(name))
-    return known + (number.group() if number else "")
+    return base + (number.group() if number else "")
 
 
 def column_name(name: str, unit: str) -> str:
@@ -161,26 +161,27 @@ def column_name(name: str, unit: str) -> str:
     return name if unit in ("", "1") else f"{name}_{unit.replace(' ', '_')}"
 
 
-def matching(given: object, names: Iterable[str]) -> str | None:
+def matching(text: object, names: Iterable[str]) -> str | None:
     """The parameter of these natural names that is meant: by its symbol ("G", "mu" or "µ", "lambda" or "λ"), its
     natural name ("shear_modulus"), or the name of its column ("shear_modulus_Pa"). None: none of them."""
-    if not isinstance(given, str):
+    if not isinstance(text, str):
         return None
     for name in names:
-        own = symbol(name)
-        unit = "" if own == name else parameter_of(name).unit
-        if _spelled(given) in (_spelled(own), name, column_name(name, unit)):
+        short = symbol(name)
+        unit = "" if short == name else parameter_of(name).unit
+        if _spelled(text) in (_spelled(short), name, column_name(name, unit)):
             return name
     return None
 
 
-def named(given: object, names: Iterable[str], owner: str, code: str) -> str:
+def require_name(text: object, names: Iterable[str], owner: str, code: str) -> str:
     """As `matching`. Raises InputError with this code: `owner`, such as "the answer", has no such parameter."""
     names = [*names]
-    name = matching(given, names)
+    name = matching(text, names)
     if name is None:
-        known = ", ".join(own if (own := symbol(name)) == name else f"{own} ({name})" for name in names)
-        raise InputError(f"{owner} has no {given!r}: it has {known or 'no parameters'}", code)
+        symbols = {each: symbol(each) for each in names}
+        choices = ", ".join(each if each == short else f"{short} ({each})" for each, short in symbols.items())
+        raise InputError(f"{owner} has no {text!r}: it has {choices or 'no parameters'}", code)
     return name
 
 

@@ -21,8 +21,8 @@ from cavirheo.parameters import (
     column_name,
     is_law_parameter,
     matching,
-    named,
     natural_name,
+    require_name,
     searched_bound,
     to_natural,
     to_prior_scale,
@@ -295,7 +295,7 @@ class Posterior:
         inferred = [*self.parameters]
         held = matching(name, self.best)
         owner = f"the answer (of {held}, which was not inferred, `best` has the value)" if held else "the answer"
-        return self.names[inferred.index(named(name, inferred, owner, "posterior.parameter"))]
+        return self.names[inferred.index(require_name(name, inferred, owner, "posterior.parameter"))]
 
     def bound(self, name: str) -> Bound | None:
         """What is known if the central 90 % of the draws reach an end of the range of `prior` (else of the search):

@@ -288,7 +288,7 @@ class InferSettings(Settings):
         return super().analysis_options | {"discrepancy": not self.exact_law}
 
 
-def typed(kind: type[Settings], name: str, value: Any) -> Any:
+def checked(kind: type[Settings], name: str, value: Any) -> Any:
     """The value of a field that may be typed as a text, with the check of its declaration. Raises InputError, which
     names the field."""
     annotation = get_type_hints(kind, include_extras=True)[name]

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cavirheo.column import is_r_max, read_column, with_r_max, with_values
+from cavirheo.column import labelled_by
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, listed
+from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io.files import file_label, header_of, measurement_files, pixels_of
 from cavirheo.io.shots import CurveSet, read_shots, sample_hash
@@ -83,9 +83,6 @@ class Watch:
     executor: Executor | None = None
 
     def __post_init__(self) -> None:
-        self.along_r_max = self.column is not None and is_r_max(self.column)
-        if self.along_r_max:
-            self.column = None
         self._messages: set[str] = set()  # messages that were passed to `notify`
         self._column_state = self._state(self.column)
         self.outputs = Outputs(self.out, *DOCUMENTS)
@@ -176,18 +173,13 @@ class Watch:
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
         """The curves with their values in the column; names without a value or a curve become remarks."""
         if self.column is None:
-            return with_r_max(curves) if self.along_r_max else curves
+            return curves
         try:
-            title, values = read_column(self.column)
+            labelled, missing = labelled_by(curves, self.column)
         except InputError as error:  # incomplete, or with a mistake: shots are answered without it
             self._notify_once(f"{error}; {self.column.name} does not count until this is mended")
-            remarks.append(str(error))
-            return curves
-        labelled, unknown, without = with_values(curves, title, values)
-        if without:
-            remarks.append(f"{self.column.name} has no value of {title} for {listed(without)}: no part of a slope")
-        if unknown:
-            remarks.append(f"{self.column.name} names {listed(unknown)}, which is not here")
+            labelled, missing = curves, [str(error)]
+        remarks += missing
         return labelled
 
     def _complete(self) -> list[tuple[Path, State]]:

@@ -224,8 +224,8 @@ class Page:
         bind(self.answers.click, self._open_check, shot, js=js, **_LATEST)
         bind(self.checked_shot.select, self._show_check, shot)
         moves = [slider.input for slider in self.sliders]
-        drawn = [self.check_plot, self.trial]
-        bind(moves, self._try_sliders, [*shot, *self.sliders], outputs=drawn, queue=False, **_LATEST)
+        pictures = [self.check_plot, self.trial]
+        bind(moves, self._try_sliders, [*shot, *self.sliders], outputs=pictures, queue=False, **_LATEST)
         zipped = bind(self.make_zip.click, self._zip, slow=True, spinner=self.make_zip, concurrency_limit=1)
         zipped.success(None, js=_CLICK.format("download"), **private)
         self.link.change(None, self.link, js=_ADDRESS, **private)
@@ -234,9 +234,9 @@ class Page:
 
     def _field_errors(self, shown_shot: Any, *values: Any) -> list[Any]:
         """A validation of each field, with its error message; any error cancels the event."""
-        typed = _typed(values)
-        errors = PageSettings.errors(typed)
-        messages = ["", *(errors.get(name, "") for name in typed)]
+        texts = _page_values(values)
+        errors = PageSettings.errors(texts)
+        messages = ["", *(errors.get(name, "") for name in texts)]
         return [gr.validate(not message, message) for message in messages]
 
     def _leave(self, request: gr.Request) -> None:
@@ -244,8 +244,8 @@ class Page:
 
     def _forget(self, name: str) -> None:
         """Drop what gradio itself keeps of a page that was closed, if it does: figures and tables."""
-        kept = getattr(getattr(self.blocks, "state_holder", None), "session_data", {})
-        kept.pop(name, None)
+        data = getattr(getattr(self.blocks, "state_holder", None), "session_data", {})
+        data.pop(name, None)
 
     def _restore(self, request: gr.Request) -> Any:
         """Restore the session on a page that is reloaded, or opened by the link of the session."""
@@ -254,20 +254,20 @@ class Page:
             return gr.skip()  # all components stay as they are
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
-            shown = self._show_data(session) | self._show_settings(session)
-            shown[self.checked_shot] = gr.Dropdown(choices=names, value=next(iter(names), None))
-            return shown | self._show_check(session, names[0]) if names and not session.stale else shown
+            updates = self._show_data(session) | self._show_settings(session)
+            updates[self.checked_shot] = gr.Dropdown(choices=names, value=next(iter(names), None))
+            return updates | self._show_check(session, names[0]) if names and not session.stale else updates
 
     def _load(self, session: Session, files: list[str] | None, *settings: Any) -> _Updates:
         with uploaded_paths(files or []) as paths:
             if paths:  # none if an earlier event has loaded these files
-                session.add(paths, PageSettings(**_typed(settings)))
+                session.add(paths, PageSettings(**_page_values(settings)))
         return self._show_data(session) | {self.upload: None}
 
     def _load_example(self, name: str, session: Session, *settings: Any) -> _Updates:
         path = steps.examples()[name]
         camera: dict[str, Any] = steps.EXAMPLE_CAMERA if is_video(path) else {}
-        session.add([path], replace(PageSettings(**_typed(settings)), **camera), copy=True)
+        session.add([path], replace(PageSettings(**_page_values(settings)), **camera), copy=True)
         return self._show_data(session) | self._show_settings(session)
 
     def _clear(self, session: Session, sure: str) -> _Updates:
@@ -325,7 +325,7 @@ class Page:
         before = session.settings
         curves = session.curves
         names = session.names
-        session.apply_settings(PageSettings(**_typed(settings)))
+        session.apply_settings(PageSettings(**_page_values(settings)))
         if session.settings == before:
             return {}
         if session.names != names:  # a recording was measured
@@ -334,7 +334,7 @@ class Page:
         return self._show_prepared(session, name) | tables | self._show_state(session)
 
     def _begin_run(self, session: Session, chosen: list[str], *settings: Any) -> _Updates:
-        session.apply_settings(PageSettings(**_typed(settings)))
+        session.apply_settings(PageSettings(**_page_values(settings)))
         if session.runs.ready():
             session.run = Run(chosen)
         return {self.steps: gr.Tabs(selected=3), **self._refresh_answers(session)}
@@ -345,8 +345,8 @@ class Page:
     def _answer(self, session: Session, chosen: list[str]) -> _Updates:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
-            shown = {self.checked_shot: gr.Dropdown(choices=names, value=names[0])}
-            return shown | self._show_state(session, draw=True) | self._show_check(session, names[0])
+            updates = {self.checked_shot: gr.Dropdown(choices=names, value=names[0])}
+            return updates | self._show_state(session, draw=True) | self._show_check(session, names[0])
 
     def _name_materials(self, session: Session, materials: str) -> _Updates:
         steps.name_materials(session, json.loads(materials))  # the table is not drawn again: the focus stays
@@ -358,10 +358,11 @@ class Page:
     def _show_check(self, session: Session, name: str) -> _Updates:
         answers, *_, record = session.find_answer(name)
         answers.trials.pop(name, None)
-        shown = self._draw_check(session, name) | {self.trial: words.render("slider_start", record.simulation_in_words)}
+        updates = self._draw_check(session, name)
+        updates[self.trial] = words.render("slider_start", record.simulation_in_words)
         for slider, limits in zip(self.sliders, steps.sliders(session, name).values(), strict=True):
-            shown[slider] = gr.Slider(visible=bool(limits), **(limits or {}))  # type: ignore[arg-type]
-        return shown
+            updates[slider] = gr.Slider(visible=bool(limits), **(limits or {}))  # type: ignore[arg-type]
+        return updates
 
     def _draw_check(self, session: Session, name: str) -> _Updates:
         return {self.check_plot: words.check_plot(session, name), self.facts: words.facts(session, name)}
@@ -374,7 +375,7 @@ class Page:
         return {self.download: gr.DownloadButton(value=str(steps.export(session)))}
 
 
-def _typed(values: Sequence[Any]) -> dict[str, Any]:
+def _page_values(values: Sequence[Any]) -> dict[str, Any]:
     """The values of PAGE_FIELDS by name."""
     return dict(zip(PAGE_FIELDS, values, strict=True))
 
@@ -403,7 +404,7 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
         session = Session(visitors.limits, visitors.reader, visitors.measurer, visitors.store)
         try:
             with uploaded_paths([str(dict(file)["path"]) for file in files or []]) as paths:
-                session.add(paths, PageSettings(**_typed(options)))
+                session.add(paths, PageSettings(**_page_values(options)))
                 problem = "; ".join(session.problems) or "no curve could be read"
                 require(bool(session.curves), problem, "app.no_curve")
                 document = steps.infer(session, session.names).document

@@ -26,7 +26,7 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.material import cached_material_of
 from cavirheo.reporting.record import Pairs, Result
-from cavirheo.settings import Exclude, InferSettings, typed
+from cavirheo.settings import Exclude, InferSettings, checked
 from cavirheo.video.frames import is_video
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
@@ -74,7 +74,7 @@ class PageSettings(InferSettings):
             value = getattr(self, name)
             if value in (None, "", STARTS.get(name)):
                 value = getattr(PageSettings, name)
-            object.__setattr__(self, name, value if value is None else typed(PageSettings, name, value))
+            object.__setattr__(self, name, value if value is None else checked(PageSettings, name, value))
         if self.exclude:
             parse_number_list(self.exclude, "exclude", "video.exclude")
         networks = shipped("point")

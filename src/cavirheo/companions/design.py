@@ -28,7 +28,7 @@ from cavirheo.inference.design import (
     shots_wanted,
     variance,
 )
-from cavirheo.parameters import STRETCH_RANGE, named
+from cavirheo.parameters import STRETCH_RANGE, require_name
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.reporting.answer import CurveRecord, StoredMedium
@@ -332,7 +332,7 @@ def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float)
     """What ranges say. Raises InputError: no such parameter, or an impossible range."""
     names = (*family.parameters, "stretch")
     ends = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
-    ranges = {named(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
+    ranges = {require_name(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
     for name, pair in ranges.items():
         low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
         message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"

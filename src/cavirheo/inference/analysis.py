@@ -19,7 +19,7 @@ from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
-from cavirheo.inference.cards import named
+from cavirheo.inference.cards import network_name
 from cavirheo.inference.checks import (
     ANALYSIS_ERRORS,
     curve_warnings,
@@ -112,7 +112,11 @@ class Analysis:
         expect_whole(self.seed, "seed", 0, "option.seed")
         name = str(self.model)
         point = self.method != "fit" and name != DEFAULT
-        settings: dict[str, Any] = {"model": named(name) if point else name, "medium": WATER, "given": self.given or ()}
+        settings: dict[str, Any] = {
+            "model": network_name(name) if point else name,
+            "medium": WATER,
+            "given": self.given or (),
+        }
         if self.medium is not None:
             settings["medium"] = medium_of(self.medium)
             settings["given"] = tuple(CONSTANTS if self.given is None else self.given)

@@ -261,6 +261,6 @@ def path_of(name: str) -> Path:
     return found[0]
 
 
-def named(name: str) -> str:
+def network_name(name: str) -> str:
     """The name of a shipped network, or the whole path of another: other processes have other folders."""
     return name if name in shipped() else str(path_of(name).absolute())

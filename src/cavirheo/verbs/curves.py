@@ -164,7 +164,7 @@ class Watch(settings.InferSettings, options.AnsweringVerb, options.SharedErrors)
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
-        from cavirheo.column import is_r_max, read_column
+        from cavirheo.column import labelled_by
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting.screen import print_line, print_result
 
@@ -172,8 +172,8 @@ class Watch(settings.InferSettings, options.AnsweringVerb, options.SharedErrors)
         out = self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
         analysis = self.analysis
-        if self.column is not None and not is_r_max(self.column):
-            read_column(self.column)
+        if self.column is not None:
+            labelled_by([], self.column)
         read_settings = settings.shared_values(self, settings.FileSettings)
         del read_settings["column"]
         keywords: dict[str, Any] = {"group": self.group, "column": self.column, "read_timeout": self.patience}

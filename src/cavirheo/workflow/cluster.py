@@ -46,23 +46,18 @@ def identity() -> str:
     from cavirheo.physics.materials import LAWS
     from cavirheo.physics.simulate import simulate
 
-    digest = hashlib.sha256()
+    code = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for path in sorted(package.rglob("*")):
+        name = path.relative_to(package)
+        if path.suffix in (".py", ".npz") and name.parts[0] != "app":  # no answer depends on the app
+            code.update(name.as_posix().encode() + path.read_bytes())
+    bits = hashlib.sha256()
     for material in (LAWS["newtonian"](viscosity=0.03), LAWS["nhkv"](shear_modulus=6e3, viscosity=0.05)):
         for bubble in (FIELD, Bubble("kinetic", ACCOMMODATION)):
             run = simulate(material, max_radius=2.45e-4, stretch=6.0, time=np.linspace(0.0, 1e-4, 200), bubble=bubble)
-            digest.update(run.radius.tobytes())
-    code = code_hash(Path(__file__).parents[1])
-    return f"cavirheo {version('cavirheo')}, code {code[:8]}, last bits {digest.hexdigest()[:8]}"
-
-
-def code_hash(package: Path) -> str:
-    """SHA-256 of the modules and networks in a folder, without the app, on which no answer depends."""
-    digest = hashlib.sha256()
-    for path in sorted(package.rglob("*")):
-        name = path.relative_to(package)
-        if path.suffix in (".py", ".npz") and name.parts[0] != "app":
-            digest.update(name.as_posix().encode() + path.read_bytes())
-    return digest.hexdigest()
+            bits.update(run.radius.tobytes())
+    return f"cavirheo {version('cavirheo')}, code {code.hexdigest()[:8]}, last bits {bits.hexdigest()[:8]}"
 
 
 def required_identity(client: Client, notify: Callable[[str], None], wait: float) -> str:

@@ -30,9 +30,9 @@ from cavirheo.parameters import (
     column_name,
     is_law_parameter,
     matching,
-    named,
     natural_name,
     parameter_of,
+    require_name,
     wide_bound,
 )
 from cavirheo.physics.bubble import Bubble
@@ -133,7 +133,7 @@ class Population:
         return "\n  ".join([f"Population({self.material}, {self.bubble.name}): {self.line}", *self.remarks])
 
     def _column(self, name: str) -> int:
-        known = named(name, self.names, "the population", "population.parameter")
+        known = require_name(name, self.names, "the population", "population.parameter")
         require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.warnings)}", "population.no_draws")
         return self.names.index(known)
 
