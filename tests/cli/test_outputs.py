@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import KnownAnalysis, fit, same
+from answers import KnownAnalysis, fit, same, unanswered
 from conftest import BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
 
 from cavirheo import RadiusCurve, read_curves
@@ -221,6 +221,18 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
     other.remove()
     third.remove()
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
+
+
+def test_a_failed_answer_is_asked_for_again(tmp_path):
+    asked = []
+
+    def fails(curve):
+        asked.append(curve.name)
+        return unanswered("too little memory")
+
+    for _ in range(2):
+        Unfinished(tmp_path, executor=Threads(1)).answers(read_curves(EXAMPLE)[:1], KnownAnalysis(of=fails))
+    assert len(asked) == 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Generator, Iterator, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial, wraps
 from importlib.metadata import version
@@ -31,7 +32,7 @@ from cavirheo.inference.checks import (
 from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
 from cavirheo.messages import Message, is_input_warning
-from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread, run_jobs
+from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import CONSTANTS, WATER, Medium
@@ -205,29 +206,22 @@ class Analysis:
         of the curves can be answered with these settings."""
         curves = as_curves(curves)
         self.check(curves)
-        function, executor = self._workload(curves, None, workers)
-
-        def ready(index: int, answer: Posterior) -> None:
-            if done:
-                done(index, replace(answer, curve=curves[index]))
-
-        answers = run_jobs(function, curves, executor, ready)
-        return [replace(answer, curve=curve) for answer, curve in zip(answers, curves, strict=True)]
+        answers = dict[int, Posterior]()
+        with closing(self.flow(curves, workers=workers)) as flow:
+            for index, answer in flow:
+                answers[index] = replace(answer, curve=curves[index])
+                if done:
+                    done(index, answers[index])
+        return [answers[index] for index in range(len(curves))]
 
     def flow(
-        self, curves: Sequence[RadiusCurve], executor: Executor | None = None
+        self, curves: Sequence[RadiusCurve], executor: Executor | None = None, workers: int | None = None
     ) -> Generator[tuple[int, Posterior], None, None]:
-        """(index of the curve, its answer) in the order in which they are ready, computed by an executor or on all
-        cores of this machine, without its curve. Closing the generator cancels the curves that have not started."""
-        function, chosen = self._workload(curves, executor, None)
-        return chosen.map_unordered(function, list(curves))
-
-    def _workload(
-        self, curves: Sequence[RadiusCurve], executor: Executor | None, workers: int | None
-    ) -> tuple[Callable[[RadiusCurve], Posterior], Executor]:
-        """The function that answers one curve, and the executor."""
+        """(index of the curve, its answer) in the order in which they are ready, computed by an executor or on
+        `workers` cores of this machine, without its curve. Closing it drops the curves that have not started."""
         threads = 1 if executor else max(cores(workers) // max(len(curves), 1), 1)
-        return partial(_answer, self, threads), executor or default_executor(len(curves), workers)
+        executor = executor or default_executor(len(curves), workers)
+        return executor.map_unordered(partial(_answer, self, threads), list(curves))
 
     def answer(self, curve: RadiusCurve, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason."""
