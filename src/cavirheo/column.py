@@ -29,9 +29,9 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
 
     Raises InputError: no such table, a name without a curve, a curve without a value, or no group with several values.
     """
-    labelled, remarks = labelled_by(curves, path)
-    if remarks:
-        raise InputError("; ".join(remarks), "column.names")
+    labelled, errors = labelled_by(curves, path)
+    for error in errors:
+        raise error
     groups: dict[tuple[str, str], set[float]] = {}
     for curve in labelled:
         groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
@@ -50,8 +50,8 @@ def is_r_max(path: str | Path) -> bool:
     return str(path) == R_MAX
 
 
-def labelled_by(curves: Sequence[RadiusCurve], path: str | Path) -> tuple[list[RadiusCurve], list[str]]:
-    """Return (the curves, with their values if there are any; remarks on names without a curve and curves without a
+def labelled_by(curves: Sequence[RadiusCurve], path: str | Path) -> tuple[list[RadiusCurve], list[InputError]]:
+    """Return (the curves, with their values if there are any; errors on names without a curve and curves without a
     value). Raises InputError: as `read_column`, and `is_r_max`."""
     labelled = list(curves)
     if is_r_max(path):
@@ -70,15 +70,18 @@ def labelled_by(curves: Sequence[RadiusCurve], path: str | Path) -> tuple[list[R
             labelled[k] = curve.labelled(column={title: values[name]})
         else:
             without.append(curve.name)
-    remarks = []
+    errors = []
+    if not values:
+        message = f"{path}: no line below the titles, the second of which is {title}"
+        errors.append(InputError(message, "column.empty"))
     if unknown := [name for name in values if name not in names_of_curves]:
         there = listed([curve.name for curve in curves])
-        remarks.append(f"{path}: nothing here is called {listed(unknown)}; there is {there}")
+        message = f"{path}: nothing here is called {listed(unknown)}; there is {there}"
+        errors.append(InputError(message, "column.unknown"))
     if without:
-        remarks.append(
-            f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
-        )
-    return labelled, remarks
+        message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
+        errors.append(InputError(message, "column.missing"))
+    return labelled, errors
 
 
 def read_column(path: str | Path) -> tuple[str, dict[str, float]]:

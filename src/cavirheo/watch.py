@@ -175,11 +175,11 @@ class Watch:
         if self.column is None:
             return curves
         try:
-            labelled, missing = labelled_by(curves, self.column)
+            labelled, errors = labelled_by(curves, self.column)
         except InputError as error:  # incomplete, or with a mistake: shots are answered without it
             self._notify_once(f"{error}; {self.column.name} does not count until this is mended")
-            labelled, missing = curves, [str(error)]
-        remarks += missing
+            labelled, errors = curves, [error]
+        remarks += map(str, errors)
         return labelled
 
     def _complete(self) -> list[tuple[Path, State]]:
