@@ -250,22 +250,16 @@ def design(
     Method: the information of emulated recordings, docs/how-to/design.md; accuracy: docs/validation.md.
     """
     rig = rig or Rig()
-    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
-    require(draws >= 2, f"two draws are the least, got {draws}", "design.draws")
+    _check_numbers(wanted, spread, draws)
     family, half_width = Family(rig.material), float(np.log10(1.0 + wanted))
-    prior = _prior(family, ranges or {}, spread or 0.0)
-    if known is not None:
-        prior = _prior_of(known, group, family, prior, spread)
+    prior = _prior_of(known, group, family, _prior(family, ranges or {}, spread or 0.0), spread)
     logs, settings = prior.draw(draws, seed), rig.settings()
     (bubble,) = bubbles_of(rig.bubble)
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
     expected = shots.expectations(settings, done)
     rows = [_row(prior, half_width, *columns) for columns in zip(settings, expected, strict=True)]
-    require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
-    best = min(range(len(rows)), key=lambda i: (np.inf if rows[i].shots is None else rows[i].shots, -rows[i].gain_nats))
     scatter = np.sqrt(np.diag(prior.scatter))
-    quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0).T
+    quantiles = [Quantity.from_interval(*ends) for ends in 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0).T]
     return Design(
         command="cavirheo.design",
         material=rig.material,
@@ -274,14 +268,24 @@ def design(
         wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
         spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
-        known={
-            name: Quantity.from_interval(*ends)
-            for name, ends in zip((*family.parameters, "stretch"), quantiles, strict=True)
-        },
+        known=dict(zip((*family.parameters, "stretch"), quantiles, strict=True)),
         shots_before=prior.shots,
         settings=rows,
-        next=best,
+        next=_best_setting(rows),
     )
+
+
+def _check_numbers(wanted: float, spread: float | None, draws: int) -> None:
+    """Raises InputError for an argument of `design` that is out of its domain."""
+    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
+    require(draws >= 2, f"two draws are the least, got {draws}", "design.draws")
+
+
+def _best_setting(rows: Sequence[DesignedSetting]) -> int:
+    """`Design.next`. Raises InputError: no row is readable."""
+    require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
+    return min(range(len(rows)), key=lambda i: (np.inf if rows[i].shots is None else rows[i].shots, -rows[i].gain_nats))
 
 
 def _row(prior: _Prior, half_width: float, setting: Setting, expected: Sequence[Expectation | None]) -> DesignedSetting:
@@ -346,9 +350,11 @@ def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float)
 
 
 def _prior_of(
-    known: Result | str | Path, group: str | None, family: Family, prior: _Prior, spread: float | None
+    known: Result | str | Path | None, group: str | None, family: Family, prior: _Prior, spread: float | None
 ) -> _Prior:
-    """What a result says of the material, and of the stretch unless a range of it is given."""
+    """`prior` with what a result says of the material, and of the stretch unless a range of it is given."""
+    if known is None:
+        return prior
     if not isinstance(known, Result):
         known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
     chosen, rows = _answers(known, group, family)
