@@ -89,7 +89,7 @@ simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --fps 1e15 | fram
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --pulse 1 1 1 --driving p.csv | --pulse
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --driving p.csv | p.csv
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --fields | --fields
-simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --contents kinetic | out --polytropic
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --contents kinetic | --polytropic
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --accommodation 0.1 | --contents kinetic
 """.splitlines()[1:]
 

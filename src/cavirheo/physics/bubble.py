@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-from cavirheo.errors import brief, require
+from cavirheo.errors import InputError, brief, require
 from cavirheo.parameters import NOT_NEGATIVE, Domain, check, domain
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
@@ -103,9 +103,11 @@ class Bubble:
         require(isinstance(self.damage, Damage) or self.damage in DAMAGES, message, "option.damage")
         both = "give either confinement_inertia or wall_distance, not both"
         require(self.wall_distance is None or self.confinement_inertia == 0, both, "physics.two_walls")
-        condenses = self.contents != "equilibrium" or self.vapour_excess != 0
-        twice = "a polytropic gas has no condensation: leave out exponent, or kinetic contents and vapour_excess"
-        require(self.exponent is None or not condenses, twice, "physics.contents_twice")
+        if self.exponent is not None and (self.contents != "equilibrium" or self.vapour_excess != 0):
+            message = (
+                "with an exponent of the gas (--polytropic) no vapour condenses: leave it out, or kinetic contents"
+            )
+            raise InputError(f"{message} contents and vapour_excess", "physics.contents_twice")
 
     def check_known(self) -> None:
         """Raises InputError for a value that is "free"; the message says what to give instead."""

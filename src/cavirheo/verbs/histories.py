@@ -179,7 +179,7 @@ class Simulate(options.Verb, settings.Liquid):
         run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES_FILE}")
 
     def make_bubble(self) -> Bubble:
-        """Return the bubble of the options. Raises InputError, with the names of options."""
+        """Return the bubble of the options. Raises InputError."""
         from cavirheo.physics.bubble import ACCOMMODATION, Bubble, Damage
 
         idle = self.accommodation is not None and self.contents != "kinetic"
@@ -187,11 +187,8 @@ class Simulate(options.Verb, settings.Liquid):
         values = settings.shared_values(self, Bubble) | {"exponent": self.polytropic}
         values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
         values["wall_distance"] = self.wall_distance_um and self.wall_distance_um * 1e-6
-        try:
-            values["damage"] = Damage(*self.damage) if self.damage else "none"
-            return Bubble(**values)
-        except InputError as error:
-            raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
+        values["damage"] = Damage(*self.damage) if self.damage else "none"
+        return Bubble(**values)
 
     def make_law(self) -> Material:
         """Return the material: a name, with parameters from the options, or a sum of laws with its own parameters."""
