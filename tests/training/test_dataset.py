@@ -6,24 +6,22 @@ import os
 import pickle
 import re
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
-from answers import KnownAnalysis
-from conftest import EXAMPLE, LIQUID, PROBLEM, ROOT, code_of, contents, refused
+from conftest import LIQUID, PROBLEM, ROOT, code_of, contents, refused
 from scipy.stats import kstest
 
-from cavirheo import Posterior, read_curves
+from cavirheo import Posterior
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
 from cavirheo.posterior import Checks
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
 from cavirheo.training.dataset import generate, load, survey
 from cavirheo.training.trajectories import BLOCK, COLUMNS, DOMAIN, block
-from cavirheo.workflow.store import Store, Unfinished
+from cavirheo.workflow.store import Store
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
 GEL = TrainingProblem("nhkv", Prior.uniform(RANGES))
@@ -227,26 +225,6 @@ def test_a_single_bit_that_changed_is_noticed(tmp_path):
     for read in (load, survey):
         with refused("dataset.unreadable", "delete it and generate again"):
             read(path.parent)
-
-
-def known(curve, failing=()):
-    verdict = "failed" if curve.name in failing else "ok"
-    theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius)
-    return Posterior(("stretch",), ("1",), theta, Checks(verdict), "nhkv", "verified")
-
-
-def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path):
-    curves = read_curves(EXAMPLE)
-    analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
-    for most, held in ((5, [0, 1, 2, 3, 4]), (4, [2])):  # the failed one has no file
-        kept = Unfinished(tmp_path, visible=False, capacity=most)
-        answers = kept.answers(curves, analysis)
-        assert answers.indices == list(range(5))
-        assert [i for i in range(5) if answers[i] is answers[i]] == held
-        for curve, answer in zip(curves, answers, strict=True):
-            np.testing.assert_array_equal(answer.theta, known(curve, failing=(curves[2].name,)).theta)
-        kept.remove()
-        assert code_of(lambda made=answers: made[0]) == "unfinished.gone"
 
 
 class Trap:
