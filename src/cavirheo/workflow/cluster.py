@@ -103,9 +103,8 @@ class Workers:
         another identity, a job ended several workers, or the scheduler is gone. Also raises errors of `function`."""
         from distributed import KilledWorker, as_completed
 
-        futures = self.client.map(partial(_run, self.required, function), jobs, pure=False)
-        indices = {future: index for index, future in enumerate(futures)}
-        del futures
+        run = partial(_run, self.required, function)
+        indices = {self.client.submit(run, job, pure=False): index for index, job in enumerate(jobs)}
         try:
             for future in as_completed(list(indices), loop=self.client.loop):
                 yield indices.pop(future), future.result()
