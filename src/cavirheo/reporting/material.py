@@ -1,4 +1,4 @@
-"""The material of a group's shots as result.json and laws.json hold it: one line for a paper, then the numbers."""
+"""The material of a group's shots as result.json holds it: one line for a paper, then the numbers."""
 
 from __future__ import annotations
 
