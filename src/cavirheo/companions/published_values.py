@@ -163,11 +163,6 @@ def read_sets(paths: Iterable[str | Path]) -> list[list[ReferenceSet]]:
     return sources
 
 
-def values_of(sets: Iterable[ReferenceSet]) -> dict[str, Published]:
-    """Values by set."""
-    return {reference.name: reference.values for reference in sets}
-
-
 def in_sets(curves: Iterable[RadiusCurve], sources: Sequence[Sequence[ReferenceSet]]) -> list[RadiusCurve]:
     """The curves, each in the group of its set if `files` of a set, or the name of the set, is its path.
 
@@ -182,25 +177,22 @@ def in_sets(curves: Iterable[RadiusCurve], sources: Sequence[Sequence[ReferenceS
     return grouped
 
 
-def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, Published]:
-    """The values of each set by the group of the same name; those of a single set without such a group, by all groups.
+def by_group(names: Iterable[str], sources: Iterable[Sequence[ReferenceSet]]) -> dict[str, Published]:
+    """The values of each set by the group of the same name; those of a source with one set that has no such group, by
+    all groups.
 
-    Raises InputError: several sets, and no group has the name of one.
+    Raises InputError: a source has several sets, and no group has the name of one.
     """
-    names = list(names)
-    if not sets.keys().isdisjoint(names):
-        return dict(sets)
-    message = f"no set has the name of a group (sets {listed(list(sets))}; groups {listed(names)}): give both the same"
-    require(len(sets) < 2, f"{message} name, or write into the column files what is answered", "references.groups")
-    return {group: values for values in sets.values() for group in names}
-
-
-def by_group_of_all(names: Iterable[str], sources: Iterable[Sequence[ReferenceSet]]) -> dict[str, Published]:
-    """The values of `by_group` for all sources of `read_sets`. Raises InputError: as `by_group`."""
     names, merged = list(names), dict[str, Published]()
     for sets in sources:
-        for group, values in by_group(names, values_of(sets)).items():
-            merged[group] = {**merged.get(group, {}), **values}
+        values: dict[str, Published] = {reference.name: reference.values for reference in sets}
+        if values.keys().isdisjoint(names):
+            message = f"no set has the name of a group (sets {listed(list(values))}; groups {listed(names)}): give "
+            message += "both the same name, or write into the column files what is answered"
+            require(len(sets) < 2, message, "references.groups")
+            values = {group: reference.values for reference in sets for group in names}
+        for group, published in values.items():
+            merged[group] = {**merged.get(group, {}), **published}
     return merged
 
 

@@ -23,12 +23,11 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.cards import Arrays, Layers, ModelCard, card, path_of, read_weights
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, spike_warnings, window
+from cavirheo.inference.emulator import Bubbles, Camera, emulator
 from cavirheo.messages import Message
 from cavirheo.parameters import STRETCH_RANGE, natural_name, to_natural, to_prior_scale
-from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import Medium
-from cavirheo.physics.simulate import simulate_many
 from cavirheo.posterior import Diagnostics
 from cavirheo.prior import TrainingProblem, natural_values
 
@@ -36,7 +35,7 @@ MODULUS = "shear_modulus"
 MIN_SAMPLES = 0.9  # least share of the network's samples inside the recording; the others repeat the last one
 SIZE_RANGE = (0.73, 1.35)  # R_max over that of the training, error of log10 mu up to 0.03 (docs/reproduction.md)
 ATTENTION = 2_000_000  # numbers in the attention weights of the curves that are computed together
-_ACCURACY = Accuracy(48, 1e-3)  # accuracy of simulations that are only compared with each other
+STRETCHES = 500  # that are compared, 0.7 % apart
 
 Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks` with a verdict, and input warnings
 
@@ -242,25 +241,13 @@ def _outside(name: str, value: float, low: float, high: float, **more: float) ->
 
 
 def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
-    """The stretch R_max/R_0 with the smallest RMSE. The whole range is scanned first, because a rebound may slip by a
-    period. Raises SolverError: no simulation succeeded."""
-    top, measured = view.curve.max_radius, view.normalised
-    shot: Any = {"max_radius": top, "time": view.time_since_max, "medium": medium, "workers": 1, "accuracy": _ACCURACY}
-
-    def misfit(stretches: Floats) -> Floats:
-        """(k,) RMSE/R_max, infinite where a simulation failed."""
-        runs = simulate_many([material] * len(stretches), stretch=stretches, **shot)
-        return np.array([np.sqrt(np.mean((run.radius / top - measured) ** 2)) if run.ok else np.inf for run in runs])
-
-    grid = np.geomspace(*STRETCH_RANGE, 18)
-    errors = misfit(grid)
-    best = int(np.argmin(errors))
-    if not np.isfinite(errors[best]):
-        raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
-    bracket = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    from scipy.optimize import minimize_scalar  # a tenth of a second to import
-
-    def cost(stretch: float) -> float:
-        return float(misfit(np.array([stretch]))[0])
-
-    return float(minimize_scalar(cost, bounds=bracket, method="bounded", options={"xatol": 0.01}).x)
+    """The stretch R_max/R_0 with the smallest RMSE, of the whole range, by the emulator: a rebound may slip by a
+    period. Raises SolverError: there is no such bubble at any stretch."""
+    stretches, whole = np.geomspace(*STRETCH_RANGE, STRETCHES), np.ones(STRETCHES)
+    equilibrium, no_damping, size = np.inf * whole, 0.0 * whole, view.curve.max_radius * whole
+    bubbles = Bubbles(material, medium, size, stretches, equilibrium, no_damping, whole, whole)
+    sharp = Camera(view.time_since_max, np.zeros(1), np.ones(1), 0.0 * whole)
+    errors = np.mean((emulator().radius(bubbles, sharp) - view.normalised) ** 2, axis=1)
+    if not np.isfinite(errors).any():
+        raise SolverError(f"there is no bubble of {material} at any stretch in {STRETCH_RANGE}")
+    return float(stretches[np.nanargmin(errors)])

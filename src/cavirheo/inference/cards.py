@@ -18,7 +18,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, Field, NonNegativeInt, PositiveInt, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from cavirheo.errors import InputError, read_bytes, read_object, validation_message
 from cavirheo.parameters import LOG10, parameter_of
@@ -63,36 +63,6 @@ class Layers(BaseModel):
     norm_epsilon: Annotated[float, Field(gt=0)]
 
 
-class _Data(BaseModel):
-    """The training set of a network.
-
-    Attributes:
-        n: number of curves in the set.
-        seed: random seed of the set.
-        sha256: SHA-256 of the content of the set.
-        train: number of curves in the training part.
-        test: number of curves in the test part, which the training did not see.
-    """
-
-    n: PositiveInt
-    seed: NonNegativeInt
-    sha256: Digest
-    train: PositiveInt
-    test: PositiveInt
-
-
-class _Score(BaseModel):
-    """The accuracy of an output on the curves of the test part.
-
-    Attributes:
-        r2: coefficient of determination R², in the scale of the prior.
-        median_absolute_error: median absolute error, in the scale of the prior (decades for "log10").
-    """
-
-    r2: float
-    median_absolute_error: float
-
-
 class _File(BaseModel):
     """The file of weights.
 
@@ -112,13 +82,14 @@ class _Card(BaseModel):
     Attributes:
         schema_version: number of the schema, 2; its key in the file is `schema`.
         name: name of the network and its files.
-        data: the training set.
+        data: the training set: "n" curves, its "seed" and "sha256", and the numbers of curves in "train" and in "test",
+            which the training did not see.
         weights: the file that the card describes.
     """
 
     schema_version: Literal[2] = Field(alias="schema")
     name: str = Field(pattern="^[a-z0-9][a-z0-9.-]*$")
-    data: _Data
+    data: dict[str, Any]
     weights: _File
 
 
@@ -132,7 +103,8 @@ class ModelCard(_Card):
         problem: prior, medium, grid of times and reference R_max of the training set.
         outputs: the outputs.
         network: sizes of its layers.
-        metrics: accuracy on the test part, by output.
+        metrics: accuracy on the test part, by output, in the scale of the prior (decades for "log10"): the coefficient
+            of determination R² and the median absolute error.
         history: losses of every epoch on the "train" and "validation" parts.
     """
 
@@ -141,7 +113,7 @@ class ModelCard(_Card):
     problem: dict[str, Any]
     outputs: list[_Answers] = Field(min_length=1)
     network: Layers
-    metrics: dict[str, _Score]
+    metrics: dict[str, dict[str, float]]
     history: dict[Literal["train", "validation"], list[float]] = {}
 
     @model_validator(mode="after")
@@ -161,35 +133,19 @@ class ModelCard(_Card):
         return self
 
 
-class _Errors(BaseModel):
-    """RMS error of the frames of a curve, up to the rebound that follows its third collapse, over R_max: quantiles over
-    the curves that the training did not see.
-
-    Attributes:
-        median: the median.
-        p90: 90 % of the curves have smaller errors.
-        p95: 95 % of the curves have smaller errors.
-        p99: 99 % of the curves have smaller errors.
-    """
-
-    median: float
-    p90: float
-    p95: float
-    p99: float
-
-
 class EmulatorCard(_Card):
     """The card of an emulator (inference/emulator.py). It has further entries for readers (training/train.py).
 
     Attributes:
         kind: kind of the network: "emulator".
         domain: what its curves were drawn from.
-        errors: accuracy on the test part.
+        errors: RMS error of the frames of a curve, up to the rebound that follows its third collapse, over R_max:
+            quantiles over the test part.
     """
 
     kind: Literal["emulator"]
     domain: dict[str, Any]
-    errors: _Errors
+    errors: dict[Literal["median", "p90", "p95", "p99"], float]
 
 
 def card(path: Path) -> dict[str, Any]:

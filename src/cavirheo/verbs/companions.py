@@ -33,7 +33,7 @@ class Compare(options.PrintingVerb):
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.published_values import TABLE, by_group_of_all, joined, read_sets, write_comparison
+        from cavirheo.companions.published_values import TABLE, by_group, joined, read_sets, write_comparison
         from cavirheo.loading import load
         from cavirheo.reporting import DOCUMENTS, comparison, html
         from cavirheo.reporting.record import Result
@@ -45,7 +45,7 @@ class Compare(options.PrintingVerb):
         inputs = [path / "result.json" if path.is_dir() else path for path in self.results] + self.references
         report = Outputs(self.out, *DOCUMENTS, inputs=inputs)
         document = joined(answers, **run.document_fields)
-        document.add_published(by_group_of_all([group.name for group in document.groups], sets))
+        document.add_published(by_group([group.name for group in document.groups], sets))
         report.write("result.json", write_json, document)
         report.write("result.csv", write_rows, *csv_rows(document))
         report.write("report.html", html.write, document, dict.fromkeys(range(len(document.curves)), ""))

@@ -32,7 +32,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
     references: Annotated[list[Path] | None, option(options.REFERENCES, INPUT)] = None
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.published_values import TABLE, by_group_of_all, in_sets, read_sets, write_comparison
+        from cavirheo.companions.published_values import TABLE, by_group, in_sets, read_sets, write_comparison
         from cavirheo.reporting import DOCUMENTS
         from cavirheo.reporting.record import CurveAnswers, group_names
         from cavirheo.reporting.screen import print_result
@@ -53,7 +53,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             curves = self.read_curves(run, files)
             unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = in_sets(curves, sets)
-            published = by_group_of_all(group_names(curves), sets)
+            published = by_group(group_names(curves), sets)
             analysis.check(curves)
             answers = unfinished.answers(curves, analysis)
         note = unfinished.note(len(answers), len(curves))
