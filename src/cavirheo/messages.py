@@ -135,12 +135,6 @@ def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
     return f"check the scale of radius and time: {collapse}; {soft}: {advice}"
 
 
-def _moved(factors: Mapping[str, float], frames: int) -> str:
-    words = " and ".join(f"{_spaced(name)} times {factor:.2g}" for name, factor in factors.items())
-    without = f"without {digits.counted(frames, 'frame')} it would be {words}"
-    return f"check the recording: frames that stand out by 20 % of R_max move the answer: {without}"
-
-
 def _state(kind: str, bubble: str, **switches: float) -> str:
     words = {"liquid": "liquid", "stiffening": "stiffens", "field_bubble": "field's bubble"}
     parts = (f"{words[name]}: {100.0 * value:.0f} %" for name, value in switches.items())
@@ -275,7 +269,6 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "check_input.constant": _impossible,
     "check_input.frames_repeated": _repeated,
     "check_input.scale": _scale,
-    "check_input.spikes": _moved,
     "frames.other_bubble": lambda frames, since: (
         "the end is left out, where the radius rises again as by another bubble: "
         f"{frames} frames from {1e6 * since:.4g} us after R_max on"

@@ -69,8 +69,8 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: ANSWER.median(7), "7"),
     (lambda: ANSWER.interval("mu", 95), "0.95"),
     (lambda: cavirheo.design(ranges={"E": (1e3, 1e4)}), "'E'"),
-    (lambda: cavirheo.predict_radius(CURVE, ANSWER, [np.nan]), "[nan]"),
-    (lambda: cavirheo.predict_radius(CURVE, ANSWER, TIME), "draws"),
+    (lambda: cavirheo.predict_radius(ANSWER, [np.nan]), "[nan]"),
+    (lambda: cavirheo.predict_radius(ANSWER, TIME), "draws"),
     (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),
     (lambda: cavirheo.load(7), "7"),
 ]

@@ -64,7 +64,7 @@ def predicted(recording: Recording, options: list[str], at: np.ndarray) -> np.nd
     curve, medium = read_curves(recording.path)[0], Medium(density=recording.density)
     curve = curve.labelled(exposure_s=recording.exposure)
     answer = {"infer": infer, "fit": fit}[verb](curve, medium=medium, trust_input=True, **how)
-    return np.array(predict_radius(curve, answer, at))
+    return np.array(predict_radius(answer, at))
 
 
 if __name__ == "__main__":

@@ -262,8 +262,8 @@ class Analysis:
         """The value that a network reads off a curve."""
         medium = self.medium_for(curve)
         stretch: Any = None if self.stretch == "free" else self.stretch
-        values, warnings = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
-        values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
+        values = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
+        values["checks"] = warned(values["checks"], curve_warnings(curve, medium), self.trust_input)
         provenance = {**empty.provenance, **values.pop("provenance", {})}
         return replace(empty, **values, provenance=provenance)
 

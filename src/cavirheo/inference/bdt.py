@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.cards import Arrays, Layers, ModelCard, card, path_of, read_weights
-from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, spike_warnings, window
+from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.emulator import Bubbles, Camera, emulator
 from cavirheo.messages import Message
 from cavirheo.parameters import STRETCH_RANGE, natural_name, to_natural, to_prior_scale
@@ -36,8 +37,6 @@ MIN_SAMPLES = 0.9  # least share of the network's samples inside the recording; 
 SIZE_RANGE = (0.73, 1.35)  # R_max over that of the training, error of log10 mu up to 0.03 (docs/reproduction.md)
 ATTENTION = 2_000_000  # numbers in the attention weights of the curves that are computed together
 STRETCHES = 500  # that are compared, 0.7 % apart
-
-Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks` with a verdict, and input warnings
 
 
 class Network:
@@ -181,16 +180,16 @@ def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[F
     return theta, values, int(np.count_nonzero(~measured))
 
 
-def scaled_values(network: Network, values: dict[str, float]) -> Floats:
-    """Values of `shot_values` by name as (outputs,) in the prior's scale."""
-    return np.array([to_prior_scale(name, value) for name, value in zip(network.outputs, values.values(), strict=True)])
-
-
 def read_values(
     curve: RadiusCurve, network: Network, medium: Medium, stretch: float | None, collapses: int | None
-) -> Answer:
-    """The answer of a network of one value. The stretch, if not given, is fitted to at most `collapses` collapses."""
-    problem, outputs = network.problem, network.outputs
+) -> dict[str, Any]:
+    """The fields of a Posterior, with checks and verdict, from a network of one value. The stretch, if not given, is
+    fitted to at most `collapses` collapses. Frames that stand out are left out."""
+    problem, outputs, wrong = network.problem, network.outputs, curve.spikes()
+    if wrong:
+        radius = curve.radius.copy()
+        radius[wrong] = np.nan
+        curve = replace(curve, radius=radius)
     theta, values, missing = shot_values(network, curve, medium)
     view = network_window(network, curve, medium, collapses)
     material, source = MATERIALS[problem.material_name](**values), "given"
@@ -212,14 +211,16 @@ def read_values(
     modulus = next((name for name in outputs if natural_name(name) == MODULUS), None)
     if modulus and ranges[modulus][0] - theta[outputs.index(modulus)] > 0.02:
         messages.append(Message("network.liquid"))
+    if wrong:
+        messages.append(Message("frames.spikes", {"frames": len(wrong)}))
     if missing:
         messages.append(Message("network.cut_short", {"missing": missing, "samples": problem.grid.frames}))
     simulated = reconstruct(view, material, medium, stretch)
     if not modulus and np.sqrt(np.mean(simulated["residual_over_rmax"] ** 2)) > MISFIT:
         messages.append(Message("network.elastic"))
-    point = scaled_values(network, values)
+    point = np.array([to_prior_scale(name, value) for name, value in zip(outputs, values.values(), strict=True)])
     best = {natural_name(name): float(to_natural(name, x)) for name, x in zip(outputs, point, strict=True)}
-    fields = {
+    return {
         "theta": point[None],
         "checks": check_simulation(view, simulated, medium.time_scale(curve.max_radius), "unverified", messages),
         "best": best | {"stretch": stretch},
@@ -227,11 +228,6 @@ def read_values(
         "diagnostics": Diagnostics(stretch_source=source),
         "provenance": {"stretch": stretch, "stretch_source": source},
     }
-
-    def read(curve: RadiusCurve) -> Floats:
-        return scaled_values(network, shot_values(network, curve, medium)[1])
-
-    return fields, spike_warnings(curve, outputs, read, point)
 
 
 def _outside(name: str, value: float, low: float, high: float, **more: float) -> Message:

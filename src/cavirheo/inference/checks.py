@@ -1,9 +1,8 @@
 """The checks of an answer: the comparison of its simulation with the measured curve, and input warnings on the
 recording and its settings, with which an answer is never `ok`.
 
-Frames that stand out give a warning only if they change the answer: the recording is read once more without them. A
-maximum between two frames, or up to one frame before the first, gives no warning, because the priors of the clock and
-of R_max allow for it (experiment.py), and so does the interval.
+Frames that stand out do not count. A maximum between two frames, or up to one frame before the first, gives no warning,
+because the priors of the clock and of R_max allow for it (experiment.py), and so does the interval.
 
 *Scale and rate.* The first collapse in a gel with the shear modulus G comes sqrt(1 + Be G/p) times earlier than in a
 liquid. It also comes earlier in a soft material whose radii were given too large, or whose times too short. The stretch
@@ -17,7 +16,7 @@ of the first collapse time, so that the same simulations serve all curves.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -32,7 +31,6 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.messages import Message, message_of_error
-from cavirheo.parameters import LOG10, natural_name
 from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt
@@ -50,7 +48,6 @@ ANALYSIS_ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
 MISFIT = 0.03  # RMSE/R_max above which the model does not fit (docs/method/verdicts.md)
 _POINTS = 800  # points of a simulated curve, for drawing
 REBOUND_FRAMES = 3  # fewest frames after the first collapse that show a rebound
-MIN_CHANGE = 1.5  # factor by which a parameter must change for a warning
 USUAL_COLLAPSE = (0.7, 1.4)  # first collapse of liquids and gels below 50 kPa, Rayleigh times after R_max
 # largest stretch of gels: 3.4 for G above 400 kPa, else 3.4 (400 kPa/G)^0.25
 STIFF_MODULUS, STIFF_STRETCH, STIFF_FALL = 4e5, 3.4, 0.25
@@ -208,25 +205,6 @@ def _smoothed(values: Floats, frames: int, degree: int) -> Floats:
     half = frames // 2
     weights = np.linalg.pinv(np.vander(np.arange(-half, half + 1.0), degree + 1, increasing=True))[0]
     return np.convolve(np.pad(values, half, mode="reflect"), weights[::-1], mode="valid")
-
-
-def spike_warnings(
-    curve: RadiusCurve, names: Sequence[str], read: Callable[[RadiusCurve], Floats], theta: Floats
-) -> list[Message]:
-    """A message if a parameter changes by more than MIN_CHANGE without the frames that stand out. theta: (parameters,)
-    values with these names in the prior's scale, read off the curve; read: reads them off another curve."""
-    wrong, radius = curve.spikes(), curve.radius.copy()
-    if not wrong:
-        return []
-    radius[wrong] = np.nan
-    try:
-        change = read(replace(curve, radius=radius)) - theta
-    except InputError:  # not a valid curve without these frames: nothing to compare
-        return []
-    logs = [(name, by) for name, by in zip(names, change, strict=True) if name.startswith(LOG10)]
-    factors = {natural_name(name): float(10.0**by) for name, by in logs}
-    far = {name: factor for name, factor in factors.items() if not 1.0 / MIN_CHANGE <= factor <= MIN_CHANGE}
-    return [Message("check_input.spikes", {"frames": len(wrong), "factors": far})] if far else []
 
 
 def failed_checks(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:

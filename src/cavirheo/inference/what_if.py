@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,6 @@ from cavirheo.posterior import Checks, Posterior, check_level
 DRAWS = 100  # draws of a posterior that are simulated
 VELOCITY_STEP = 1e-3  # t_c, of the differences that give the wall's velocity
 LINE_POINTS = 800  # of an emulated line, for drawing
-SAME_RADIUS = 0.01  # over R_max: half the frames of the answered curve are nearer than this to the compared ones
 WIDEST_SCALE = 0.19  # half-width about 1 of a range that contains every inferred radius scale
 
 
@@ -38,37 +37,34 @@ class PredictedRadius(NamedTuple):
     high: Floats
 
 
-def predict_radius(
-    curve: RadiusCurve, posterior: Posterior, time: ArrayLike, *, level: float = 0.9, draws: int = DRAWS
-) -> PredictedRadius:
+def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9, draws: int = DRAWS) -> PredictedRadius:
     """The radius that an answer predicts at any time, for example in frames that were not compared with it.
 
     If the answer is right, no other prediction has a smaller expected square error than the mean. The ends are those
     of what a frame there would measure: with its noise, and the discrepancy between simulations and compared frames.
 
     Args:
-        curve: the recording that was answered.
-        posterior: its answer, with draws.
-        time: (n,) s, on the clock of the curve. Before R_max the bubble is mirrored.
+        posterior: the answer, with draws.
+        time: (n,) s, on the clock of its curve. Before R_max the bubble is mirrored.
         level: probability that a frame measures a radius between the two ends.
         draws: number of draws to simulate, some milliseconds each.
 
     Returns: three arrays (n,) in m.
 
-    Raises InputError: an answer without draws or of another curve, a time that is not finite, a level outside 0 to 1,
-    fewer than two draws; SolverError: more than half of the draws cannot be simulated.
+    Raises InputError: an answer without draws or curve, a time that is not finite, a level outside 0 to 1, fewer than
+    two draws; SolverError: more than half of the draws cannot be simulated.
     """
     time = as_numbers("time", time)
     fine = time.ndim == 1 and len(time) > 0 and bool(np.all(np.isfinite(time)))
     require(fine, f"times must be one row of finite numbers, got {brief(time.tolist())}", "curve.time")
-    message = f"a prediction needs an answer with draws; that of {posterior.method} has {len(posterior.theta)}"
-    require(posterior.medium is not None and len(posterior.theta) > 1, message, "predict.draws", curve.name)
-    message = "the answer is of another recording: give the curve that was answered"
-    require(_is_of(posterior, curve), message, "predict.other_curve", curve.name)
+    curve, medium = posterior.curve, posterior.medium
+    if curve is None or medium is None or len(posterior.theta) < 2:
+        message = f"a prediction needs an answer with its curve and draws; that of {posterior.method} has "
+        raise InputError(f"{message}{len(posterior.theta)} draws", "predict.draws", posterior.name)
     check_level(level)
     expect_whole(draws, "draws", 2)
     rng, radii, frames = np.random.default_rng(0), list[Floats](), list[Floats]()
-    setup = posterior.material, cast(Medium, posterior.medium), _compared_end(curve, posterior)
+    setup = posterior.material, medium, _compared_end(curve, posterior)
     shots = {bubble: _experiment(curve, bubble, *setup) for bubble in (posterior.bubble, FIELD)}
     noise = shots[posterior.bubble].noise(bool(posterior.provenance.get("discrepancy")))
     since, step = time - curve.time_of_max, VELOCITY_STEP * shots[FIELD].time_scale
@@ -138,17 +134,6 @@ def _emulated_checks(shot: Experiment, x: Floats) -> Checks:
 def _bubble_of(posterior: Posterior, values: Mapping[str, float]) -> Bubble:
     """The bubble of the answer; the field's if a real one has no damping, as have the draws of that switch."""
     return FIELD if posterior.bubble == REAL and values.get("confinement_damping") == 0.0 else posterior.bubble
-
-
-def _is_of(posterior: Posterior, curve: RadiusCurve) -> bool:
-    """Whether the radii that were compared with an answer are those of this curve."""
-    checks: Any = posterior.checks
-    if checks.residual_over_rmax is None:
-        return True
-    measured = np.interp(checks.compared_time, curve.time, curve.radius)
-    simulated = np.interp(checks.compared_time, checks.reconstruction_time, checks.reconstruction_radius)
-    difference = (measured - simulated) / curve.max_radius - checks.residual_over_rmax
-    return bool(np.nanmedian(np.abs(difference)) < SAME_RADIUS)
 
 
 def _compared_end(curve: RadiusCurve, posterior: Posterior) -> float | None:
