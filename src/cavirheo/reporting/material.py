@@ -120,8 +120,7 @@ class PopulationRecord(ParameterValues):
         log_evidence: log evidence of the law for all these shots, with one material and its scatter; null where a shot
             has none.
         log_evidence_error: standard error of log_evidence.
-        log_evidence_of_scatter: log evidence of one material with scatter minus that of one without. Below 0, the shots
-            differ by no more than their intervals.
+        agree: whether the shots differ by no more than their intervals.
         column: title of the declared column with which the material may change; left out where there is none.
         column_at: value of the column at which the parameters are given; left out where there is no column.
         slopes_decades: slope of each parameter along the column, decades per unit of the column, by natural name; left
@@ -140,7 +139,7 @@ class PopulationRecord(ParameterValues):
     left_out: dict[str, int] = {}
     log_evidence: Finite = None
     log_evidence_error: Finite = None
-    log_evidence_of_scatter: Finite = None
+    agree: bool = False
     column: str = ""
     column_at: Finite = None
     slopes_decades: dict[str, Quantity] = {}
@@ -232,7 +231,7 @@ def population_record(
     def each(of: Callable[[str], tuple[float, float, float]]) -> dict[str, Quantity]:
         return {name: Quantity.from_interval(*of(name)) for name in population.names}
 
-    evidence, scattered = population.evidence, population.scattered
+    evidence = population.evidence
     if population.slope is not None:
         slopes = each(population.trend)
         fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
@@ -244,7 +243,7 @@ def population_record(
         correlation={pair: Quantity.from_interval(*interval) for pair, interval in population.correlations().items()},
         log_evidence=evidence.log if evidence else None,
         log_evidence_error=evidence.error if evidence else None,
-        log_evidence_of_scatter=scattered.log if scattered else None,
+        agree=population.agree,
     )
 
 

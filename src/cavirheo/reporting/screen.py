@@ -196,7 +196,7 @@ def _scatter(group: GroupRecord, name: str) -> str:
 
     material = group.material
     decades = material.spreads_decades.get(name) if material else None
-    if material is None or decades is None or (material.log_evidence_of_scatter or 0.0) < 0.0:
+    if material is None or decades is None or material.agree:
         return ""
     scatter = relative_scatter(decades.median or 0.0)
     return digits.significant(100.0 * scatter, 2) if scatter > WIDE_SCATTER else ""

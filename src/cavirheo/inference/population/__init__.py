@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import expit
+from scipy.special import erf, expit
 
 from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.answer import over_scale
 from cavirheo.inference.population.heaps import Heap, two_heaps
-from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
+from cavirheo.inference.population.hierarchy import FEW, SPREAD_SCALE, Likelihood, Scatter, likelihood
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import CommonErrors, shifts
 from cavirheo.inference.sample import Draws, effective_size
@@ -51,6 +51,7 @@ _DRAWS = 4000  # draws of a population
 _LEAST_EFFECTIVE = 200.0  # fewest effective draws of a population without a warning
 _EMPTY = np.empty((0, 0))
 _LN10 = float(np.log(10.0))
+HARDLY = 0.03  # decades: shots that scatter by less hardly scatter
 DIFFERENCE_SCALE = 0.3  # decades: prior standard deviation of the difference between two materials that are compared
 
 
@@ -86,10 +87,8 @@ class Population:
         spread: (draws, d) standard deviation of the shots about the centre, decades.
         correlation: (draws, d, d) of this scatter.
         slope: (draws, d) decades per unit of the column, or None.
-        common: (draws, d) as `centre`, if all shots but the outliers had exactly one material.
         outlier_probability: (n,) probability that a shot is an outlier.
         gain: log evidence of the population minus that of shots which have nothing in common.
-        gain_of_one: the same without spread.
         shot_evidence: of each shot by itself.
         along_at: value of the column to which the centre belongs, if there is a slope.
         prior: (low, high) of the centre, log10 of SI, by name.
@@ -113,10 +112,8 @@ class Population:
     spread: Floats = field(default_factory=lambda: _EMPTY)
     correlation: Floats = field(default_factory=lambda: _EMPTY)
     slope: Floats | None = None
-    common: Floats = field(default_factory=lambda: _EMPTY)
     outlier_probability: Floats = field(default_factory=lambda: np.empty(0))
     gain: Evidence | None = None
-    gain_of_one: Evidence | None = None
     shot_evidence: tuple[Evidence | None, ...] = ()
     along_at: float | None = None
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -206,13 +203,6 @@ class Population:
         """Parameters that the shots determine and do not only bound; none without draws."""
         return [name for name in self.names if len(self.centre) and self.bound(name) is None]
 
-    def if_common(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
-        """(low, median, high) of the material's parameter, SI, if all shots but outliers had exactly this value.
-
-        Raises InputError: as `draws`. Too narrow if shots scatter, for which `scattered` is the evidence."""
-        low, middle, high = self._ends(self.common, name, level)
-        return 10.0**low, 10.0**middle, 10.0**high
-
     def scatter(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the standard deviation of the shots about the material, decades. Raises
         InputError: as `draws`."""
@@ -230,12 +220,11 @@ class Population:
         return {name: float(p) for name, p in zip(self.shots, self.outlier_probability, strict=False) if p > 0.5}
 
     @property
-    def scattered(self) -> Evidence | None:
-        """Log evidence that shots differ by more than their intervals, against one material for all but outliers."""
-        if self.gain is None or self.gain_of_one is None:
-            return None
-        error = float(np.hypot(self.gain.error or 0.0, self.gain_of_one.error or 0.0))
-        return Evidence(self.gain.log - self.gain_of_one.log, error)
+    def agree(self) -> bool:
+        """Whether the shots differ by no more than their intervals: for each parameter it is more probable than before
+        that they hardly scatter (the ratio of Savage and Dickey)."""
+        before = float(erf(HARDLY / (np.sqrt(2.0) * SPREAD_SCALE)))
+        return bool(len(self.spread)) and bool(np.all(np.mean(self.spread < HARDLY, axis=0) > before))
 
     @property
     def evidence(self) -> Evidence | None:
@@ -279,7 +268,7 @@ class Population:
 
     def _scatter_in_words(self) -> str:
         """The scatter of the parameters that are determined; that of others is not known."""
-        none = bool(self.scattered and self.scattered.log < 0.0)
+        none = self.agree
         percents = {}
         for name in self.determined:
             decades = self.scatter(name)[2 if none else 1]
@@ -392,8 +381,7 @@ def population(
         along: (n,) a column on which the centre may depend, such as log10 of R_max or a concentration: the population
             then has a slope, in decades of each parameter per unit of the column.
         only_trusted: False: answers count with any verdict, as the evidence of a law needs it.
-        errors: relative standard deviations of the errors that all shots share; default: 1 % of scale, density and
-            pressure, 0.1 % of the frame rate.
+        errors: that all shots share; default: 1 % of scale, density and pressure, 0.1 % of the frame rate.
         seed: random seed of the draws.
 
     Returns:
@@ -428,9 +416,8 @@ def population(
         count = digits.counted_shots(len(likelihoods), len(own))
         return replace(empty, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
     pairs = [(own[i], shared.answers[i]) for i in likelihoods]
-    return _with_material(
-        empty, pairs, [*likelihoods.values()], None if along is None else column[[*likelihoods]], seed
-    )
+    along_counted = None if along is None else column[[*likelihoods]]
+    return _with_material(empty, pairs, [*likelihoods.values()], along_counted, seed)
 
 
 def _checked_answers(answers: Sequence[Posterior]) -> list[Posterior]:
@@ -459,10 +446,10 @@ def _with_material(
         middle, unit = float(np.mean(column)), float(np.std(column))
         require(unit > 0, "along must not be one value for all shots", "population.along")
         column = (column - middle) / unit
-    several, common = (Scatter(likelihoods, low, high, spread=spread, column=column) for spread in (True, False))
-    draws, draws_of_one = several.sample(seed), common.sample(seed)
+    scatter = Scatter(likelihoods, low, high, column)
+    draws = scatter.sample(seed)
     u = _resampled(draws, seed)
-    centre, spread, correlation, slope = several.parts(u)
+    centre, spread, correlation, slope = scatter.parts(u)
     if column is not None:
         along = {"slope": slope / unit, "along_at": middle}
     over = {name: change for name in names if (change := over_scale(answers, name)) is not None}
@@ -478,10 +465,8 @@ def _with_material(
         correlation=correlation,
         over_scale=over,
         heaps={name: both for name, both in heaps.items() if both},
-        common=common.parts(_resampled(draws_of_one, seed))[0] + shift,
-        outlier_probability=several.outliers(u[:: _DRAWS // 1000]),
-        gain=several.evidence(draws),
-        gain_of_one=common.evidence(draws_of_one),
+        outlier_probability=scatter.outliers(u[:: _DRAWS // 1000]),
+        gain=scatter.evidence(draws),
         shot_evidence=tuple(answer.evidence for answer in answers),
         prior={name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)},
         shots_bound=_shots_bound(answers, names),

@@ -56,7 +56,6 @@ _CHUNK = 100_000  # densities that are computed at a time
 _ROUNDS = (2000, 2500, 3000, 3500, 4000, 4500)  # draws of each round at most
 _ENOUGH = 5000.0  # effective draws after which no round follows; half of it finds the evidence of slopes 0.1 too low
 _STEP = 1e-4  # step of differences, in the coordinates of the prior
-_MODE_DEPTH = 30.0  # log integral below that of the best mode at which a mode is left out
 _SHOT_STARTS, _CLIMBED = 12, 3  # most shots at each of which a search starts; starts that are used, the likeliest
 
 
@@ -244,40 +243,36 @@ def _dot(first: Sequence[Floats], second: Sequence[Floats]) -> Floats | float:
 
 
 class Scatter:
-    """The log posterior over u, the normal coordinates of the prior (cavirheo.prior). With `spread=False` all shots
-    have one material. shots: likelihoods of n shots, whose Gaussians are joined in this order. low, high: (d,) range of
-    the centre, log10. column: (n,) with mean 0 and deviation 1, or None."""
+    """The log posterior over u, the normal coordinates of the prior (cavirheo.prior). shots: likelihoods of n shots,
+    whose Gaussians are joined in this order. low, high: (d,) range of the centre, log10. column: (n,) with mean 0 and
+    deviation 1, or None."""
 
-    def __init__(
-        self, shots: Sequence[Likelihood], low: Floats, high: Floats, *, spread: bool, column: Floats | None
-    ) -> None:
+    def __init__(self, shots: Sequence[Likelihood], low: Floats, high: Floats, column: Floats | None) -> None:
         names = [field.name for field in fields(Gaussians)]
         self.gaussians = Gaussians(*(np.concatenate([getattr(shot, name) for shot in shots]) for name in names))
         counts = [len(shot.share) for shot in shots]
         self.shot = np.repeat(np.arange(len(shots)), counts)  # (m,) shot of each Gaussian
         self.first: np.ndarray = np.cumsum(counts) - counts  # (n,) first Gaussian of each shot
         self.log_size = float(sum(shot.log_size for shot in shots))
-        self.d, self.spread, self.column = len(low), spread, column
+        self.d, self.column = len(low), column
         d, pairs = self.d, self.d * (self.d - 1) // 2
         ranges = [(low[i], high[i], 0.0, np.inf) for i in range(d)]
-        ranges += [(0.0, _MAX_SPREAD, 0.0, SPREAD_SCALE)] * d * spread + [(-1.0, 1.0, 0.0, np.inf)] * pairs * spread
+        ranges += [(0.0, _MAX_SPREAD, 0.0, SPREAD_SCALE)] * d + [(-1.0, 1.0, 0.0, np.inf)] * pairs
         ranges += [(-10.0 * SLOPE_STD, 10.0 * SLOPE_STD, 0.0, SLOPE_STD)] * d * (column is not None)
         self.prior = Prior(tuple(map(str, range(len(ranges)))), *np.array(ranges, dtype=float).T)
 
     def parts(self, u: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Centre (k, d), spread (k, d), correlation (k, d, d) and slope (k, d) of u (k, .)."""
         d, x = self.d, self.prior.to_x(u)
-        centre, left = x[:, :d], x[:, d:]
-        spread, root = np.zeros_like(centre), np.broadcast_to(np.eye(d), (len(u), d, d)).copy()
-        if self.spread:
-            spread, left = left[:, :d], left[:, d:]
-            for i in range(1, d):  # the root of a correlation matrix from partial correlations, row by row
-                square = np.ones(len(u))
-                for j in range(i):
-                    partial, left = left[:, 0], left[:, 1:]
-                    root[:, i, j] = partial * np.sqrt(square)
-                    square = square * (1.0 - partial**2)
-                root[:, i, i] = np.sqrt(square)
+        centre, spread, left = x[:, :d], x[:, d : 2 * d], x[:, 2 * d :]
+        root = np.broadcast_to(np.eye(d), (len(u), d, d)).copy()
+        for i in range(1, d):  # the root of a correlation matrix from partial correlations, row by row
+            square = np.ones(len(u))
+            for j in range(i):
+                partial, left = left[:, 0], left[:, 1:]
+                root[:, i, j] = partial * np.sqrt(square)
+                square = square * (1.0 - partial**2)
+            root[:, i, i] = np.sqrt(square)
         slope = left if self.column is not None else np.zeros_like(centre)
         return centre, spread, root @ root.transpose(0, 2, 1), slope
 
@@ -335,21 +330,14 @@ class Scatter:
         starts = [(middle, steady), (np.mean(means, axis=0), spread), (middle, 0.02 + 0.0 * spread)]
         starts += [(mean, 0.05 + 0.0 * spread) for mean in means] if len(means) <= _SHOT_STARTS else []
         u = np.array([self._to_u(*start) for start in starts])
-        modes: list[tuple[Floats, Floats, float]] = []  # place, covariance and log of the integral
-        for start in u[np.argsort(-self(u), kind="stable")[:_CLIMBED]]:
-            mode = self._climb(start)
-            if not any(np.max(np.abs(mode[0] - other[0])) < 0.05 for other in modes):
-                modes.append(mode)
-        top = max(mode[2] for mode in modes)
-        places, widths, integrals = zip(*(mode for mode in modes if mode[2] > top - _MODE_DEPTH), strict=True)
+        modes = [self._climb(start) for start in u[np.argsort(-self(u), kind="stable")[:_CLIMBED]]]
+        places, widths, integrals = zip(*modes, strict=True)
         return Mixture.of_modes(places, widths, integrals)
 
     def _to_u(self, centre: Floats, spread: Floats) -> Floats:
         """u (m,) of a centre and a spread (d,)."""
         x = np.where(np.isfinite(self.prior.std), self.prior.mean, 0.5 * (self.prior.low + self.prior.high))
-        x[: self.d] = centre
-        if self.spread:
-            x[self.d : 2 * self.d] = spread
+        x[: self.d], x[self.d : 2 * self.d] = centre, spread
         return self.prior.to_u(x, inside=1e-6)
 
     def _climb(self, u: Floats) -> tuple[Floats, Floats, float]:
