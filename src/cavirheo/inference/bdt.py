@@ -240,9 +240,10 @@ def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
     """The stretch R_max/R_0 with the smallest RMSE, of the whole range, by the emulator: a rebound may slip by a
     period. Raises SolverError: there is no such bubble at any stretch."""
     stretches, whole = np.geomspace(*STRETCH_RANGE, STRETCHES), np.ones(STRETCHES)
-    equilibrium, no_damping, size = np.inf * whole, 0.0 * whole, view.curve.max_radius * whole
-    bubbles = Bubbles(material, medium, size, stretches, equilibrium, no_damping, whole, whole)
-    sharp = Camera(view.time_since_max, np.zeros(1), np.ones(1), 0.0 * whole)
+    nothing, size, at_equilibrium = 0.0 * whole, view.curve.max_radius * whole, np.inf * whole
+    walls = nothing, nothing, nothing  # damping, inertia, vapour above saturation
+    bubbles = Bubbles(material, medium, size, stretches, at_equilibrium, *walls, whole, whole)
+    sharp = Camera(view.time_since_max, np.zeros(1), np.ones(1), nothing)
     errors = np.mean((emulator().radius(bubbles, sharp) - view.normalised) ** 2, axis=1)
     if not np.isfinite(errors).any():
         raise SolverError(f"there is no bubble of {material} at any stretch in {STRETCH_RANGE}")
