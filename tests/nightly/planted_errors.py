@@ -174,7 +174,7 @@ PLANTED = (
             'theta[field, names.index("accommodation")] = 1.0', 'theta[field, names.index("accommodation")] = 0.5',
             ("test_truth",)),
     Planted("a trade leaves the other bound", "inference/answer.py",
-            "outwards * correlation > 0.0", "outwards * correlation < 0.0", ("test_machine",)),
+            "\"lower\" if moved > 0.0", "\"lower\" if moved < 0.0", ("test_machine",)),
     Planted("replicates of the check are not refitted", "inference/answer.py",
             "statistics(noise - (noise @ fitted.T) @ J.T)", "statistics(noise)", ("test_experiment",)),
     Planted("change of a parameter with the scale, sign", "inference/answer.py",
