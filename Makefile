@@ -51,9 +51,9 @@ RESULTS ?= build/validate.json
 validate: $(VENV)/test.done
 	$(BIN)/python -m validation $(if $(FULL),--full) $(if $(DATA),--data $(DATA)) -o $(RESULTS)
 
-# docs/claims.md and the numbers between markers on other pages, of validation/results.json; the picture of the packages
+# The numbers between markers on pages, of validation/results.json; the picture of the packages
 pages: $(VENV)/test.done
-	$(BIN)/python -m validation --page --fill
+	$(BIN)/python -m validation --fill
 	$(BIN)/python docs/site/way.py
 
 # Recordings of known truth, answered by cavirheo and by a plain least squares, and scored (validation/challenge/README.md)

@@ -1,7 +1,7 @@
 """Runs named claims and writes each number as JSON: value, unit, n, standard error, seed, commit, processor, seconds.
 
     python -m validation [CLAIM ...] [--full] [--data FOLDER] [-o build/validate.json]
-    python -m validation --page --fill      # docs/claims.md and the numbers between markers, of validation/results.json
+    python -m validation --fill      # the numbers between markers of pages, of validation/results.json
 
 Without names every claim runs, in ten minutes of two quiet cores; --full takes as many cases as a published number
 needs. A claim, or a part of one, that is not run keeps its numbers in the file; calibration:infer_real runs one
@@ -75,11 +75,10 @@ def main() -> None:
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--data", type=Path, default=os.environ.get("CAVIRHEO_REAL_DATA"))
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "build" / "validate.json")
-    parser.add_argument("--page", action="store_true", help="write docs/claims.md, and run nothing")
     parser.add_argument("--fill", action="store_true", help="write the numbers between markers, and run nothing")
     given = parser.parse_args()
-    if given.page or given.fill:
-        return pages.write(given.page, given.fill)
+    if given.fill:
+        return pages.fill()
     unknown = set(given.claims) - {*CLAIMS, *(f"{claim}:{part}" for claim in PARTS for part in PARTS[claim])}
     if unknown:
         parser.error(f"unknown claims {', '.join(sorted(unknown))}; known: {', '.join(CLAIMS)}")

@@ -3,7 +3,6 @@
 A number of a page stands between markers, which a reader does not see: `<!--KEY:FORMAT-->88<!--/-->`. KEY is a claim
 and the name of its number, FORMAT one of Python's; `%` multiplies by 100 and writes no sign. `se` before the format
 takes the standard error, `n` alone the number of cases, `k` that of a share. What no run has measured is a dash.
-docs/claims.md is made as a whole.
 """
 
 from __future__ import annotations
@@ -12,11 +11,9 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "validation" / "results.json"
-PAGE = ROOT / "docs" / "claims.md"
 MARKED = re.compile(r"(?P<begin><!--(?P<key>[a-z_]+\.[\w.]+):(?P<format>[^<>]+)-->)[^<]*(?P<end><!--/-->)")
 FENCED = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 APART = re.compile(r"`[^`\n]*`|\]\([^)\n]*\)")  # inline code, and the target of a link
@@ -26,89 +23,6 @@ UNMEASURED = re.compile(  # what is measured only where it is named, or with a p
     r"|challenge\.(?:several\.)?\w+\.\w+\.error$|solver\.peers\.pyimr|times\.newcomer\."
 )
 AT_BEGINNING = re.compile(r"^\s*(?:[-*>]|\d+\.)?\s*<!--[a-z_]+\.", re.MULTILINE)  # Markdown would end the paragraph
-
-HEAD = """# Claims
-`make validate` measures them again; they stand in [results.json](../validation/results.json).
-± is the standard error over n cases.
-[Validation](validation.md) explains the tests, and says what was not reached.
-
-| claim | number | n | repeat | commit, date |
-|---|---|---|---|---|
-"""
-
-
-class Claim(NamedTuple):
-    """A row of the page. numbers: (words before, key without the claim, format, words after)."""
-
-    name: str
-    sentence: str
-    numbers: tuple[tuple[str, str, str, str], ...]
-
-
-def both(key: str, form: str, unit: str = "") -> tuple[tuple[str, str, str, str], ...]:
-    """Of G and of µ; key has {} for the symbol."""
-    return ("G", key.format("G"), form, unit), ("µ", key.format("mu"), form, unit)
-
-
-CLAIMS = (
-    Claim(
-        "solver",
-        "Largest error of R/R_max in a curve, median of curves; time of the field's method over ours",
-        (("", "default.error", ".1e", ""), ("time", "peers.field.ratio", ".0f", "")),
-    ),
-    Claim(
-        "calibration",
-        "90 % intervals of `infer` that hold the truth of simulated gels with the real bubble",
-        both("infer_real.{}.90", ".0%", "%"),
-    ),
-    Claim(
-        "video",
-        "Bias of radii in rendered recordings, largest of 12 kinds of scene; threshold and circle fit, median",
-        (("", "error.bias.largest", ".3f", "px"), ("circle fit", "usual.bias.median", ".2f", "px")),
-    ),
-    Claim(
-        "population",
-        "90 % intervals of the material of many shots: its centre, and its spread",
-        (("centre", "centre.90", ".0%", "%"), ("spread", "spread.90", ".0%", "%")),
-    ),
-    Claim(
-        "groups",
-        "90 % intervals of groups of simulated recordings with errors of scale, frame rate and density that all share",
-        (("G", "clean.shear_modulus", ".0%", "%"), ("µ", "clean.viscosity", ".0%", "%")),
-    ),
-    Claim(
-        "design",
-        "Ratio of the interval that `design` predicts to the one that `infer` reaches, median of settings",
-        both("ratio.{}", ".2f"),
-    ),
-    Claim(
-        "evidence",
-        "`which-law` chooses the law that made a simulated shot, or a simpler one that cannot be distinguished from "
-        "it; the true law is excluded",
-        (("right", "right_law", ".0%", "%"), ("wrong", "wrong_certainty", ".0%", "%")),
-    ),
-    Claim(
-        "challenge",
-        "90 % intervals of `infer` on recordings of another solver, another camera and another choice of values",
-        both("several.all.{}.90", ".0%", "%"),
-    ),
-    Claim(
-        "open_sets",
-        "Real shots that are `ok` or `bound`; viscosity of PEG 40 % over that of a rheometer, median",
-        (("", "trusted", ".0%", "%"), ("ratio", "rheometer.ratio", ".2f", "")),
-    ),
-    Claim(
-        "references",
-        "Default answers beside runs with seven times their simulations: difference of log evidence, median; of the "
-        "ends of 90 % intervals, RMS",
-        (("", "long.evidence", ".2f", ""), ("ends", "long.ends.rms", ".2f", "widths")),
-    ),
-    Claim(
-        "times",
-        "Clock time of an answer, median; that of 20 shots in one call over that of 20 calls",
-        (("", "one.seconds", ".1f", "s"), ("ratio", "twenty.ratio", ".2f", "")),
-    ),
-)
 
 
 def shown(value: float | None, form: str) -> str:
@@ -150,31 +64,6 @@ def filled(text: str, results: Mapping[str, dict]) -> str:
     return MARKED.sub(put, text)
 
 
-def row(claim: Claim, results: Mapping[str, dict]) -> str:
-    """Each number takes the name of its cases; n is given once where all agree."""
-    about = results[claim.name]
-    cells, counts, origins = [], [], []
-    for words, key, form, unit in claim.numbers:
-        one = number(results, f"{claim.name}.{key}")
-        origins.append(f"{one.get('commit', about['commit'])}, {one.get('date', about['date'])}")
-        told = f"{shown(one['value'], form)} ± {shown(one['standard_error'], form)}"
-        cells.append(" ".join(part for part in (words, told, unit) if part))
-        counts.append(str(one["n"]))
-    n = counts[0] if len(set(counts)) == 1 else ", ".join(counts)
-    options = " --full" * about["full"] + " --data FOLDER" * (claim.name == "open_sets")
-    repeat = f"`python -m validation {claim.name}{options}`"
-    return f"| {claim.sentence} | {', '.join(cells)} | {n} | {repeat} | {'; '.join(dict.fromkeys(origins))} |\n"
-
-
-def sentences() -> str:
-    """What the page of claims says beside its numbers."""
-    return HEAD + "\n".join(claim.sentence for claim in CLAIMS)
-
-
-def page(results: Mapping[str, dict]) -> str:
-    return HEAD + "".join(row(claim, results) for claim in CLAIMS if claim.name in results)
-
-
 def read_results() -> dict[str, dict]:
     return json.loads(RESULTS.read_text("utf-8"))
 
@@ -191,9 +80,8 @@ def bare_numbers(text: str, allowed: Iterable[str] = ()) -> list[str]:
     return MEASURED.findall(text)
 
 
-def write(page_too: bool, fill_too: bool) -> None:
+def fill() -> None:
+    """Write the numbers of results.json between the markers of all pages."""
     results = read_results()
-    if page_too:
-        PAGE.write_text(page(results), encoding="utf-8")
-    for path in marked_pages() if fill_too else ():
+    for path in marked_pages():
         path.write_text(filled(path.read_text("utf-8"), results), encoding="utf-8")
