@@ -127,7 +127,7 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     folder = take(page, tmp_path)
     curves = json.loads((folder / "result.json").read_text())["curves"]
     assert [(one["name"], one["medium"]["density"]) for one in curves] == [("soft_gel[1]", 1050), ("soft_gel[3]", 1050)]
-    assert (folder / "least-squares" / "report.html").exists()
+    assert (folder / "report.html").exists()
 
 
 def test_errors_are_told_and_mended(visit, tmp_path):

@@ -47,7 +47,7 @@ def test_every_page_of_the_repository_is_there_and_nothing_is_fetched_from_elsew
 
 
 SHOWN = {  # tutorial: what its outputs say
-    "gel": r"(?s)250.*\[9\.\d+, 10\.\d+\].*stiff_gel .*G +(29|30|31)\.?\d* kPa.*material & & (29|3\d)\.\d \[.*@",
+    "gel": r"(?s)250.*90 %: 9\.\d+ to 10\.\d+.*stiff_gel .*G +(29|30|31)\.?\d* kPa.*material & & (29|3\d)\.\d \[.*@",
     "notebook": r"(?s)soft_gel\[1\].*ok.*G = [56]\.?\d* kPa.*G [34]\d{3} to [789]\d{3} Pa",
     "liquid": r"(?s)\n\[1\] .* 0\.0[56]\d+ .*3 curves.*bound.*upper limit of G",
     "own_law": r"logarithmic \+ newtonian: RMSE 0\.3\d% of R_max",
@@ -90,7 +90,7 @@ def test_every_field_of_every_document_has_a_meaning(monkeypatch):
     for name, one in records.items():
         assert [field for field, about in one["properties"].items() if not about["description"]] == [], name
         assert one["description"], name
-    assert len(records) > 40
+    assert len(records) > 30
 
 
 def test_the_page_of_file_formats_names_what_can_be_read_back():

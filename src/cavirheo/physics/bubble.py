@@ -155,7 +155,10 @@ class Bubble:
         """The assumptions of the model, for users."""
         vapour = "vapour condenses at a finite rate" if self.contents == "kinetic" else "vapour condenses at once"
         gas = ", its gas is polytropic" if self.exponent is not None else ""
-        damper = "its surroundings damp it" if self.confinement_damping != 0 else "nothing around it damps it"
+        walled = self.confinement_inertia != 0 or self.wall_distance is not None
+        acts = {"damp it": self.confinement_damping != 0, "add inertia": walled}
+        words = " and ".join(word for word, applies in acts.items() if applies)
+        damper = f"its surroundings {words}" if words else "nothing around it damps it"
         return f"{self.title[0].upper()}{self.title[1:]}: {vapour}{gas}, and {damper}."
 
 
