@@ -140,7 +140,7 @@ Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, m
 _COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
-_BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded"
+_BUBBLE = "real: vapour condenses at a finite rate, damping and inertia of walls; field: equilibrium, unbounded"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 

@@ -25,7 +25,7 @@ from cavirheo.writing import digits
 
 VERSION = version("cavirheo")
 BUBBLES = [  # label and value of each choice of the page
-    ("real: vapour condenses at a finite rate, damped by its surroundings", "real"),
+    ("real: vapour condenses at a finite rate, damping and inertia of walls", "real"),
     ("the field's: equilibrium contents, unbounded liquid", "field"),
 ]
 WINDOWS: list[Any] = [("the usual one", ""), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]

@@ -33,7 +33,7 @@ def infer(curve: RadiusCurve, **settings: Unpack[InferSettings]) -> Posterior:
             - window: number of collapses that are compared. Default: 3, or as many as there are; for a network, all
               that it reads.
             - trust_input: input warnings are in the messages, but do not change the verdict.
-            - bubble: "real" (the default: vapour condenses at a finite rate, and the surroundings damp the motion; with
+            - bubble: "real" (the default: vapour condenses at a finite rate, and walls damp it and add inertia; with
               the probability `switches["field_bubble"]` it is the field's), "field" (the default of the paper's
               networks: equilibrium contents, unbounded liquid), or a `Bubble`.
             - discrepancy: whether the likelihood allows for differences that no simulation follows
