@@ -24,20 +24,18 @@ from cavirheo.inference.answer import INSIDE, Target
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
 from cavirheo.inference.emulator import Bubbles, Camera, emulator, outside
 from cavirheo.inference.experiment import (
-    BETA,
     BOUND_SCALES,
     BOUND_SIGMAS,
-    EXCESS,
     QUICK_INSTANTS,
-    ZETA,
     Experiment,
     exposure_nodes,
+    half_normal_scales,
 )
 from cavirheo.inference.sample import expand
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.bubble import FREE as INFERRED
-from cavirheo.physics.bubble import REAL, ZERO_BY_DEFAULT, Bubble
+from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
 
 RECORDED_GROWTH = 0.8  # t_c before R_max at which a recording begins
@@ -114,7 +112,7 @@ class Draws:
         elif self.bubble.accommodation != INFERRED:
             accommodation[:] = given["accommodation"]
         walls = dict[str, Floats]()
-        for name, width in zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * self.medium.pressure), strict=True):
+        for name, width in half_normal_scales(self.medium).items():
             walls[name] = np.full(k, given.get(name, 0.0))
             if getattr(self.bubble, name) == INFERRED:
                 walls[name] = np.minimum(np.abs(width * rng.normal(size=k)), BOUND_SCALES * width)

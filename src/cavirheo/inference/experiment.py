@@ -59,6 +59,11 @@ _EMULATED = {
 }
 
 
+def half_normal_scales(medium: Medium) -> dict[str, float]:
+    """Scales of the half-normal priors of walls and of vapour above saturation (Pa), by parameter of the bubble."""
+    return dict(zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * medium.pressure), strict=True))
+
+
 def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Floats]:
     """Half-widths of the priors of the clock (in t_c) and of the factor of R_max, from the frame interval in t_c and
     the noise over R_max. late: 1 if no growth is recorded. R_max may then be up to a frame from the first one, where
@@ -109,8 +114,8 @@ class Experiment:
         # (middle, half-width) of clock and scales, and which are free
         widths = {"t0": self._clock, "scale": (1.0, options.scale_bound), "rmax": (1.0, read)}
         self.free: dict[str, tuple[float, float]] = {FREE[name]: widths[name] for name in options.free}
-        bubble, p = options.bubble, medium.pressure
-        for name, width in zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * p), strict=True):
+        bubble = options.bubble
+        for name, width in half_normal_scales(medium).items():
             if getattr(bubble, name) == "free":
                 self.free[name] = (0.5 * BOUND_SCALES * width, 0.5 * BOUND_SCALES * width)
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
