@@ -90,6 +90,7 @@ simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --pulse 1 1 1 --d
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --driving p.csv | p.csv
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --fields | --fields
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --contents kinetic | --polytropic
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic -1 | --polytropic
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --accommodation 0.1 | --contents kinetic
 """.splitlines()[1:]
 
@@ -152,6 +153,10 @@ def test_without_an_extra_a_command_says_what_to_install(lab, monkeypatch, named
         monkeypatch.delattr(f"cavirheo.{loaded}", raising=False)
     status, out, said = lab(*call.split())
     refused_cleanly((status, out, said.removeprefix("cavirheo app: starting, a few seconds ...\n")), named)
+
+
+def test_a_wall_inside_the_bubble_is_refused_by_the_name_of_its_option(run):
+    refusal(run("infer", EXAMPLE, "--wall-distance-um", 50), "--wall-distance-um")
 
 
 # --- options that every verb reads alike ------------------------------------------------------------------------------

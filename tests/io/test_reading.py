@@ -608,6 +608,15 @@ def test_a_group_states_the_constants_of_its_shots(tmp_path):
     assert {"a/c", "@gamma", "medium/rho"} == {*note.removeprefix("not used: ").split(", ")}
 
 
+def test_a_radius_at_rest_with_a_number_is_of_the_shot_of_that_number(tmp_path):
+    alone = read_curves(put(tmp_path / "one.mat", saved(t_exp=TIME, R1_exp=RADIUS, R1_eq=25e-6)))[0]
+    assert alone.stretch == pytest.approx(8.0, rel=0.01)
+    two = saved(t_exp=TIME, R1_exp=RADIUS, R2_exp=RADIUS, R1_eq=25e-6, R2_eq=50e-6)
+    assert [curve.stretch for curve in read_curves(put(tmp_path / "two.mat", two))] == pytest.approx([8, 4], rel=0.01)
+    unnumbered = saved(t=TIME, R=RADIUS, R1_eq=25e-6)
+    assert read_curves(put(tmp_path / "r.mat", unnumbered))[0].stretch == pytest.approx(8.0, rel=0.01)
+
+
 PUBLISHED = {  # curves in the file, smallest and largest R_max in um, unusable ones
     "paam_alginate_0p3/Rt_nondim_exp_PAAm_Alginite_0p3perc_v2.mat": (5, 166, 338, ()),
     "peg8000_10wv/Rt_nondim_exp_PEG8K_20.mat": (20, 111, 327, ()),

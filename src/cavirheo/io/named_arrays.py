@@ -7,7 +7,7 @@ fields of an array of numpy.
 | shift_normRnew, Rmax um, t s | R/R_max over common frame times, one shot per row |
 | times and radii, named like columns of tables (`Rnew`, `t_us`, `R_exp`) | a shot, or one per row, cell or number |
 | deltat s, deltax m; fps, um_per_px | replace times; scale radii in pixels |
-| rho, Pinf, c, gamma, T; R_eq, lambda_max | constants of the medium, SI; radius at rest, stretch |
+| rho, Pinf, c, gamma, T; R_eq, R1_eq, lambda_max | constants of the medium, SI; radius at rest, stretch |
 | pIMR_array | collapse times, no radius histories: refused with advice |
 
 A folder may be a shot: a group, a struct, the arrays of one number (R2, t2) or of one cell (R{2}, t{2}). What is stated
@@ -44,6 +44,7 @@ _UNIT = 1e-4  # m, an R_max in place of one that is not known
 _EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _NUMBERED = "\0"  # in the folder of arrays of one number
 _CELL = re.compile(r"\{\d+\}$")  # at the end of a path
+_AT_REST = re.compile(r"(?<![a-z])r(\d+)(?=_?eq)", re.I)  # R1_eq: a radius at rest of the arrays of a number
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +121,8 @@ def _shots(arrays: Arrays, camera: Camera, notes: Sequence[str] = (), only: Cont
     folder_of = {series.path: series.folder for members in folders.values() for series in members}
     for path in arrays:
         folder = folder_of.get(path, _folder(path))
+        if at_rest := _AT_REST.search(path):
+            folder = f"{folder}/{_NUMBERED}{at_rest[1]}".strip("/")
         while folder not in inside:
             folder = _around(folder)
         inside[folder].append(path)
@@ -232,7 +235,8 @@ def _read_stated(arrays: Arrays, paths: Iterable[str]) -> dict[str, _Stated]:
     """Return what single numbers state, by quantity; the first of each that is possible."""
     stated: dict[str, _Stated] = {}
     for path in paths:
-        leaf, (kind, unit, _) = arrays[path], STATED.name(re.split("[/@]", path)[-1])
+        name = _AT_REST.sub("R", re.split("[/@]", path)[-1])
+        leaf, (kind, unit, _) = arrays[path], STATED.name(name)
         if not kind or kind in stated or not isinstance(leaf, Numbers) or leaf.size != 1:
             continue
         units = STATED.terms[kind].units or {"": 1.0}

@@ -27,9 +27,6 @@ def _or_free(words: str, holds: Callable[[float], bool]) -> Domain:
     return domain(f"{words}, or {FREE!r}", lambda x: x == FREE or (isinstance(x, Real) and holds(x)))
 
 
-_EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: x is None or 0 < x < 10)
-
-
 @dataclass(frozen=True)
 class Damage:
     """Damage by strain: the elastic part becomes softer and its stress-free radius larger, the more the bubble shrinks:
@@ -95,7 +92,7 @@ class Bubble:
     vapour_excess: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
     confinement_damping: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
     motion: str = field(default="keller-miksis", metadata=_one_of(MOTIONS))
-    exponent: float | None = field(default=None, metadata=_EXPONENT)
+    exponent: float | None = None
 
     def __post_init__(self) -> None:
         check(self)
@@ -103,6 +100,9 @@ class Bubble:
         require(isinstance(self.damage, Damage) or self.damage in DAMAGES, message, "option.damage")
         both = "give either confinement_inertia or wall_distance, not both"
         require(self.wall_distance is None or self.confinement_inertia == 0, both, "physics.two_walls")
+        if self.exponent is not None and not (isinstance(self.exponent, Real) and 0 < self.exponent < 10):
+            message = "the exponent of the gas (--polytropic; in Python exponent=) must lie between 0 and 10"
+            raise InputError(f"{message}, such as 1 (isothermal) or 1.4, got {self.exponent!r}", "physics.exponent")
         if self.exponent is not None and (self.contents != "equilibrium" or self.vapour_excess != 0):
             message = (
                 "with an exponent of the gas (--polytropic) no vapour condenses: leave it out, or kinetic contents"
@@ -123,8 +123,13 @@ class Bubble:
         """beta of a bubble of this R_max (m) whose confinement is known. Raises InputError: a wall within R_max."""
         if self.wall_distance is None:
             return float(self.confinement_inertia)
-        message = f"wall_distance must be more than R_max ({max_radius:.4g} m), got {self.wall_distance:.6g} m"
-        require(max_radius < self.wall_distance, message, "physics.wall_too_near")
+        if self.wall_distance <= max_radius:
+            distance, radius = 1e6 * self.wall_distance, 1e6 * max_radius
+            message = (
+                f"a wall {distance:.4g} um from the centre of a bubble of R_max {radius:.4g} um would be inside it: "
+                "give a larger distance (--wall-distance-um; in Python wall_distance=, in m)"
+            )
+            raise InputError(message, "physics.wall_too_near")
         return 0.5 * max_radius / self.wall_distance
 
     @property

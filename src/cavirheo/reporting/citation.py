@@ -35,6 +35,7 @@ _METHODS = {
     "least_squares": f"{_SAMPLED} [Cornuet2012], with white noise of unknown size; {_INTERVALS}.",
     "bdt": "A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.",
 }
+_STRETCH_PRIORS = {"stretch_prior.file": "from the file", "stretch_prior.late_plateau": "from the late plateau"}
 
 
 class Source(NamedTuple):
@@ -135,8 +136,12 @@ def _inference(answers: Sequence[CurveRecord]) -> list[str]:
         preferred = sum(curve.preferred_model is not None for curve in answers)
         compared = f"The evidence [Kass1995] compares this with {', '.join(rivals)}"
         sentences.append(f"{compared}, and prefers one of these for {preferred} of {len(answers)}.")
-    sources = dict.fromkeys(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
-    return sentences + [f"The stretch was {source}." for source in sources]
+    for code, source in _STRETCH_PRIORS.items():
+        priors = [curve.stretch_prior for curve in answers if code in [message.code for message in curve.messages]]
+        if priors:
+            means, deviations = (digits.ends([prior[key] for prior in priors]) for key in ("mean", "std"))
+            sentences.append(f"The prior of the stretch was normal, {source}: mean {means}, deviation {deviations}.")
+    return sentences
 
 
 def _group(group: GroupRecord, shots: Sequence[CurveRecord], result: Result) -> str:
