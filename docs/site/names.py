@@ -61,14 +61,14 @@ ANSWERS = Page(
         Group(
             "Parts of a Posterior",
             {
-                "cavirheo.posterior": "Checks Diagnostics Evidence Bubble OtherAnswer",
+                "cavirheo.posterior": "Checks Diagnostics Evidence Bubble OtherAnswer Heap",
                 "cavirheo.messages": "Message",
             },
         ),
         Group(
             "Of a Population, and of a Simulation",
             {
-                "cavirheo.inference.population": "Difference Heap",
+                "cavirheo.inference.population": "Difference",
                 "cavirheo.physics.simulate": "Contents",
             },
         ),
@@ -78,7 +78,7 @@ ANSWERS = Page(
                 "cavirheo.reporting.record": "Result",
                 "cavirheo.reporting.answer": "CurveRecord Sentence OtherModel Compared",
                 "cavirheo.reporting.group": "GroupRecord PublishedValue",
-                "cavirheo.reporting.material": "PopulationRecord HeapRecord Systematic MaterialRatio",
+                "cavirheo.reporting.material": "PopulationRecord Systematic MaterialRatio",
                 "cavirheo.reporting.laws": "LawsOfGroup LawOfGroup",
                 "cavirheo.companions.design": "Design DesignedSetting",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",

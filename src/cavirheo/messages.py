@@ -16,6 +16,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of, searched_bound
 from cavirheo.writing import digits
 
+_MOST_NAMES = 24  # letters of the names of shots in a sentence, from which on they are counted
 _UNLIKELY = 0.05  # probability up to which a switch does not count
 Ends = tuple[float, float, float]  # 5 %, 50 %, 95 %
 Model = Mapping[str, Any]  # "material", "bubble" (names), "values" (interval by parameter), "interval" (bool)
@@ -90,7 +91,8 @@ def state_in_words(kind: str, bubble: str) -> str:
 
 
 def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
-    """'0.026 to 0.033 Pa s in 2, below 0.020 in 3' of heaps with `low`, `high` (SI) and `shots`."""
+    """'0.026 to 0.033 Pa s in [1], [2]; below 0.020 in 12 shots' of heaps with `low`, `high` (SI) and `shots`."""
+    short = iter(digits.distinct_names([shot for heap in heaps for shot in heap.shots]))
     ends = [end for heap in heaps for end in (heap.low, heap.high) if end]
     factor, unit = digits.unit_for(parameter_of(name).unit, max(ends))
     parts: list[str] = []
@@ -99,8 +101,10 @@ def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
         limits = f"{first} to {last}"
         if heap.low is None or heap.high is None:
             limits = f"above {first}" if heap.high is None else f"below {last}"
-        parts.append(f"{limits}{'' if parts else f' {unit}'} in {len(heap.shots)}")
-    return ", ".join(parts)
+        names = ", ".join(next(short) for _ in heap.shots)
+        where = names if len(names) <= _MOST_NAMES else digits.counted(len(heap.shots), "shot")
+        parts.append(f"{limits}{'' if parts else f' {unit}'} in {where}")
+    return "; ".join(parts)
 
 
 def constants_in_words(values: Mapping[str, float]) -> str:
@@ -120,6 +124,12 @@ def _repeated(times: int, equal: int, frames: int) -> str:
     cause = f"each frame seems to stand {times} times: keep one of each" if times else "keep the first of equal frames"
     count = f"{equal} of {frames} radii equal the one before, also where the bubble moves fast"
     return f"check the frames: {count}; {cause}, with its time, or add --trust-input"
+
+
+def _walls(distance: float) -> str:
+    where = f"{digits.significant(1e6 * distance, 2)} µm away"
+    advice = "give --wall-distance-um, or the right µm per pixel and frame rate, or add --trust-input"
+    return f"check for a wall: the bubble collapses late, as beside a wall {where}: {advice}"
 
 
 def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
@@ -215,16 +225,42 @@ def _bubble(count: int, total: int, names: Sequence[str]) -> str:
     return f"{text}: no such bubble is known, so the law may be wrong"
 
 
-def _walls(count: int, total: int, distance: float) -> str:
-    where = f"{digits.significant(1e6 * distance, 2)} µm away"
-    text = f"most shots ({count} of {total}) collapse late, as beside a wall {where}"
-    return f"{text}: check the µm per pixel and the frame rate, or give --wall-distance-um"
-
-
 def _heaps(name: str, heaps: Sequence[Any]) -> str:
-    short = iter(digits.distinct_names([shot for heap in heaps for shot in heap.shots]))
-    shots = " | ".join(", ".join(next(short) for _ in heap.shots) for heap in heaps)
-    return f"the shots disagree: {parameter_of(name).symbol} {heaps_in_words(name, heaps)} ({shots})"
+    return f"the shots disagree: {parameter_of(name).symbol} {heaps_in_words(name, heaps)}"
+
+
+def _scatter(name: str, scatter: float) -> str:
+    symbol = parameter_of(name).symbol
+    return (
+        f"the shots disagree: {symbol} scatters by {digits.percent(scatter)} %, of one batch of gel by less than 40 %"
+    )
+
+
+_UNCOUNTED = {  # what is said of one shot that does not count, and of several
+    "does_not_fit": ("does not fit", "do not fit"),
+    "check_input": ("has an input warning", "have an input warning"),
+    "failed": ("has no answer", "have no answer"),
+    "unverified": ("is by a network alone", "are by a network alone"),
+    "no_interval": ("has no interval", "have no interval"),
+    "no_column_value": ("has no value along the column", "have no value along the column"),
+    "other_model": ("is of another model", "are of another model"),
+    "copy": ("is a copy of another", "are copies of others"),
+}
+
+
+def _left_out(counts: Mapping[str, int]) -> str:
+    total = sum(counts.values())
+    head = digits.counted(total, "shot")
+    no = "does not count" if total == 1 else "do not count"
+    reasons = {why: _UNCOUNTED[why][count > 1] for why, count in counts.items()}
+    if len(reasons) == 1:
+        return f"{head} {', '.join(reasons.values())} and {no}"
+    return f"{head} {no}: {', '.join(f'{counts[why]} {words}' for why, words in reasons.items())}"
+
+
+def _outliers(probabilities: Mapping[str, float]) -> str:
+    chances = (f"{name} ({'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in probabilities.items())
+    return f"probably of another material, and hardly counted: {', '.join(chances)}"
 
 
 def _model_in_words(model: Model) -> str:
@@ -269,6 +305,7 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "check_input.constant": _impossible,
     "check_input.frames_repeated": _repeated,
     "check_input.scale": _scale,
+    "check_input.walls": _walls,
     "frames.other_bubble": lambda frames, since: (
         "the end is left out, where the radius rises again as by another bubble: "
         f"{frames} frames from {1e6 * since:.4g} us after R_max on"
@@ -286,7 +323,7 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "group.doubt.ends": _ends,
     "group.doubt.bubble": _bubble,
     "group.doubt.heaps": _heaps,
-    "group.doubt.walls": _walls,
+    "group.doubt.scatter": _scatter,
     "group.rival": lambda count, total, models: (
         f"evidence for another model in {count} of {total} shots: {' or '.join(models)}"
     ),
@@ -294,6 +331,7 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "group.trend": lambda trends: (
         f"{', '.join(trends)} with R_max, which a constant does not: wrong law or bubble? --column R_max measures it"
     ),
-    "group.left_out": digits.left_out_in_words,
+    "group.left_out": _left_out,
+    "group.outliers": _outliers,
     "group.scale": lambda change: f"1 % in scale or frame rate moves G by {digits.significant(change, 2)} %",
 }

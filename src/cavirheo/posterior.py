@@ -132,6 +132,21 @@ class Pair:
 
 
 @dataclass(frozen=True)
+class Heap:
+    """Shots of a group whose intervals of a parameter are alike, where those of others are not.
+
+    Attributes:
+        shots: their names.
+        low: lower end of their intervals, SI; None if they are only bounded from above.
+        high: upper end of their intervals, SI; None if they are only bounded from below.
+    """
+
+    shots: tuple[str, ...]
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
 class OtherAnswer:
     """The answer of another model for the same frames.
 

@@ -23,7 +23,7 @@ gel a,,rheometer,G_Pa,2000,
 gone,nowhere/*.mat,IMR,G_kPa,5,1
 bare.csv,,,,,
 """
-ANSWERS = {"shot0": (5e3, 0.01), "shot1": (7e3, 0.03), "shot2": (9e3, 0.05)}
+ANSWERS = {"shot0": (6e3, 0.025), "shot1": (7e3, 0.03), "shot2": (8e3, 0.035)}
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_relative_errors_are_exact_and_no_set_is_dropped(run, folder, tmp_path):
         assert [float(cell) for cell in cells if cell] == pytest.approx(numbers)
     ours = rows["gel a", "shear_modulus_Pa", "cavirheo"]
     value = float(ours["value"])
-    assert 5e3 < value < 9e3  # of the population of three shots
+    assert 6e3 < value < 8e3  # of the population of three shots
     assert float(ours["q05"]) < value < float(ours["q95"])
     assert float(ours["error_to_IMR"]) == pytest.approx(abs(value / 8e3 - 1.0))
     assert float(ours["error_to_rheometer"]) == pytest.approx(value / 2e3 - 1.0)

@@ -12,7 +12,7 @@ from cavirheo.reporting import result
 
 CASES = ROOT / "tests" / "cases" / "truth"
 DOUBTED = {  # verdicts that are right, and a code that the messages of group or shots have
-    "scale0.9": ({"check_input"}, "group.doubt.walls"),
+    "scale0.9": ({"check_input"}, "check_input.walls"),
     "mixed": ({"check_input"}, "group.doubt.heaps"),
     "double_big": ({"does_not_fit", "check_input"}, "misfit.rms"),
     "ellipse": ({"does_not_fit", "check_input"}, "misfit.systematic"),

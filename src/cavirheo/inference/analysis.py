@@ -255,7 +255,7 @@ class Analysis:
         medium = self.medium_for(curve)
         shot = Experiment(curve, Family(str(self.material)), medium, self.options)
         found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
-        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot), *smoothing_warnings(found.checks)]
+        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot, found), *smoothing_warnings(found.checks)]
         return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 
     def _read(self, curve: RadiusCurve, empty: Posterior, network: Network) -> Posterior:

@@ -36,7 +36,7 @@ from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
-from cavirheo.posterior import Checks, Verdict
+from cavirheo.posterior import Checks, Posterior, Verdict
 
 if TYPE_CHECKING:
     from cavirheo.inference.experiment import Experiment
@@ -59,6 +59,7 @@ PERIODS = 6.0  # length of the comparison, first collapse times
 SMOOTHED_FRAMES = (3, 5, 7, 9)  # frames over which radii may be smoothed
 SMOOTHED_SHARE = 0.85  # share of the residual's power that smoothing leaves unexplained, below which there is a warning
 SMOOTHED_SIZE = (0.6, 2.0)  # of what smoothing explains, over what it should
+FELT_INERTIA = 0.05  # least lower end of the interval of the inertia of walls that tells of one
 PLATEAU_FACTOR = 1.2  # largest factor between a stretch and that of the late plateau
 
 _RADIUS = 150e-6  # m, R_max of the simulations
@@ -167,10 +168,16 @@ def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     return messages
 
 
-def wall_warnings(shot: Experiment) -> list[Message]:
-    """A message if the model has no walls and no counted rebound distinguishes them from the viscosity of a liquid,
-    which also lengthens the first collapse (docs/real-bubbles.md). Laws with an elastic part need none."""
+def wall_warnings(shot: Experiment, found: Posterior) -> list[Message]:
+    """A message if the answer needs the inertia of a wall, more than vessels have; or if its model has no walls and no
+    counted rebound distinguishes them from the viscosity of a liquid, which also lengthens the first collapse
+    (docs/real-bubbles.md). Laws with an elastic part need none."""
     bubble, curve = shot.options.bubble, shot.curve
+    if "confinement_inertia" in found.parameters:
+        ends, inertia = found.interval("confinement_inertia"), found.median("confinement_inertia")
+        if ends and inertia and ends[0] > FELT_INERTIA:
+            return [Message("check_input.walls", {"distance": 0.5 * curve.max_radius / inertia})]
+        return []
     if shot.family.elastic or bubble.confinement_inertia or bubble.confinement_damping or bubble.wall_distance:
         return []
     first = curve.collapse_times()[:1] - curve.time_of_max

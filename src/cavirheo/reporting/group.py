@@ -7,23 +7,34 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cavirheo.messages import Message
 from cavirheo.parameters import BUBBLE, CAMERA, VISCOSITY_AT_RATE, is_law_parameter, parameter_of
-from cavirheo.posterior import Verdict
+from cavirheo.posterior import Heap, Verdict
 from cavirheo.reporting.answer import CurveRecord, Sentence
 from cavirheo.reporting.laws import LawsOfGroup
-from cavirheo.reporting.material import KEYS, HeapRecord, PopulationRecord, Systematic
+from cavirheo.reporting.material import (
+    KEYS,
+    PopulationRecord,
+    Systematic,
+    population_record,
+    slopes_in_words,
+    systematic_of,
+)
+from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread
+
+if TYPE_CHECKING:
+    from cavirheo.inference.population import Population
 
 MIN_TREND_SHOTS = 5  # least number of shots in which a trend with R_max is looked for
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 TWO_SIDED_95 = 1.96  # standard deviations
 MOST = 0.5  # share of the shots of a group, above which they decide its verdict
-INERTIA, FELT_INERTIA = "confinement_inertia", 0.05  # and the least lower end of its interval that tells of a wall
 _EQUAL = 1e-6  # relative range of values that count as equal
 
 
@@ -93,7 +104,7 @@ class GroupRecord(Record):
         return self.population if self.population and self.population.has_material else None
 
     @property
-    def heaps(self) -> dict[str, list[HeapRecord]]:
+    def heaps(self) -> dict[str, tuple[Heap, Heap]]:
         """The two heaps into which the shots fall, by parameter in which they disagree."""
         return self.population.heaps if self.population else {}
 
@@ -106,12 +117,6 @@ class GroupRecord(Record):
     def facts(self) -> list[Sentence]:
         """The messages on what could be wrong."""
         return [message for message in self.messages if message not in self.doubts]
-
-    @property
-    def remarks(self) -> list[str]:
-        """The doubts, and the remarks on the population, as sentences."""
-        of_population = self.population.remarks if self.population else []
-        return [message.text for message in self.doubts] + of_population
 
     @property
     def change_by_scale(self) -> float | None:
@@ -137,24 +142,23 @@ def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
 
 
 def group_record(
-    name: str,
-    members: Sequence[CurveRecord],
-    population: PopulationRecord | None = None,
-    systematic: Systematic | None = None,
+    name: str, members: Sequence[CurveRecord], material: Population | None = None, column: str = ""
 ) -> GroupRecord:
-    """The record of a group, from the records of its curves and from its material."""
+    """The record of a group, from the records of its curves and from its material. column: title of the column along
+    which the material may change."""
     shots = [record for record in members if record.has_answer]
+    population, systematic = population_record(material, column), systematic_of(material)
     if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
         population = _of_one_shot(members[0])
         change = members[0].diagnostics.modulus_over_scale
         slopes = {} if change is None else {"shear_modulus": {"scale": change}}
         systematic = Systematic(errors={}, slopes=slopes, statistics={})
     doubts = _doubts(shots, population)
-    facts = [*_sensitivity(systematic), *_not_given(shots), *_rivals(shots)]
-    if population and population.left_out:
-        facts.append(Message("group.left_out", {"counts": population.left_out}))
+    facts = [*_sensitivity(systematic), *_not_given(shots), *_rivals(shots), *_of_population(population, members)]
     if trends := size_trends(shots):
         facts.append(Message("group.trend", {"trends": trends}))
+    if material and population and population.has_material:
+        facts += [Message("group.rough", {"text": warning}) for warning in material.warnings]
     return GroupRecord(
         name=name,
         n=len(shots),
@@ -186,7 +190,7 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord | None) -
     messages = []
     total = len(shots)
     doubted = [record for record in shots if record.verdict == "check_input"]
-    if _most(len(doubted), total):
+    if total > 1 and _most(len(doubted), total):
         counts = {"count": len(doubted), "total": total}
         messages.append(Message("group.doubt.input", {**counts, "reason": _reason(doubted)}))
     for code, names in (("group.doubt.ends", CAMERA), ("group.doubt.bubble", tuple(BUBBLE))):
@@ -195,13 +199,28 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord | None) -
         if total > 1 and _most(pulled, total):
             found = sorted(set().union(*ends))
             messages.append(Message(code, {"count": pulled, "total": total, "names": found}))
-    near = [record for record in shots if (record.value(INERTIA).q05 or 0.0) > FELT_INERTIA]
-    if total > 1 and _most(len(near), total):
-        distances = [0.5 * (record.max_radius_m or 0.0) / (record.value(INERTIA).median or np.inf) for record in near]
-        counts = {"count": len(near), "total": total}
-        messages.append(Message("group.doubt.walls", {**counts, "distance": float(np.median(distances))}))
-    for name, heaps in (population.heaps if population else {}).items():
-        messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
+    heaps = population.heaps if population else {}
+    messages += [Message("group.doubt.heaps", {"name": name, "heaps": both}) for name, both in heaps.items()]
+    wide = population.wide_scatters if population else {}
+    messages += [Message("group.doubt.scatter", {"name": name, "scatter": scatter}) for name, scatter in wide.items()]
+    return messages
+
+
+def _of_population(population: PopulationRecord | None, members: Sequence[CurveRecord]) -> list[Message]:
+    """Messages on shots that do not count, on shots that are unlike the others, and on the slope along a column."""
+    messages = list[Message]()
+    if population is None:
+        return messages
+    if population.left_out:
+        messages.append(Message("group.left_out", {"counts": population.left_out}))
+    if population.outliers:
+        names = [record.name for record in members]
+        short = dict(zip(names, digits.distinct_names(names), strict=True))
+        probabilities = {short[name]: probability for name, probability in population.outliers.items()}
+        messages.append(Message("group.outliers", {"probabilities": probabilities}))
+    if population.slopes_decades:
+        words = slopes_in_words(population.column, population.column_at or 0.0, population.slopes_decades)
+        messages.append(Message("group.slope", {"text": words}))
     return messages
 
 

@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.messages import state_in_words
 from cavirheo.parameters import VISCOSITY_AT_RATE
-from cavirheo.physics.bubble import FIELD
-from cavirheo.posterior import Posterior
+from cavirheo.posterior import Heap, Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record
 
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
 KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
 _MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
 _TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
-_KINDS = {"newtonian": "liquid", "nhkv": "gel", "fung + newtonian": "stiffening_gel"}  # by law of a group's state
+WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
 _MAX_COMPARED = 6  # most groups that are compared, each with each
 
 
@@ -71,20 +69,6 @@ def log_ends(values: Iterable[Quantity]) -> Floats:
     return np.asarray(logs)
 
 
-class HeapRecord(Record):
-    """Shots whose intervals of a parameter are alike, where those of the others are not.
-
-    Attributes:
-        low: lower end of their intervals, SI; null if they are only bounded from above.
-        high: upper end of their intervals, SI; null if they are only bounded from below.
-        shots: their names.
-    """
-
-    low: Finite = None
-    high: Finite = None
-    shots: list[str]
-
-
 class Systematic(Record):
     """What errors that all shots of a group share do to its answer.
 
@@ -105,7 +89,6 @@ class PopulationRecord(ParameterValues):
 
     Attributes:
         line: the material in a sentence, for a paper; or why there is none.
-        remarks: sentences on outliers, shots that do not count, and limits of the result.
         model: law and name of the bubble model, "nhkv, kinetic".
         n: number of shots that count.
         switches: probability of each switch of the default family, by all shots together; left out for other laws.
@@ -128,11 +111,10 @@ class PopulationRecord(ParameterValues):
     """
 
     line: str
-    remarks: list[str] = []
     model: str
     n: int
     switches: dict[str, float] = {}
-    heaps: dict[str, list[HeapRecord]] = {}
+    heaps: dict[str, tuple[Heap, Heap]] = {}
     spreads_decades: dict[str, Quantity] = {}
     correlation: dict[str, Quantity] = {}
     outliers: dict[str, float] = {}
@@ -149,6 +131,16 @@ class PopulationRecord(ParameterValues):
     def has_material(self) -> bool:
         """Whether there is a material; if not, the line says why."""
         return bool(self.spreads_decades)
+
+    @property
+    def wide_scatters(self) -> dict[str, float]:
+        """Standard deviation of the shots over the material, by parameter in which they scatter more than one batch of
+        gel does and than their intervals explain, and are no two heaps."""
+        from cavirheo.inference.population import relative_scatter
+
+        spreads = {} if self.agree else self.spreads_decades
+        scatters = {name: relative_scatter(spreads[name].median or 0.0) for name in KEYS if name in spreads}
+        return {name: size for name, size in scatters.items() if size > WIDE_SCATTER and name not in self.heaps}
 
     def log_moments(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
         """In log10 of these parameters: mean (l,) of the material, its covariance (l, l), which is diagonal because the
@@ -210,21 +202,13 @@ def material_of(
 cached_material_of = lru_cache(maxsize=8)(material_of)  # in a watched folder each new shot writes all groups again
 
 
-def population_record(
-    population: Population | None, column: str = "", *, switched: bool = False
-) -> PopulationRecord | None:
-    """The record of a population for a document. column: title of the column along which it has a slope. switched:
-    whether all shots together decided the switches of the default family."""
+def population_record(population: Population | None, column: str = "") -> PopulationRecord | None:
+    """The record of a population for a document. column: title of the column along which it has a slope."""
     if population is None:
         return None
-    fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "remarks", "outliers", "left_out")}
-    if switched:
-        bubble = "field" if population.bubble == FIELD else "real"
-        state = state_in_words(_KINDS.get(population.material, "law"), bubble)
-        fields["remarks"] = [f"all shots together: {state}", *population.remarks]
+    fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "outliers", "left_out")}
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
-    fields["switches"] = dict(population.switches)
-    fields["heaps"] = {name: [heap._asdict() for heap in heaps] for name, heaps in population.heaps.items()}
+    fields |= {"switches": dict(population.switches), "heaps": dict(population.heaps)}
     if not len(population.centre):
         return PopulationRecord(**fields)
 
@@ -235,7 +219,6 @@ def population_record(
     if population.slope is not None:
         slopes = each(population.trend)
         fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
-        fields["remarks"] = [_trends_in_words(column, population.along_at or 0.0, slopes), *fields["remarks"]]
     return PopulationRecord(
         **fields,
         **PopulationRecord.fields_of({name: population.quantity(name) for name in population.quantities}),
@@ -265,7 +248,7 @@ def systematic_of(population: Population | None) -> Systematic | None:
     )
 
 
-def _trends_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
+def slopes_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
     """The slopes in words: 'along concentration, decades per unit: G rises 0.20 (0.15 to 0.25); the material is that at
     concentration = 3'. Along R_max they are powers of it."""
     from cavirheo.column import LOG_R_MAX

@@ -26,8 +26,6 @@ from cavirheo.reporting.material import (
     cached_material_of,
     differences,
     material_of,
-    population_record,
-    systematic_of,
 )
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Document
@@ -172,12 +170,7 @@ def result_of(
     members, names, title = _members(rows), group_names(rows), _column_title(rows)
     materials = materials or [None] * len(members)
     groups = [
-        group_record(
-            name,
-            [rows[i] for i in indices],
-            population_record(material, title, switched=any(rows[i].switches for i in indices)),
-            systematic_of(material),
-        )
+        group_record(name, [rows[i] for i in indices], material, title)
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
     differing = differences(dict(zip(names, materials, strict=True)))

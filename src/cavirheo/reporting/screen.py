@@ -22,9 +22,8 @@ MOST_ROWS = 12  # shots of a group that all have a row; of a larger one the exce
 MOST_EXCEPTIONS = 11  # rows of exceptions
 WIDTH = 80  # columns of a terminal that is not wider
 MOST_NOTES = 3  # notes on the run; the report has all
-LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on G is to be used with care
+LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on these should be measured better
 COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from which on that part is shown
-WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
 _NAME = 28  # most characters of the name of a shot; in a table that is too wide SHORT_NAME
 _LABEL = 6  # columns before the text of a line below the shots
 _SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # parameters of the answer
@@ -173,10 +172,10 @@ def _value_line(result: Result, group: GroupRecord, shots: Sequence[CurveRecord]
         return [f"{interval} {unit}"]
     line = [f"{middle} {unit}", f"90 %: {interval}"] if interval else [f"{middle} {unit}"]
     if name == "shear_modulus" and (secants := _secant_moduli(group, shots)):
-        return [*line, f"(at small strain; at R_max as {digits.ends(secants, factor, 2)} {unit})"]
+        return [*line, f"(small strain; like {digits.ends(secants, factor, 2)} {unit} at R_max)"]
     statistics = group.systematic.statistics.get(name) if group.systematic else None
-    if scatter := _scatter(group, name):
-        line.append(f"(shots disagree: they scatter by {scatter} %)")
+    if scatter := (group.population.wide_scatters if group.population else {}).get(name):
+        line.append(f"(shots scatter by {digits.percent(scatter)} %)")
     elif statistics and _width_of(value) > COMMON_SHARE * _width_of(statistics):
         line.append(f"({digits.value_parts(statistics, factor)[1]} if scale and rate are exact)")
     return line
@@ -190,41 +189,35 @@ def _is_liquid(group: GroupRecord) -> bool:
     return bool(group.population and group.population.switches.get("liquid", 0.0) > 0.5)
 
 
-def _scatter(group: GroupRecord, name: str) -> str:
-    """The standard deviation of the shots over the material, %, where it is wide and no chance; else ""."""
-    from cavirheo.inference.population import relative_scatter
-
-    material = group.material
-    decades = material.spreads_decades.get(name) if material else None
-    if material is None or decades is None or material.agree:
-        return ""
-    scatter = relative_scatter(decades.median or 0.0)
-    return digits.significant(100.0 * scatter, 2) if scatter > WIDE_SCATTER else ""
-
-
 def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """Whether G and mu may be used, in a sentence."""
-    doubts = [message for message in group.doubts if message.code != "group.doubt.heaps"]
-    if doubts or len(group.heaps) == len(_SYMBOLS):
-        more = f"; {digits.counted(len(group.doubts) - 1, 'more doubt')} in the report" if len(group.doubts) > 1 else ""
-        return f"nothing yet: {group.doubts[0].text}{more}"
+    disagree = _disagreeing(group)
+    if len(disagree) < len(group.doubts) or len(group.heaps) == len(_SYMBOLS):
+        return f"nothing yet: {'; '.join(message.text for message in group.doubts)}"
     if group.verdict == "does_not_fit":
         count = sum(shot.verdict == "does_not_fit" for shot in shots)
         recordings = "the recording does" if len(shots) == 1 else f"{count} of {len(shots)} recordings do"
         return f"nothing: {recordings} not follow the law"
-    if group.verdict == "check_input" and not group.heaps:
+    if group.verdict == "check_input" and not disagree:
         return f"nothing yet: {'; '.join(message.text for message in shots[0].warnings)}"
     if group.verdict == "failed":
         return f"nothing: {shots[0].message}"
     if group.verdict == "unverified":
-        return "with care: a network gives one value, without an interval"
+        return "as a first guess: a network gives one value, and no interval says how wrong it may be"
     uses: dict[str, list[str]] = {}
     for name, symbol in _SYMBOLS.items():
         uses.setdefault(_use_of(group, name), []).append(symbol)
     parts = [f"{' and '.join(symbols)} {how}" for how, symbols in uses.items() if how]
     if not parts and group.population and len(shots) > 1:
         return f"each shot by itself; {group.population.line}"
-    return "; ".join(parts) or "nothing: no value is known"
+    why = f": the shots disagree in {' and '.join(disagree)}" if disagree else ""
+    return ", ".join(parts) + why if parts else "nothing: no value is known"
+
+
+def _disagreeing(group: GroupRecord) -> list[str]:
+    """Symbols of the parameters in which the shots disagree."""
+    apart = {*group.heaps, *(group.population.wide_scatters if group.population else {})}
+    return [symbol for name, symbol in _SYMBOLS.items() if name in apart]
 
 
 def _use_of(group: GroupRecord, name: str) -> str:
@@ -236,8 +229,7 @@ def _use_of(group: GroupRecord, name: str) -> str:
         return ""
     if value.bound:
         return "not" if value.bound == "undetermined" else "as a bound"
-    moved = name == "shear_modulus" and abs(group.change_by_scale or 0.0) >= LARGE_CHANGE
-    return "with care" if moved or _scatter(group, name) else "with interval"
+    return "with care" if group.doubts else "with interval"
 
 
 def _probabilities(group: GroupRecord) -> str:
@@ -257,17 +249,19 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
     """The one command that helps."""
     document = shlex.quote(str(out / "result.json"))
     codes = [message.code for message in group.doubts]
-    if "group.doubt.input" in codes or (group.verdict == "check_input" and not codes) or group.verdict == "failed":
-        return f"cavirheo show {document}   (the warning of each shot)"
+    if group.verdict == "check_input" and len(shots) == 1:
+        return "the same command with what is asked for, or with --trust-input"
+    if "group.doubt.input" in codes or group.verdict == "failed":
+        return f"cavirheo show {document}   (the messages of each shot)"
     if "group.doubt.ends" in codes:
         return "the same command with the right --um-per-px (or --rmax-um) and --fps"
-    if "group.doubt.walls" in codes:
-        return "the same command with --wall-distance-um, or the right --um-per-px and --fps"
     if "group.doubt.heaps" in codes:
         return f"cavirheo infer {_first_heap(group, shots)}   (each part by itself)"
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
-    if group.verdict == "does_not_fit" or (misfits and any(_scatter(group, name) for name in _SYMBOLS)):
+    if group.verdict == "does_not_fit" or (misfits and codes):
         return f"cavirheo which-law {_files(misfits or shots, 2)}"
+    if codes:
+        return f"look at {out / 'report.html'}   (which shots lie apart)"
     if group.verdict == "unverified":
         return f"cavirheo infer {_files(shots, 2)}"
     if abs(group.change_by_scale or 0.0) >= LARGE_CHANGE:
@@ -343,7 +337,6 @@ def print_all(result: Result, *, out: Path = Path()) -> None:
         terminal.print_text(console, line, style="dim")
     terminal.print_remarks(console, curves_by_message(rows))
     for group in result.groups:
-        terminal.print_remarks(console, {remark: [group.name] for remark in group.remarks})
         if group.laws:
             title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {LAWS_TITLE}"
             terminal.print_table(console, LAW_HEADS, group.laws.rows, title=title)

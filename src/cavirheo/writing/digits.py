@@ -32,12 +32,6 @@ VERDICT_STYLES = {
     "unverified": VerdictStyle("unverified", "#8a3068", "magenta"),
 }
 VERDICT_WORDS = {verdict: look.words for verdict, look in VERDICT_STYLES.items()}
-_REASONS = {  # why a shot does not count, besides its verdict
-    "no_interval": "without an interval",
-    "no_column_value": "without a value along the column",
-    "other_model": "of another model",
-    "copy": "a copy of another",
-}
 MATERIAL_TITLES = {
     "auto": "a neo-Hookean spring that may stiffen or be absent, beside a dashpot",
     "nhkv": "neo-Hookean Kelvin-Voigt",
@@ -143,13 +137,6 @@ def counted(count: int, what: str) -> str:
 def counted_shots(count: int, total: int) -> str:
     """How many shots of a group count in its material or its means: '4 of 5 shots count'."""
     return f"{count} of {counted(total, 'shot')} {'counts' if total == 1 else 'count'}"
-
-
-def left_out_in_words(counts: Mapping[str, int]) -> str:
-    """'4 shots do not count: 1 does not fit, 3 without an interval'; "" if all count."""
-    reasons = ", ".join(f"{count} {(VERDICT_WORDS | _REASONS)[why]}" for why, count in counts.items())
-    total = sum(counts.values())
-    return f"{counted(total, 'shot')} {'does' if total == 1 else 'do'} not count: {reasons}" if counts else ""
 
 
 def p_value_in_words(predictive: Mapping[str, Any]) -> str:

@@ -17,11 +17,12 @@ from cavirheo.arrays import Floats, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.answer import over_scale
-from cavirheo.inference.population.heaps import Heap, two_heaps
+from cavirheo.inference.population.heaps import two_heaps
 from cavirheo.inference.population.hierarchy import FEW, SPREAD_SCALE, Likelihood, Scatter, likelihood
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import CommonErrors, shifts
 from cavirheo.inference.sample import Draws, effective_size
+from cavirheo.messages import Message
 from cavirheo.parameters import (
     DECIDING,
     LOG10,
@@ -36,7 +37,7 @@ from cavirheo.parameters import (
     wide_bound,
 )
 from cavirheo.physics.bubble import Bubble
-from cavirheo.posterior import TRUSTED, Evidence, Posterior, check_level
+from cavirheo.posterior import TRUSTED, Evidence, Heap, Posterior, check_level
 from cavirheo.prior import Prior
 from cavirheo.writing import digits, export, plots
 from cavirheo.writing.document import Quantity
@@ -44,7 +45,7 @@ from cavirheo.writing.document import Quantity
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["CommonErrors", "Heap", "Population", "population"]
+__all__ = ["CommonErrors", "Population", "population"]
 
 MIN_SHOTS = 3  # least number of shots of a population
 _DRAWS = 4000  # draws of a population
@@ -250,13 +251,13 @@ class Population:
     @property
     def remarks(self) -> list[str]:
         """Sentences below the line: outliers, shots that do not count, warnings."""
-        away = [
-            f"{name} (probability {'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.outliers.items()
-        ]
-        unlike = f"probably of another material than the other shots, and hardly counted: {', '.join(away)}"
-        texts = [unlike] * bool(away)
-        left = digits.left_out_in_words(self.left_out)
-        return texts + [left] * bool(left) + list(self.warnings) * bool(len(self.centre))
+        said = list[Message]()
+        if self.outliers:
+            said.append(Message("group.outliers", {"probabilities": self.outliers}))
+        if self.left_out:
+            said.append(Message("group.left_out", {"counts": self.left_out}))
+        warnings = self.warnings if len(self.centre) else ()
+        return [*(message.text for message in said), *warnings]
 
     def _value(self, name: str) -> str:
         value, parameter = self.quantity(name), parameter_of(name)
@@ -476,10 +477,10 @@ def _with_material(
 
 def _warnings(shots: Sequence[str], likelihoods: Sequence[Likelihood], effective: float) -> Iterator[str]:
     """What is rough in the intervals of shots, and in those of their material, which has so many effective draws."""
-    sizes = zip(shots, likelihoods, strict=True)
-    rough = [f"{name} ({shot.effective:.0f})" for name, shot in sizes if shot.effective < FEW]
+    sizes = zip(digits.distinct_names(shots), likelihoods, strict=True)
+    rough = [name for name, shot in sizes if shot.effective < FEW]
     if rough:
-        yield f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"
+        yield f"rough, for it has fewer than {FEW:.0f} effective draws of {', '.join(rough)}"
     if effective < _LEAST_EFFECTIVE:
         yield f"the intervals of the material are rough: its draws are worth {effective:.0f} independent ones"
 
@@ -509,10 +510,11 @@ def _select_likelihoods(
     """(likelihoods of the answers that count, by index; number of those that do not, by reason)."""
     why: dict[int, str] = {}
     for i, answer in enumerate(answers):
-        if len(answer.theta) < 2:
-            why[i] = "failed" if answer.checks.verdict == "failed" else "no_interval"
-        elif only_trusted and answer.checks.verdict not in TRUSTED:
-            why[i] = answer.checks.verdict
+        verdict = answer.checks.verdict
+        if verdict == "failed" or (only_trusted and verdict not in TRUSTED):
+            why[i] = verdict
+        elif len(answer.theta) < 2:
+            why[i] = "no_interval"
         elif not np.isfinite(column[i]):
             why[i] = "no_column_value"
     usable = [i for i in range(len(answers)) if i not in why]

@@ -3,31 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import NORMAL_90, Floats
-from cavirheo.posterior import Posterior
+from cavirheo.posterior import Heap, Posterior
 
 FEWEST = 2  # shots in a heap
 LEAST_SHARE = 0.2  # of the shots in the smaller heap: fewer are outliers
 APART = 0.3  # decades between the middles of the heaps
 CLEAR = 4.0  # this distance over the deviation of a shot within its heap
-
-
-class Heap(NamedTuple):
-    """Shots whose intervals of a parameter are alike.
-
-    Attributes:
-        shots: their names.
-        low: lower end of their intervals, SI; None if they are only bounded from above.
-        high: upper end of their intervals, SI; None if they are only bounded from below.
-    """
-
-    shots: tuple[str, ...]
-    low: float | None
-    high: float | None
 
 
 def two_heaps(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> tuple[Heap, Heap] | None:
