@@ -111,6 +111,8 @@ def test_what_is_known_comes_from_the_trusted_answers(quick):
     with refused("design.groups", "--group"):
         cavirheo.design(two)
     assert code_of(cavirheo.design, result_of(rows[2:], "x")) == "design.no_answer"
+    usual = [one.model_copy(update={"material": "auto"}) for one in rows]  # what infer answers by default
+    assert cavirheo.design(result_of(usual, "x"), draws=40).known == made.known
 
 
 RIGS = (

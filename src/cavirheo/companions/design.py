@@ -17,7 +17,7 @@ from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import expect_whole, require
-from cavirheo.inference.assumptions import Family, Options
+from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.design import (
     MOST_SHOTS,
     Draws,
@@ -371,10 +371,11 @@ def _prior_of(
 
 
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:
-    """The group of the material, and its trusted answers of this law with intervals."""
+    """The group of the material, and its trusted answers of this law, or of the default model, that know all of the
+    law's parameters."""
     candidates: list[tuple[GroupRecord, list[CurveRecord]]] = []
     for record, shots in result.rows_by_group():
-        rows = [row for row in shots if row.trusted and row.material == family.name]
+        rows = [row for row in shots if row.trusted and row.material in (family.name, AUTO)]
         rows = [row for row in rows if np.all(np.isfinite(log_ends(map(row.value, family.parameters))))]
         candidates += [(record, rows)] if rows and group in (None, record.name, rows[0].group) else []
     groups = ", ".join(record.name for record in result.groups)
