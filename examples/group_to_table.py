@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import cavirheo
-from cavirheo.reporting import write_report
+from cavirheo.reporting import result, write_report
 
 curves = cavirheo.read_curves(Path(__file__).parent / "stiff_gel.mat")
 answers = cavirheo.infer_many(curves)
-document = write_report("group-result", list(zip(curves, answers, strict=True)), "group_to_table.py")
+pairs = list(zip(curves, answers, strict=True))
+document = result(pairs, "group_to_table.py")
+write_report("group-result", pairs, document)
 for group in document.groups:
     G, mu = group.value("shear_modulus"), group.value("viscosity")
     print(f"{group.name}: {group.n} shots, {group.verdict}")

@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 from playwright.sync_api import Browser, sync_playwright
 
 from cavirheo import infer, read_curves
-from cavirheo.reporting import write_report
+from cavirheo.reporting import result, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.svg import curve_svg
@@ -58,7 +58,8 @@ def answer(svg: Path, png: Path) -> None:
     answer = infer(curve)
     svg.write_text(curve_svg(answer_panels(curve, answer.checks, curve_record(curve, answer))), encoding="utf-8")
     with TemporaryDirectory() as folder, chromium() as browser:
-        write_report(folder, [(curve, answer)], f"cavirheo infer {SHOT}")
+        pairs = [(curve, answer)]
+        write_report(folder, pairs, result(pairs, f"cavirheo infer {SHOT}"))
         page = browser.new_page(viewport={"width": 1160, "height": 800}, device_scale_factor=1.5)
         page.goto(Path(folder, "report.html").as_uri())
         page.locator("section.group").screenshot(path=png)

@@ -61,7 +61,7 @@ ANSWERS = Page(
         Group(
             "Parts of a Posterior",
             {
-                "cavirheo.posterior": "Checks Diagnostics Evidence Bubble OtherAnswer Heap",
+                "cavirheo.posterior": "Checks Diagnostics Evidence Bubble Heap",
                 "cavirheo.messages": "Message",
             },
         ),
@@ -76,7 +76,7 @@ ANSWERS = Page(
             "Documents",
             {
                 "cavirheo.reporting.record": "Result",
-                "cavirheo.reporting.answer": "CurveRecord Sentence OtherModel Compared",
+                "cavirheo.reporting.answer": "CurveRecord Sentence Compared",
                 "cavirheo.reporting.group": "GroupRecord PublishedValue",
                 "cavirheo.reporting.material": "PopulationRecord Systematic MaterialRatio",
                 "cavirheo.reporting.laws": "LawsOfGroup LawOfGroup",
@@ -140,7 +140,7 @@ MORE = Page(
             },
             "[How](../docs/how-to/rheometer.md).",
         ),
-        Group("Write", {"cavirheo.reporting": "write_report read_json", "cavirheo.io": "write_csv"}),
+        Group("Write", {"cavirheo.reporting": "result write_report read_json", "cavirheo.io": "write_csv"}),
     ),
 )
 PAGES = {"python": START, "answers": ANSWERS, "laws": LAWS, "more": MORE}

@@ -13,13 +13,12 @@ from importlib.resources import files
 from typing import Any
 
 from cavirheo.errors import InputError, SolverError
-from cavirheo.parameters import parameter_of, searched_bound
+from cavirheo.parameters import parameter_of
 from cavirheo.writing import digits
 
-_MOST_NAMES = 24  # letters of the names of shots in a sentence, from which on they are counted
+_MOST_NAMES = 10  # letters of the names of shots in a sentence, from which on they are counted
 _UNLIKELY = 0.05  # probability up to which a switch does not count
 Ends = tuple[float, float, float]  # 5 %, 50 %, 95 %
-Model = Mapping[str, Any]  # "material", "bubble" (names), "values" (interval by parameter), "interval" (bool)
 
 
 @dataclass(frozen=True)
@@ -27,7 +26,7 @@ class Message:
     """A statement about an answer, as a code and values.
 
     Attributes:
-        code: identifies the statement for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected". It
+        code: identifies the statement for programs: "check_input.scale", "bound.viscosity.upper", ... It
             stays the same when the sentence is reworded. An error has the code of its `InputError`.
         parameters: the values in the sentence, SI; for a code without a sentence here, `text` holds the sentence.
     """
@@ -91,7 +90,7 @@ def state_in_words(kind: str, bubble: str) -> str:
 
 
 def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
-    """'0.026 to 0.033 Pa s in [1], [2]; below 0.020 in 12 shots' of heaps with `low`, `high` (SI) and `shots`."""
+    """'either 0.026 to 0.033 Pa s in [1], [2] or below 0.020 in 12 shots' of heaps with `low`, `high` (SI), `shots`."""
     short = iter(digits.distinct_names([shot for heap in heaps for shot in heap.shots]))
     ends = [end for heap in heaps for end in (heap.low, heap.high) if end]
     factor, unit = digits.unit_for(parameter_of(name).unit, max(ends))
@@ -104,7 +103,7 @@ def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
         names = ", ".join(next(short) for _ in heap.shots)
         where = names if len(names) <= _MOST_NAMES else digits.counted(len(heap.shots), "shot")
         parts.append(f"{limits}{'' if parts else f' {unit}'} in {where}")
-    return "; ".join(parts)
+    return f"either {' or '.join(parts)}"
 
 
 def constants_in_words(values: Mapping[str, float]) -> str:
@@ -263,39 +262,6 @@ def _outliers(probabilities: Mapping[str, float]) -> str:
     return f"probably of another material, and hardly counted: {', '.join(chances)}"
 
 
-def _model_in_words(model: Model) -> str:
-    """'nhkv, real bubble with G 5.1 kPa [4.8, 5.5]'; 'µ below 0.010 Pa s (95 %)' where an interval reaches the lower
-    end of the range."""
-    from cavirheo.writing.document import Quantity
-
-    words = []
-    for name, (low, median, high) in model["values"].items():
-        parameter = parameter_of(name)
-        value = Quantity(median=median)
-        if low < high:
-            value = Quantity.from_interval(low, median, high, searched_bound(name, low, high))
-        factor, unit = digits.unit_for(parameter.unit, median)
-        words.append(f"{parameter.symbol} {digits.quantity(value, factor, unit=unit)}")
-    interval = "" if model["interval"] else " (no interval)"
-    return f"{model['material']}, {model['bubble']} with {', '.join(words)}{interval}"
-
-
-def _rejected(this: Model, rival: Model, gain: float, rough: bool) -> str:
-    about = "about " if rough else ""
-    models = f"{_model_in_words(rival)}, instead of {_model_in_words(this)}"
-    return f"the evidence prefers another model: {models} (evidence {about}e^{gain:.0f} times larger)"
-
-
-def _chosen(this: Model, rivals: Sequence[Model]) -> str:
-    parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
-    for rival in rivals:
-        odds = f"e^{abs(rival['gain']):.0f} times {'more' if rival['gain'] > 0 else 'less'} likely"
-        words = f"{rival['material']}, {rival['bubble']} ({'equally likely' if rival['equal'] else odds})"
-        parts["rejected" if rival["rejected"] else "also possible"].append(words)
-    others = [f"{words}: {', '.join(models)}" for words, models in parts.items() if models]
-    return f"chosen by evidence: {', '.join([this['material'], this['bubble'], *others])}"
-
-
 _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "bound": _bound,
     "prior_end": _prior_end,
@@ -318,15 +284,10 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
         f"the simulation misses the measurement by {100 * rms:.2g} % of R_max RMS (limit {100 * limit:.2g} %)"
     ),
     "misfit.systematic": _systematic,
-    "model.rejected": _rejected,
-    "model.chosen": _chosen,
     "group.doubt.ends": _ends,
     "group.doubt.bubble": _bubble,
     "group.doubt.heaps": _heaps,
     "group.doubt.scatter": _scatter,
-    "group.rival": lambda count, total, models: (
-        f"evidence for another model in {count} of {total} shots: {' or '.join(models)}"
-    ),
     "group.not_given": lambda values: f"{constants_in_words(values)}: assumed, for none is given",
     "group.trend": lambda trends: (
         f"{', '.join(trends)} with R_max, which a constant does not: wrong law or bubble? --column R_max measures it"

@@ -147,27 +147,6 @@ class Heap:
 
 
 @dataclass(frozen=True)
-class OtherAnswer:
-    """The answer of another model for the same frames.
-
-    Attributes:
-        material: the law.
-        bubble: the model of the bubble.
-        best: best value of every parameter by its natural name, SI.
-        intervals: (5 %, 50 %, 95 %) of the parameters by natural name, SI.
-        evidence: to compare with the evidence of the answer; None if it was not computed.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-    """
-
-    material: str
-    bubble: Bubble
-    best: Mapping[str, float]
-    intervals: Mapping[str, tuple[float, float, float]]
-    evidence: Evidence | None
-    rmse_over_rmax: float | None
-
-
-@dataclass(frozen=True)
 class Diagnostics:
     """How an answer was computed and how reliable its interval is; None or empty if the method has no such value.
 
@@ -224,7 +203,6 @@ class Posterior:
         diagnostics: how the answer was computed.
         bubble: the model of the bubble itself.
         medium: the constants of the surroundings and of the contents of the bubble.
-        others: answers of other models, if they were computed (`which_law`).
         prior: of the law's parameters, by name as in `names`: (low, high) if uniform, (low, high, mean, standard
             deviation) if normal; parameters with an unknown prior are missing.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
@@ -248,7 +226,6 @@ class Posterior:
     diagnostics: Diagnostics = Diagnostics()
     bubble: Bubble = FIELD
     medium: Medium | None = None
-    others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     stretch_prior: tuple[float, float] | None = None
     switches: Mapping[str, float] = field(default_factory=dict)
@@ -347,7 +324,7 @@ class Posterior:
         these."""
         checks = Checks("failed", (*messages, *self.checks.messages))
         nothing: dict[str, Any] = dict.fromkeys(("log_weight", "evidence", "stretch", "stretch_prior"))
-        nothing |= {"best": {}, "switches": {}, "others": ()}
+        nothing |= {"best": {}, "switches": {}}
         return replace(self, theta=self.theta[:0], checks=checks, **nothing)
 
     def to_dataframe(self) -> Any:

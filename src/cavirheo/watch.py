@@ -162,10 +162,9 @@ class Watch:
         self._unwritten = False
         pairs, notes = self.pairs()
         about: dict[str, Any] = {"date": self.date, "notes": notes, "errors": self.errors}
+        document = result(pairs, self.command, **about)
         if pairs or not self.outputs.listed_entry("result.json"):
-            document = write_report(self.out, pairs, self.command, draw=self.draw, replace=True, **about)
-        else:
-            document = result(pairs, self.command, **about)
+            write_report(self.out, pairs, document, draw=self.draw, replace=True)
         now = time.monotonic()
         self._due = now + PAUSE_FACTOR * (now - started)
         return document

@@ -13,9 +13,7 @@ from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import WATER, ZHU2025, Medium, medium
-from cavirheo.posterior import Evidence
 from cavirheo.reporting import result
-from cavirheo.reporting.answer import OtherModel
 from cavirheo.reporting.citation import MEDIUM_KEYS, methods_paragraph, references, references_of_law
 from cavirheo.reporting.group import group_record
 from cavirheo.reporting.material import PopulationRecord
@@ -51,14 +49,12 @@ def test_the_command_cites_only_what_was_used(run, document, tmp_path):
 
 
 OPTIONAL = "Keller1980 Gilmore1952 Plesset1949 Estrada2018 Fung1967 Fuller1966 Cornuet2012 Kass1995"
-RIVAL = OtherModel(material="newtonian", bubble=FIELD, log_evidence=30.0)
 CITED = {  # an answer's sources among these, and what it has
     "Keller1980 Estrada2018": {"bubble": FIELD},
     "Gilmore1952 Estrada2018": {"bubble": Bubble(motion="gilmore")},
     "Plesset1949": {"bubble": Bubble(motion="rayleigh-plesset", exponent=1.4)},
     "Keller1980 Estrada2018 Fung1967 Fuller1966": {"material": "fung + newtonian", "bubble": REAL},
     "Keller1980 Estrada2018 Cornuet2012": {"method": "verified"},
-    "Keller1980 Estrada2018 Kass1995": {"other_models": [RIVAL], "evidence": Evidence(2.0)},
 }
 
 

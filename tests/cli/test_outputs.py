@@ -22,7 +22,7 @@ from cavirheo.io import write_csv
 from cavirheo.parallel import Threads, run_jobs
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
-from cavirheo.reporting import html, read_json, write_report
+from cavirheo.reporting import html, read_json, result, write_report
 from cavirheo.workflow.store import Store, Unfinished
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs
 
@@ -150,15 +150,15 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
 
 
 def test_another_report_or_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):
-    write_report(tmp_path, solved[:1], "first")
+    write_report(tmp_path, solved[:1], result(solved[:1], "first"))
     before = contents(tmp_path)
     assert LOCK_FILE not in before
-    for given in ((solved[:1], "second"), (solved[1:], "first")):
-        assert code_of(write_report, tmp_path, *given) == "document.other_run"
+    for pairs, command in ((solved[:1], "second"), (solved[1:], "first")):
+        assert code_of(write_report, tmp_path, pairs, result(pairs, command)) == "document.other_run"
     assert contents(tmp_path) == before
     monkeypatch.setattr(html, "write", stopped)
     with pytest.raises(KeyboardInterrupt):
-        write_report(tmp_path, solved[:1], "second", replace=True)
+        write_report(tmp_path, solved[:1], result(solved[:1], "second"), replace=True)
     after = contents(tmp_path)
     assert after["report.html"] == before["report.html"]
     assert "second" in after["result.json"].decode()

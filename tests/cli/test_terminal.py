@@ -123,7 +123,7 @@ def test_documents_of_others_cannot_abuse_the_terminal(run, tmp_path, capsys):
 
 def test_no_control_character_reaches_a_file(tmp_path, recwarn):
     pairs = [*answers([EVIL, "other"]), *answers([EVIL], verdict="failed", message=EVIL)]
-    write_report(tmp_path, pairs, EVIL, notes=[EVIL])
+    write_report(tmp_path, pairs, result(pairs, EVIL, notes=[EVIL]))
     paths = [path for path in tmp_path.iterdir() if path.suffix in (".json", ".csv", ".html")]
     assert len(paths) == 3
     assert [path.name for path in paths if not clean(path.read_text(encoding="utf-8"))] == []

@@ -14,20 +14,17 @@ from conftest import refused, rows_of
 
 from cavirheo import infer_many, load, population
 from cavirheo.column import read_column
-from cavirheo.inference.alternatives import rejection_messages
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.which_law import ranked
-from cavirheo.physics.bubble import REAL, Bubble
-from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
-from cavirheo.reporting import group, html, result, screen, table, write_report
+from cavirheo.physics.bubble import Bubble
+from cavirheo.posterior import Diagnostics, Evidence
+from cavirheo.reporting import group, html, result, screen, write_report
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.laws import laws_by_group
+from cavirheo.reporting.laws import laws_by_curve
 from cavirheo.reporting.panels import answer_panels, preview_panels
 from cavirheo.reporting.plane import group_panels
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Quantity, Spread
-
-KINETIC = Bubble("kinetic")
 
 
 @pytest.fixture
@@ -62,7 +59,9 @@ def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
     about = Diagnostics(modulus_over_scale=none, predictive={"p_value": none})
     curve, one = pairs[0]
     one = replace(one, provenance=odd, diagnostics=about, checks=replace(one.checks, mae_over_rmax=none))
-    made = write_report(tmp_path, [(curve, one), *pairs[1:]], COMMAND, date="2025-01-02", notes=["a note"])
+    pairs[0] = curve, one
+    made = result(pairs, COMMAND, date="2025-01-02", notes=["a note"])
+    write_report(tmp_path, pairs, made)
     assert load(tmp_path / "result.json") == made
     found = strictly(tmp_path / "result.json")
     assert (found["schema"], found["command"], bool(found["version"])) == (1, COMMAND, True)
@@ -109,7 +108,8 @@ def test_parameters_and_models_of_any_law_are_in_json_and_csv(tmp_path):
     theta = np.log10([98.0 * 1e5**-0.57, 0.43]) + 0.01 * rng.standard_normal((300, 2))
     thins = replace(answer(curve), theta=theta, **law)
     given = replace(answer(curve), bubble=Bubble("kinetic", 0.5), best={"accommodation": 0.5})
-    write_report(tmp_path, [(curve, answer(curve, material="newtonian")), (curve, thins), (curve, given)], COMMAND)
+    pairs = [(curve, answer(curve, material="newtonian")), (curve, thins), (curve, given)]
+    write_report(tmp_path, pairs, result(pairs, COMMAND))
     liquid, power, kinetic = load(tmp_path / "result.json").curves
     assert liquid.shear_modulus_Pa == power.viscosity_Pa_s == Quantity()
     assert liquid.viscosity_Pa_s.median == pytest.approx(0.021)
@@ -126,38 +126,17 @@ def test_parameters_and_models_of_any_law_are_in_json_and_csv(tmp_path):
     assert (stated.q05, stated.q95) == pytest.approx(bounded.interval("reference_viscosity"))
 
 
-def beside(best=None, *, log=-3.0, bubble=KINETIC, material="nhkv") -> OtherAnswer:
-    best = best or {"viscosity": 0.003}
-    intervals = {name: (0.8 * value, value, 1.2 * value) for name, value in best.items() if name == "viscosity"}
-    return OtherAnswer(material, bubble, best, intervals, Evidence(log), 0.004)
-
-
-def test_other_models_stand_beside_an_answer(tmp_path):
-    thins = {"reference_viscosity": 98.0 * 1e5**-0.57, "exponent": 0.43}
-    fits = replace(beside(thins, bubble=Bubble(), material="power-law"), evidence=None)
-    others = (beside(), beside(log=-30.0, material="qkv"), fits)
-    made = replace(answer(bubble(), draws=300), evidence=Evidence(-15.0), others=others)
-    written = write_report(tmp_path, [(bubble(), made)], COMMAND)
-    assert load(tmp_path / "result.json") == written
-    kinetic = strictly(tmp_path / "result.json")["curves"][0]["other_models"][0]
-    assert (kinetic["material"], kinetic["bubble"]["contents"], kinetic["log_evidence"]) == ("nhkv", "kinetic", -3.0)
-    expected = {"median": 0.003, "q05": 0.0024, "q95": 0.0036}
-    assert {name: kinetic["viscosity_Pa_s"][name] for name in expected} == pytest.approx(expected)
-    rows = table.model_rows(written.curves[0], 1e-3)
-    shown = {(one[0], one[-1]) for one in rows}
-    assert {("nhkv, field", "0"), ("nhkv, kinetic", "+12.0"), ("qkv, kinetic", "-15.0")} <= shown
-    assert rows[-1][2] == "0.138"  # at 1e5 1/s, of a law without one viscosity
-
-
 def test_laws_of_a_group_are_in_the_document_and_on_the_screen(tmp_path, capsys):
     pairs = growing(count=3)
     by_law = {"nhkv": [], "newtonian": []}
     for curve, made in pairs:
         by_law["nhkv"].append(replace(made, evidence=Evidence(-10.0, 0.1)))
         by_law["newtonian"].append(replace(answer(curve, material="newtonian"), evidence=Evidence(-12.0, 0.1)))
-    _, groups = ranked([curve for curve, _ in pairs], by_law)
-    write_report(tmp_path, pairs, COMMAND, laws=laws_by_group(groups), draw=False)
-    document = load(tmp_path)
+    singles, groups = ranked([curve for curve, _ in pairs], by_law)
+    document = result(pairs, COMMAND)
+    document.add_laws(laws_by_curve([*singles, *groups]))
+    write_report(tmp_path, pairs, document, draw=False)
+    assert load(tmp_path) == document
     laws = document.groups[0].laws
     assert (laws.chosen, laws.shots, laws.pairs[0].difference) == ("nhkv", 3, pytest.approx(6.0))
     assert laws.laws["newtonian"].log_evidence == pytest.approx(-36.0)
@@ -183,18 +162,15 @@ COUNTED = {"does_not_fit": 3, "check_input": 3, "bound": 5}  # of five, two with
 
 
 @pytest.mark.parametrize(("verdict", "count"), COUNTED.items())
-def test_only_what_is_trusted_counts_in_materials_and_pictures(verdict, count, tmp_path):
+def test_only_what_is_trusted_counts_in_materials_and_pictures(verdict, count):
     pairs = growing(count=5)
-    other = OtherAnswer("nhkv", REAL, {"viscosity": 0.03}, {}, Evidence(20.0), 0.01)
     for k, (curve, one) in enumerate(pairs):
-        one = replace(one, evidence=Evidence(0.0, 0.1), others=(other,))
-        pairs[k] = curve, with_verdict(one, verdict if k < 2 else "ok", *rejection_messages(one))
-    written = write_report(tmp_path, pairs, COMMAND, draw=False)
+        pairs[k] = curve, with_verdict(one, verdict if k < 2 else "ok")
+    written = result(pairs, COMMAND)
     (one,) = written.groups
     assert one.n_counted == one.population.n == count
     counted = [row.shear_modulus_Pa.median for row in written.curves[5 - count :]]
     assert min(counted) < one.value("shear_modulus").median < max(counted)
-    assert "group.rival" in [message.code for message in one.messages]  # it is said, and changes no verdict
     looks = [layer.look for layer in panels_of_group(pairs, written)[0].layers]
     assert [looks.count(look) for look in ("region", "region-out")] == [count, 5 - count]
     assert len(population([made for _, made in pairs], only_trusted=False).shots) == 5
@@ -207,7 +183,7 @@ def test_bounds_count_where_they_tell_something(tmp_path):
         curve, made = pairs[k]
         theta = np.column_stack([made.theta[:, 0] + 0.01 * k, rng.uniform(-4.0, -2.0, 800)])
         pairs[k] = curve, with_verdict(replace(made, theta=theta), "bound")
-    write_report(tmp_path, pairs, COMMAND, draw=False)
+    write_report(tmp_path, pairs, result(pairs, COMMAND), draw=False)
     found = load(tmp_path / "result.json")
     (one,), rows = found.groups, found.curves
     assert [row.viscosity_Pa_s.bound for row in rows] == [None] * 3 + ["upper"] * 2
@@ -338,7 +314,9 @@ def test_panels_are_the_measurement_the_simulation_and_the_residual(pairs):
 def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path):
     (curve, posterior), *others = pairs
     broken = replace(posterior, checks=replace(posterior.checks, reconstruction_radius=np.ones(3)))  # of other length
-    written = write_report(tmp_path, [(curve, broken), *others], COMMAND)
+    pairs = [(curve, broken), *others]
+    written = result(pairs, COMMAND)
+    write_report(tmp_path, pairs, written)
     (note,) = written.notes
     assert ("shot[1]" in note, "ValueError" in note) == (True, True)
     assert (tmp_path / "report.html").read_text(encoding="utf-8").count('<path class="simulated"') == 1
@@ -348,7 +326,9 @@ def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path):
 def test_report_is_one_sound_file_that_asks_for_nothing_and_has_a_picture_of_every_curve(pairs, tmp_path):
     pairs += [(bubble("short"), unanswered("too short"))]
     pairs += [(replace(bubble("px"), unscaled="in pixels", time_unscaled=True), unanswered("no scale"))]
-    assert write_report(tmp_path, pairs, COMMAND).notes == []
+    written = result(pairs, COMMAND)
+    write_report(tmp_path, pairs, written)
+    assert written.notes == []
     page, text = page_of(tmp_path), (tmp_path / "report.html").read_text(encoding="utf-8")
     assert [text.count(f'<path class="{look}"') for look in ("measured", "simulated")] == [4, 2]
     assert len(page.ids) == len(set(page.ids))
@@ -368,7 +348,8 @@ def test_report_escapes_everything_from_outside(tmp_path):
     made = answer(curve, verdict="does_not_fit", message=evil, material=evil)
     theta, names = np.array([[-2.0, 1.0]]), (*NAMES[1:], evil)
     made = replace(made, provenance={evil: evil}, names=names, units=("Pa s", "1"), theta=theta)
-    write_report(tmp_path, [(curve, made), (empty(evil, evil, evil), unanswered(evil))], evil, date=evil)
+    pairs = [(curve, made), (empty(evil, evil, evil), unanswered(evil))]
+    write_report(tmp_path, pairs, result(pairs, evil, date=evil))
     page = page_of(tmp_path)
     assert page.tags.isdisjoint({"script", "img"})
     assert evil in "".join(page.text)
@@ -379,7 +360,8 @@ def test_files_have_the_same_bytes_each_time(tmp_path):
     names = ["../../etc/x[1]", "漢" * 82]
     curves = [bubble(name) for name in names]
     for folder in "ab":
-        write_report(tmp_path / folder, [(one, answer(one)) for one in curves], COMMAND, date="2025-01-02")
+        pairs = [(one, answer(one)) for one in curves]
+        write_report(tmp_path / folder, pairs, result(pairs, COMMAND, date="2025-01-02"))
     one, two = ({path.name: path.read_bytes() for path in (tmp_path / k).iterdir()} for k in "ab")
     assert one == two
     assert [row.name for row in load(tmp_path / "a" / "result.json").curves] == names
@@ -389,10 +371,12 @@ def test_files_have_the_same_bytes_each_time(tmp_path):
 def test_write_report_refuses_what_it_cannot_do_and_is_complete_without_matplotlib(pairs, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("x")
     with refused("document.folder"):
-        write_report(tmp_path / "file", pairs, COMMAND)
+        write_report(tmp_path / "file", pairs, result(pairs, COMMAND))
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     out = tmp_path / "out"
-    assert write_report(out, pairs, COMMAND).notes == []
+    written = result(pairs, COMMAND)
+    write_report(out, pairs, written)
+    assert written.notes == []
     assert "<svg" in (out / "report.html").read_text(encoding="utf-8")
     assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", "report.html", ".cavirheo"}
 
@@ -401,7 +385,7 @@ def test_of_very_many_curves_exceptions_have_a_picture(tmp_path):
     curves = [bubble(f"shot[{k}]") for k in range(212)]
     pairs = [(curve, answer(curve, draws=20)) for curve in curves[:210]]
     pairs += [(curve, answer(curve, verdict="does_not_fit", message=f"said of {curve.name}")) for curve in curves[210:]]
-    write_report(tmp_path, pairs, COMMAND)
+    write_report(tmp_path, pairs, result(pairs, COMMAND))
     page = page_of(tmp_path)
     assert (tmp_path / "report.html").read_text(encoding="utf-8").count('<path class="measured"') == 200
     assert all(f"said of shot[{k}]" in page.text for k in (210, 211))

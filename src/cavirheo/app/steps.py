@@ -116,7 +116,7 @@ def export(session: Session) -> Path:
     shutil.rmtree(base, ignore_errors=True)
     for kind in ("processed", "simulated"):
         (folder / kind).mkdir(parents=True)
-    write_report(folder, answers.pairs, document.command, notes=document.notes)
+    write_report(folder, answers.pairs, document.model_copy(update={"notes": [*document.notes]}))
     for listing in folder.rglob(LIST_FILE):  # the list of files by run, which one run does not need
         listing.unlink()
     _write_curves(folder, answers)

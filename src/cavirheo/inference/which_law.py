@@ -16,11 +16,10 @@ from scipy.special import softmax
 
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import require
-from cavirheo.inference.alternatives import as_alternative, choice_messages, contenders, rejection_messages
+from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.population import Population, with_slope_if_any
-from cavirheo.messages import Message
 from cavirheo.physics.bubble import REAL, Bubble, Requested, bubbles_of
 from cavirheo.posterior import Evidence, Pair, Posterior
 
@@ -38,7 +37,7 @@ class Ranking:
         populations: one material with its scatter by law, for a group; its `evidence` is that of the law for the
             whole group.
         column: column along which the material may change.
-        members: indices of the curves in a group.
+        members: indices of the curves.
         sizes: number of parameters of each law with its bubble.
     """
 
@@ -138,7 +137,7 @@ def ranked(
         answers = {law: answers[i] for law, answers in by_law.items()}
         evidence = {law: _evidence(answer) for law, answer in answers.items()}
         sizes = {law: len(answer.names) for law, answer in answers.items()}
-        singles.append(Ranking(curve.name, evidence, 1, answers, sizes=sizes))
+        singles.append(Ranking(curve.name, evidence, 1, answers, members=(i,), sizes=sizes))
     title = next((name for curve in curves for name in curve.column), "")
     groups: dict[Any, list[int]] = {}
     for i, curve in enumerate(curves):
@@ -152,21 +151,15 @@ def ranked(
 
 
 def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Posterior]:
-    """The answer of each curve by the law that `ranked` chose for its group if it has one, else for the curve itself,
-    with the answers of the other laws beside it. A curve without an evidence has the answer of its first law."""
+    """The answer of each curve by the law that `ranked` chose for its group if it has one, else for the curve itself. A
+    curve without an evidence has the answer of its first law."""
     by_group = {
         i: group.chosen for group in groups for i in group.members if group.chosen and singles[i].evidence[group.chosen]
     }
-    chosen_answers = []
-    for i, ranking in enumerate(singles):
-        chosen = by_group.get(i) or ranking.chosen or next(iter(ranking.answers))
-        answer, rivals = ranking.answers[chosen], [rival for law, rival in ranking.answers.items() if law != chosen]
-        answer = replace(answer, others=tuple(as_alternative(rival) for rival in rivals if rival.evidence))
-        of_group = [Message("model.of_group", {"material": chosen})] if i in by_group else []
-        messages = choice_messages(answer, rivals) if chosen == ranking.chosen else of_group
-        all_messages = (*answer.checks.messages, *messages, *rejection_messages(answer))
-        chosen_answers.append(replace(answer, checks=replace(answer.checks, messages=all_messages)))
-    return chosen_answers
+    return [
+        ranking.answers[by_group.get(i) or ranking.chosen or next(iter(ranking.answers))]
+        for i, ranking in enumerate(singles)
+    ]
 
 
 def _evidence(answer: Posterior) -> Evidence | None:

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cavirheo.posterior import TRUSTED
 from cavirheo.reporting import html, svg
-from cavirheo.reporting.group import GroupRecord, Published
-from cavirheo.reporting.laws import LawsOfGroup
+from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.plane import group_panels
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.reporting.table import csv_rows
 from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
-
-if TYPE_CHECKING:
-    from cavirheo.inference.population import CommonErrors
 
 __all__ = ["read_json", "result", "write_report"]
 
@@ -30,49 +23,34 @@ DOCUMENTS = ("result.json", "result.csv", "report.html")
 def write_report(
     directory: str | Path,
     pairs: Pairs,
-    command: str,
+    document: Result,
     *,
-    date: str | None = None,
-    notes: Sequence[str] = (),
     complete: bool = True,
     draw: bool = True,
-    published: Mapping[str, Published] | None = None,
-    laws: Mapping[str, LawsOfGroup] | None = None,
-    errors: CommonErrors | None = None,
     replace: bool = False,
-) -> Result:
+) -> None:
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
 
     Each file gets its name only when it is complete. Files that an earlier call with the same command and curves wrote
-    are replaced. If a picture cannot be drawn, all else is written; report and notes say why.
+    are replaced. If a picture cannot be drawn, all else is written; report and notes of the document say why.
 
     Args:
         pairs: (curve, answer), in the order of the rows. A `CurveAnswers` can read each answer when it is needed.
-        command: the command that was run, as text for the documents.
-        date: date in the documents; default: the present time.
-        notes: notes on the run as a whole (files that could not be read, ...).
+        document: their `result`.
         complete: False for a run that was stopped before all curves were answered: no report.
         draw: whether the report has pictures.
-        published: values of other methods by group, method and parameter, shown beside the groups.
-        laws: laws that were compared, by group.
-        errors: relative standard deviations of the errors that all shots of a group share; default: those of
-            `population`.
         replace: whether answers of another call or command line may be replaced.
 
     Raises:
         InputError: a directory that cannot be written, a file in it that cavirheo did not write, or answers of another
             call in it.
     """
-    pairs, date = CurveAnswers.from_pairs(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    pairs = CurveAnswers.from_pairs(pairs)
     draw = draw and complete
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
-    claim = Claim(command, {"command": command, "curves": sources}, replace)
+    claim = Claim(document.command, {"command": document.command, "curves": sources}, replace)
     with nullcontext() if CLAIM.get() else claim.running():  # a verb of the command line has set its claim already
         folder = Outputs(directory, *DOCUMENTS, inputs=[curve.source for curve in pairs.curves if curve.source])
-        document = result(pairs, command, date=date, notes=notes, errors=errors)
-        document.add_published(published or {})
-        for group in document.groups:
-            group.laws = (laws or {}).get(group.name)
         of_curves = _curve_pictures(pairs, document, draw=draw)
         of_groups = group_pictures(pairs, document, document.notes) if draw else {}
         folder.write("result.json", write_json, document)
@@ -81,7 +59,6 @@ def write_report(
             sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
             folder.write("report.html", html.write, document, of_curves, of_groups, sheets)
         folder.finish()
-    return document
 
 
 def _curve_pictures(pairs: CurveAnswers, document: Result, *, draw: bool) -> dict[int, str]:

@@ -1,4 +1,4 @@
-"""The row of one curve in result.json, with the answers of other models beside it."""
+"""The row of one curve in result.json."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pydantic_core import to_jsonable_python
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning, message_of_switches
-from cavirheo.parameters import BUBBLE, LOG10, REFERENCE_RATE, VISCOSITY_AT_RATE, is_law_parameter, searched_bound
+from cavirheo.parameters import BUBBLE, LOG10, REFERENCE_RATE, VISCOSITY_AT_RATE, is_law_parameter
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
@@ -65,46 +65,6 @@ def _json_data(value: Any) -> Any:
 StoredMedium = Annotated[Medium, BeforeValidator(_read_medium), PlainSerializer(_json_data)]
 
 
-class Answer(ParameterValues):
-    """Common part of the record of a curve and of the answer of another model.
-
-    Attributes:
-        material: name of the law.
-        bubble: model of the bubble; each of its parameters is a number or "free" (inferred).
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        stretch: R_max/R_0, inferred, fitted or given.
-    """
-
-    material: str
-    bubble: Bubble = FIELD
-    rmse_over_rmax: Finite = None
-    stretch: Quantity = Quantity()
-    _keys = KEYS | {"stretch": "stretch"}
-
-    @property
-    def model(self) -> str:
-        """Law and name of the bubble: 'nhkv, real'."""
-        return f"{self.material}, {self.bubble.name}"
-
-    @property
-    def model_title(self) -> str:
-        """Law and title of the bubble: 'nhkv, real bubble'."""
-        return f"{self.material}, {self.bubble.title}"
-
-
-class OtherModel(Answer):
-    """The answer of another model for the same frames.
-
-    Attributes:
-        log_evidence: natural logarithm of p(frames | model), to be compared with that of the answer; null where it was
-            not computed.
-        evidence_error: standard error of log_evidence; null where it is not known.
-    """
-
-    log_evidence: Finite = None
-    evidence_error: Finite = None
-
-
 class Sentence(Record):
     """A message of an answer.
 
@@ -117,7 +77,7 @@ class Sentence(Record):
     text: str
 
 
-class CurveRecord(Answer):
+class CurveRecord(ParameterValues):
     """The answer for one curve. If the verdict is "failed", all values of the answer are null, and `messages` say why.
 
     Attributes:
@@ -125,6 +85,8 @@ class CurveRecord(Answer):
         source: file of the curve, as it was given.
         group: name of the group to which the shot belongs.
         group_source: file or folder whose shots form the group.
+        material: name of the law.
+        bubble: model of the bubble; each of its parameters is a number or "free" (inferred).
         max_radius_m: R_max, m.
         time_of_max_s: time of R_max on the clock of the file, s.
         strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
@@ -133,6 +95,8 @@ class CurveRecord(Answer):
         switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening" and "field_bubble";
             left out for other laws.
         method: method of the answer: "bdt", "verified" or "least_squares".
+        stretch: R_max/R_0, inferred, fitted or given.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         other_parameters: further parameters by natural name, SI: those inferred besides G, mu and the stretch, those
             given for the bubble, and the viscosity at a shear rate of 1e5 1/s if the law has no constant viscosity.
         best: parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the
@@ -145,7 +109,6 @@ class CurveRecord(Answer):
         notes: what was recognised, converted or left out when the file was read.
         seconds: wall time of the computation, s.
         evidence: evidence of the law; null where the method gives none.
-        other_models: answers of other models, if they were computed.
         diagnostics: how the answer was computed.
         column: title and value of the column declared by the user; left out where there is none.
         stretch_prior: "mean" and "std" of the normal prior of the stretch, from the file or the late plateau; left out
@@ -157,6 +120,10 @@ class CurveRecord(Answer):
     source: str
     group: str
     group_source: str
+    material: str
+    bubble: Bubble = FIELD
+    stretch: Quantity = Quantity()
+    rmse_over_rmax: Finite = None
     max_radius_m: Finite
     time_of_max_s: Finite
     strain_rate_per_s: Finite
@@ -172,12 +139,17 @@ class CurveRecord(Answer):
     notes: list[str]
     seconds: float
     evidence: Evidence | None = None
-    other_models: list[OtherModel] = []
     diagnostics: Diagnostics = Diagnostics()
     column: dict[str, float] = {}
     stretch_prior: dict[str, float] = {}
     provenance: dict[str, Any]
     _omitted_if_empty = ("switches", "column", "stretch_prior")
+    _keys = KEYS | {"stretch": "stretch"}
+
+    @property
+    def model(self) -> str:
+        """Law and name of the bubble: 'nhkv, real'."""
+        return f"{self.material}, {self.bubble.name}"
 
     @property
     def has_answer(self) -> bool:
@@ -198,17 +170,6 @@ class CurveRecord(Answer):
                 symbol, factor, unit = display_unit(name, digits.modulus_unit([value]))
                 words.append(f"{symbol} = {digits.significant(factor * value, 4)} {unit}".rstrip())
         return f"{digits.simulation_name(self.method)}: {', '.join(words)}" if words else ""
-
-    @property
-    def rejected(self) -> bool:
-        """Whether the evidence prefers another model that was looked at."""
-        return any(message.code == "model.rejected" for message in self.messages)
-
-    @property
-    def preferred_model(self) -> OtherModel | None:
-        """The other model with the largest evidence if the evidence rejects the model of the answer, else None."""
-        rivals = [model for model in self.other_models if model.model != self.model and model.log_evidence is not None]
-        return max(rivals, key=log_evidence_key, default=None) if self.rejected else None
 
     @property
     def message(self) -> str:
@@ -250,7 +211,6 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         column=dict(curve.column),
         stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
         seconds=finite(posterior.seconds) or 0.0,
-        other_models=_other_models(posterior),
         switches=dict(posterior.switches),
         diagnostics=_json_fields(posterior.diagnostics),
         provenance=_json_data(posterior.provenance),
@@ -280,23 +240,6 @@ def _viscosity_at_rate(posterior: Posterior) -> dict[str, Quantity]:
     return {VISCOSITY_AT_RATE: Quantity.from_interval(low, float(median), high)}
 
 
-def _other_models(posterior: Posterior) -> list[OtherModel]:
-    records = []
-    for answer in posterior.others:
-        names = (*answer.intervals, *(name for name in BUBBLE if answer.best.get(name)))
-        values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
-        for name, (low, median, high) in answer.intervals.items():
-            if np.all(np.isfinite((low, median, high))):
-                values[name] = Quantity.from_interval(low, median, high, searched_bound(name, low, high))
-        if (viscosity := viscosity_at(answer.material, REFERENCE_RATE, answer.best)) is not None:
-            values[VISCOSITY_AT_RATE] = Quantity(median=viscosity)
-        evidence = answer.evidence or Evidence(np.nan)
-        record = {name: getattr(answer, name) for name in ("material", "bubble", "rmse_over_rmax")}
-        record |= {"log_evidence": evidence.log, "evidence_error": evidence.error} | OtherModel.fields_of(values)
-        records.append(OtherModel(**record))
-    return records
-
-
 def meaning_of(name: str) -> str:
     """Unit and meaning of a parameter of the bubble, 'no unit; confinement damping: ...'; "" for any other one."""
     return f"{digits.symbol_and_unit(name)[1] or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
@@ -314,11 +257,6 @@ def display_unit(name: str, unit: Unit = (1.0, "Pa")) -> tuple[str, float, str]:
     """(symbol, factor from SI, unit for display) of a parameter. unit: the unit for display of moduli."""
     symbol, written = digits.symbol_and_unit(name)
     return symbol, *{"Pa": unit, "s": (1e6, "µs")}.get(written, (1.0, written))
-
-
-def log_evidence_key(model: OtherModel) -> float:
-    """The log evidence of a model as a sort key; -inf if it has none."""
-    return -np.inf if model.log_evidence is None else model.log_evidence
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:

@@ -77,11 +77,13 @@ def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
     bubbles = f"{digits.counted(len(answers), 'bubble')}{f' of R_max {sizes} um' if sizes else ''}"
     verdicts = Counter(digits.VERDICT_WORDS[curve.verdict] for curve in result.curves)
     has_material = any(group.material for group in result.groups)
+    laws = ", ".join(dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws))
     sentences = [
         f"Radius histories of {bubbles} were analysed with cavirheo {result.version} [cavirheo{year}].",
         *(_model(*model) for model in dict.fromkeys((curve.material, curve.bubble) for curve in answers)),
         *(_constants(medium) for medium in dict.fromkeys(curve.medium for curve in answers if curve.medium)),
         *_inference(answers),
+        f"The law was chosen by the evidence [Kass1995] among {laws}." if laws else "",
         "The material of a group is the centre of a population of its shots [Hogg2010]." if has_material else "",
         *(_group(group, shots, result) for group, shots in result.rows_by_group() if group.has_answer),
         f"Verdicts: {', '.join(f'{words} {count}' for words, count in verdicts.items())}.",
@@ -123,19 +125,12 @@ def _constants(medium: Medium) -> str:
 
 
 def _inference(answers: Sequence[CurveRecord]) -> list[str]:
-    """Sentences on windows, methods, compared models and priors of the stretch."""
+    """Sentences on windows, methods and priors of the stretch."""
     sentences = []
     if collapses := sorted({curve.window.collapses for curve in answers if curve.window.collapses}):
         fewest = f"{collapses[0]} to " if len(collapses) > 1 else ""
         sentences.append(f"Each recording was compared over {fewest}{digits.counted(collapses[-1], 'collapse')}.")
     sentences += [_METHODS.get(method, "") for method in dict.fromkeys(curve.method for curve in answers)]
-    models = {curve.model for curve in answers}
-    others = [model for curve in answers if curve.evidence for model in curve.other_models]
-    rivals = dict.fromkeys(m.model_title for m in others if m.log_evidence is not None and m.model not in models)
-    if rivals:
-        preferred = sum(curve.preferred_model is not None for curve in answers)
-        compared = f"The evidence [Kass1995] compares this with {', '.join(rivals)}"
-        sentences.append(f"{compared}, and prefers one of these for {preferred} of {len(answers)}.")
     for code, source in _STRETCH_PRIORS.items():
         priors = [curve.stretch_prior for curve in answers if code in [message.code for message in curve.messages]]
         if priors:

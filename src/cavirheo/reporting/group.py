@@ -154,7 +154,7 @@ def group_record(
         slopes = {} if change is None else {"shear_modulus": {"scale": change}}
         systematic = Systematic(errors={}, slopes=slopes, statistics={})
     doubts = _doubts(shots, population)
-    facts = [*_sensitivity(systematic), *_not_given(shots), *_rivals(shots), *_of_population(population, members)]
+    facts = [*_sensitivity(systematic), *_not_given(shots), *_of_population(population, members)]
     if trends := size_trends(shots):
         facts.append(Message("group.trend", {"trends": trends}))
     if material and population and population.has_material:
@@ -226,7 +226,9 @@ def _of_population(population: PopulationRecord | None, members: Sequence[CurveR
 
 def _reason(doubted: Sequence[CurveRecord]) -> str:
     """The input warning that most of these shots have; of the first of them, if its numbers differ."""
-    warnings = [(record.name, message) for record in doubted for message in record.warnings or record.messages]
+    names = digits.distinct_names([record.name for record in doubted])
+    shots = zip(names, doubted, strict=True)
+    warnings = [(name, message) for name, record in shots for message in record.warnings or record.messages]
     if not warnings:
         return "see each shot"
     code = Counter(message.code for _, message in warnings).most_common(1)[0][0]
@@ -256,13 +258,6 @@ def _not_given(shots: Sequence[CurveRecord]) -> list[Message]:
     """A message on the constants that neither a file nor the user gave."""
     values = {name: value for record in shots for name, value in record.provenance.get("assumed", {}).items()}
     return [Message("group.not_given", {"values": values})] if values else []
-
-
-def _rivals(shots: Sequence[CurveRecord]) -> list[Message]:
-    """A message on the models that the evidence of single shots prefers to that of the answers."""
-    preferred = Counter(model.model_title for record in shots if (model := record.preferred_model))
-    counts = {"count": preferred.total(), "total": len(shots), "models": list(preferred)}
-    return [Message("group.rival", counts)] if preferred else []
 
 
 def _sensitivity(systematic: Systematic | None) -> list[Message]:

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 from cavirheo.reporting.answer import CurveRecord, display_unit, meaning_of, parameter_key
 from cavirheo.reporting.comparison import comparison_key, comparison_table
 from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.laws import LAW_HEADS, LAWS_TITLE
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.screen import answer_lines, group_facts
-from cavirheo.reporting.table import model_rows, shots_table
+from cavirheo.reporting.table import shots_table
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -85,9 +86,10 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True, finalize=_printable
     )
     functions = (facts, display_unit, meaning_of, parameter_key)
-    tables = (shots_table, model_rows, comparison_table, comparison_key)
+    tables = (shots_table, comparison_table, comparison_key)
     environment.globals.update({function.__name__: function for function in (*functions, *tables)})
     environment.globals.update(digits=digits, VERDICT_STYLES=digits.VERDICT_STYLES, Quantity=Quantity)
+    environment.globals.update(LAW_HEADS=LAW_HEADS, LAWS_TITLE=LAWS_TITLE)
     return environment.get_template(name)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from cavirheo.posterior import Pair
+from cavirheo.parameters import is_law_parameter, parameter_of
+from cavirheo.posterior import Pair, Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Record
 
@@ -20,7 +21,8 @@ class LawOfGroup(Record):
         log_evidence: sum over the shots of the natural logarithm of p(frames | law).
         standard_error: standard error of log_evidence.
         probability: probability of the law among those that have an evidence, if all are equally likely in advance.
-        material: the shots as one material by this law, in a sentence; or why there is none.
+        material: the shots as one material by this law, in a sentence, or why there is none; of a single shot its
+            values.
         material_log_evidence: log evidence of the law with one material and its scatter; null where a shot has none.
     """
 
@@ -73,30 +75,38 @@ class LawsOfGroup(Record):
             f"over the shots); {pair.shots[0]} shots for, {pair.shots[1]} against"
             for pair in self.pairs[: len(self.laws) - 1]  # those with the best law come first
         ]
-        return preferences + [
-            f"one material, {name}: {law.material}" for name, law in self.laws.items() if law.material
-        ]
+        return preferences + [f"{name}: {law.material}" for name, law in self.laws.items() if law.material]
 
 
 LAW_HEADS = ["law", "log evidence", "probability", "of one material"]
 LAWS_TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
 
 
-def laws_by_group(rankings: Iterable[Ranking]) -> dict[str, LawsOfGroup]:
-    """The laws of groups by their names."""
-    by_group = {}
+def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:
+    """The laws of curves and groups by the index of their first curve; of two rankings with one, those of the later."""
+    found = {}
     for ranking in rankings:
         laws = {}
         for name, evidence in ranking.evidence.items():
-            material = ranking.populations.get(name)
+            material, alone = ranking.populations.get(name), ranking.answers.get(name)
             together = material.evidence if material and not material.left_out else None  # of the same shots
             laws[name] = LawOfGroup(
                 log_evidence=evidence.log if evidence else None,
                 standard_error=evidence.error if evidence else None,
                 probability=ranking.probability.get(name),
-                material=material.line if material else "",
+                material=material.line if material else _values_in_words(alone) if alone else "",
                 material_log_evidence=together.log if together else None,
             )
         ranked = {key: getattr(ranking, key) for key in ("shots", "chosen", "contenders", "pairs")}
-        by_group[ranking.name] = LawsOfGroup(laws=laws, **ranked)
-    return by_group
+        found[ranking.members[0]] = LawsOfGroup(laws=laws, **ranked)
+    return found
+
+
+def _values_in_words(answer: Posterior) -> str:
+    """'G 5.1 kPa (4.8 to 5.5), µ 0.021 Pa s (0.018 to 0.024), RMSE 1.2 %'."""
+    values = {name: answer.quantity(name) for name in answer.parameters if is_law_parameter(name)}
+    words = []
+    for name, value in values.items():
+        factor, unit = digits.unit_for(parameter_of(name).unit, value.largest)
+        words.append(f"{parameter_of(name).symbol} {digits.quantity(value, factor, unit=unit)}")
+    return ", ".join([*words, f"RMSE {digits.percent(answer.checks.rmse_over_rmax)} %"])

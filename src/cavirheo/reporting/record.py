@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,6 +22,7 @@ from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import GroupRecord, Published, group_record
+from cavirheo.reporting.laws import LawsOfGroup
 from cavirheo.reporting.material import (
     MaterialRatio,
     cached_material_of,
@@ -124,6 +126,11 @@ class Result(Document):
         """Each group with its rows."""
         return [(group, [self.curves[i] for i in indices]) for group, indices in self.indices_by_group()]
 
+    def add_laws(self, laws: Mapping[int, LawsOfGroup]) -> None:
+        """Add the laws that were compared to the groups whose first curve has this index."""
+        for group, indices in self.indices_by_group():
+            group.laws = laws.get(indices[0]) if indices else None
+
     def add_published(self, published: Mapping[str, Published]) -> None:
         """Add published values to the groups with these names. Any other name becomes a group without shots, in the
         order of the names."""
@@ -142,8 +149,16 @@ def result(
     notes: Sequence[str] = (),
     errors: CommonErrors | None = None,
 ) -> Result:
-    """The result of all curves, in the given order, and of their groups. The answers are read group by group. command,
-    date, notes, errors: as of `write_report`."""
+    """The document of all curves, in the given order, and of their groups. The answers are read group by group.
+
+    Args:
+        pairs: (curve, answer), in the order of the rows.
+        command: the command that was run, as text.
+        date: date of the run; default: the present time.
+        notes: notes on the run as a whole (files that could not be read, ...).
+        errors: relative standard deviations of the errors that all shots of a group share; default: those of
+            `population`.
+    """
     pairs = CurveAnswers.from_pairs(pairs)
     curves, answers, title = pairs.curves, pairs.answers, _column_title(pairs.curves)
     material = cached_material_of if len(curves) <= MAX_CACHED_CURVES else material_of
@@ -155,6 +170,7 @@ def result(
         rows |= zip(indices, shots, strict=True)
         along = tuple(shot.column.get(title, np.nan) for shot in shots) if title else None
         materials.append(material(of_group, tuple(shot.name for shot in shots), along, errors))
+    date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return result_of([rows[i] for i in range(len(rows))], command, materials, date=date, notes=notes)
 
 

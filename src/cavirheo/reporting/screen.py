@@ -14,7 +14,7 @@ from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.laws import LAW_HEADS, LAWS_TITLE
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.table import curves_by_message, model_rows, parameters_table, shots_table
+from cavirheo.reporting.table import curves_by_message, parameters_table, shots_table
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Quantity
 
@@ -162,7 +162,7 @@ def _secant_moduli(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[flo
 
 def _value_line(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], name: str) -> list[str]:
     if heaps := group.heaps.get(name):
-        return [f"shots disagree: {heaps_in_words(name, heaps)}"]
+        return [heaps_in_words(name, heaps)]
     value = group.viscosity if name == "viscosity" else group.value(name)
     if not value.known:
         return ["none: the material is a liquid"] if name == "shear_modulus" and _is_liquid(group) else []
@@ -171,14 +171,15 @@ def _value_line(result: Result, group: GroupRecord, shots: Sequence[CurveRecord]
     if not middle:
         return [f"{interval} {unit}"]
     line = [f"{middle} {unit}", f"90 %: {interval}"] if interval else [f"{middle} {unit}"]
-    if name == "shear_modulus" and (secants := _secant_moduli(group, shots)):
-        return [*line, f"(small strain; like {digits.ends(secants, factor, 2)} {unit} at R_max)"]
+    notes = list[str]()
     statistics = group.systematic.statistics.get(name) if group.systematic else None
     if scatter := (group.population.wide_scatters if group.population else {}).get(name):
-        line.append(f"(shots scatter by {digits.percent(scatter)} %)")
-    elif statistics and _width_of(value) > COMMON_SHARE * _width_of(statistics):
-        line.append(f"({digits.value_parts(statistics, factor)[1]} if scale and rate are exact)")
-    return line
+        notes.append(f"scatter {digits.percent(scatter)} %")
+    if name == "shear_modulus" and (secants := _secant_moduli(group, shots)):
+        notes.append(f"at R_max like {digits.ends(secants, factor, 2)} {unit}")
+    if not notes and statistics and _width_of(value) > COMMON_SHARE * _width_of(statistics):
+        notes.append(f"{digits.value_parts(statistics, factor)[1]} if scale and rate are exact")
+    return [*line, f"({'; '.join(notes)})"] if notes else line
 
 
 def _width_of(value: Quantity) -> float:
@@ -260,6 +261,8 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
     if group.verdict == "does_not_fit" or (misfits and codes):
         return f"cavirheo which-law {_files(misfits or shots, 2)}"
+    if codes and any(message.code == "group.trend" for message in group.facts):
+        return f"cavirheo which-law {_files(shots, 2)}"
     if codes:
         return f"look at {out / 'report.html'}   (which shots lie apart)"
     if group.verdict == "unverified":
@@ -321,18 +324,12 @@ def print_line(record: CurveRecord) -> None:
 
 
 def print_all(result: Result, *, out: Path = Path()) -> None:
-    """Print further parameters, the answers of other models, and all messages; then the result, with a row for each
+    """Print further parameters, the laws that were compared, and all messages; then the result, with a row for each
     shot. A shot is called by what distinguishes it."""
     console = terminal.console()
     names = digits.distinct_names([row.name for row in result.curves])
     rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
     terminal.print_table(console, *parameters_table(rows, result))
-    factor, unit = result.modulus_unit
-    for row in rows:
-        if row.other_models:
-            heads = ["model", f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
-            cells = model_rows(row, factor, joint="\n")
-            terminal.print_table(console, heads, cells, title=f"{row.name}: the answer, then other models")
     for line in [*result.model_key, *parameter_key(result.parameters)]:
         terminal.print_text(console, line, style="dim")
     terminal.print_remarks(console, curves_by_message(rows))

@@ -1,5 +1,5 @@
 """The table of shots: its columns are the same in a terminal, a report, the app and result.csv; and the tables of
-further parameters and of other models."""
+further parameters."""
 
 from __future__ import annotations
 
@@ -15,9 +15,7 @@ from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, column_name, is_law_p
 from cavirheo.physics.media import WATER
 from cavirheo.reporting.answer import (
     CurveRecord,
-    OtherModel,
     display_unit,
-    log_evidence_key,
     parameters_of,
 )
 from cavirheo.reporting.record import Result
@@ -90,23 +88,6 @@ def parameters_table(rows: Sequence[CurveRecord], result: Result) -> tuple[list[
         if any(name in row.other_parameters for name in units)
     ]
     return heads, cells
-
-
-def model_rows(record: CurveRecord, factor: float, joint: str = " ") -> list[list[str]]:
-    """Rows of the answer and of other models, by evidence: model, G, µ, λ, RMSE, log evidence minus the answer's.
-    joint: stands before the interval."""
-    reference = record.evidence.log if record.evidence else None
-    others = sorted(record.other_models, key=log_evidence_key, reverse=True)
-    models: list[CurveRecord | OtherModel] = [record, *others]
-    rows = []
-    for model in models:
-        values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
-        above = "0" if model is record else digits.MISSING
-        if isinstance(model, OtherModel) and model.log_evidence is not None and reference is not None:
-            above = f"{model.log_evidence - reference:+.1f}"
-        texts = [digits.quantity(value, scale, joint=joint) for value, scale in values]
-        rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), above])
-    return rows
 
 
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:

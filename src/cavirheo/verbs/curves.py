@@ -34,7 +34,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import TABLE, by_group, in_sets, read_sets, write_comparison
         from cavirheo.reporting import DOCUMENTS
-        from cavirheo.reporting.record import CurveAnswers, group_names
+        from cavirheo.reporting.record import CurveAnswers, group_names, result
         from cavirheo.reporting.screen import print_result
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
@@ -58,17 +58,23 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             answers = unfinished.answers(curves, analysis)
         note = unfinished.note(len(answers), len(curves))
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
-        keywords = {"draw": self.pictures, "errors": self.errors, "published": published}
-        result = _write(run, folder, pairs, note, **keywords)
+        document = result(pairs, errors=self.errors, **_head(run, note))
+        document.add_published(published)
+        _write(run, folder, pairs, document, note, draw=self.pictures)
         unfinished.remove()
         if references:
-            write_comparison(out, result, inputs)
-        run.show(result, partial(print_result, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
-        run.end(digits.counted(len(curves), "curve"), has_problems(result), f"; report: {out / 'report.html'}")
+            write_comparison(out, document, inputs)
+        run.show(document, partial(print_result, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
+        run.end(digits.counted(len(curves), "curve"), has_problems(document), f"; report: {out / 'report.html'}")
 
 
-def _write(run: Run, folder: Outputs, pairs: CurveAnswers, note: str, **keywords: Any) -> Result:
-    """Write the documents, and return the result. note: why answers are missing; the run ends after what is written."""
+def _head(run: Run, note: str) -> dict[str, Any]:
+    """The fields of a document that describe the run; `note`: why answers are missing."""
+    return {**run.document_fields, "notes": [note, *run.notes] if note else run.notes}
+
+
+def _write(run: Run, folder: Outputs, pairs: CurveAnswers, document: Result, note: str, *, draw: bool) -> None:
+    """Write the documents. note: why answers are missing; the run ends after what is written."""
     from cavirheo.reporting import write_report
 
     out = folder.folder
@@ -76,11 +82,9 @@ def _write(run: Run, folder: Outputs, pairs: CurveAnswers, note: str, **keywords
         run.end_interrupted(f"{note}; until then the earlier answers stay", out / "result.json")
     if note and not pairs:
         run.end_interrupted(note, None)
-    notes = [note, *run.notes] if note else run.notes
-    result = write_report(out, pairs, run.command, date=run.date, complete=not note, notes=notes, **keywords)
+    write_report(out, pairs, document, complete=not note, draw=draw)
     if note:
         run.end_interrupted(note, out / "result.json")
-    return result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +127,8 @@ class WhichLaw(options.MeasuredFiles):
         from cavirheo.inference.which_law import choose_answers, models, plans, ranked
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting import DOCUMENTS
-        from cavirheo.reporting.laws import laws_by_group
-        from cavirheo.reporting.record import CurveAnswers
+        from cavirheo.reporting.laws import laws_by_curve
+        from cavirheo.reporting.record import CurveAnswers, result
         from cavirheo.reporting.screen import print_all
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
@@ -147,10 +151,12 @@ class WhichLaw(options.MeasuredFiles):
         singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in by_law.items()})
         pairs = CurveAnswers(answered, choose_answers(singles, groups))
         note = unfinished.note(len(complete), len(curves))
-        result = _write(run, folder, pairs, note, draw=self.pictures, laws=laws_by_group(groups))
+        document = result(pairs, **_head(run, note))
+        document.add_laws(laws_by_curve([*singles, *groups]))
+        _write(run, folder, pairs, document, note, draw=self.pictures)
         unfinished.remove()
-        run.show(result, partial(print_all, out=out))
-        failed = has_problems(result) or any(not ranking.chosen for ranking in singles)
+        run.show(document, partial(print_all, out=out))
+        failed = has_problems(document) or any(not ranking.chosen for ranking in singles)
         run.end(digits.counted(len(curves), "curve"), failed, f"; report: {out / 'report.html'}")
 
 

@@ -20,12 +20,12 @@ from cavirheo.messages import Message
 from cavirheo.parallel import Executor
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior
+from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior
 from cavirheo.writing.document import atomic_file, writable_folder
 from cavirheo.writing.packing import decode, encode
 from cavirheo.writing.terminal import progress_bar, say
 
-_TYPES = (Posterior, Checks, Message, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
+_TYPES = (Posterior, Checks, Message, Evidence, Diagnostics, Bubble, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
 _Value = TypeVar("_Value")
 MOST_IN_MEMORY = 500  # answers of a run that are held in memory besides their files

@@ -1,0 +1,75 @@
+"""One answer, said alike everywhere: screen, result.json, result.csv, report, app, comparison, citation."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from answers import COMMAND, FLAT, NAMES, Page, answer, bubble
+from conftest import done, rows_of
+
+from cavirheo import load, population
+from cavirheo.app import words
+from cavirheo.app.session import Answers, PageSettings, Run
+from cavirheo.reporting import result, write_report
+from cavirheo.reporting.citation import methods_paragraph
+from cavirheo.reporting.screen import print_result
+from cavirheo.writing import digits
+
+UPPER = 10.0 ** FLAT[NAMES[1]][0]  # lower end of the range of a viscosity, Pa s
+
+
+@pytest.fixture
+def pairs():
+    """Two groups of five shots: of the second the recordings bound the viscosity from above alone."""
+    rng, pairs = np.random.default_rng(2), []
+    for name in ("known", "bounded"):
+        for k in range(5):
+            curve = bubble(f"{name}[{k}]", name, f"{name}.csv", top=2e-4 + 1e-5 * rng.standard_normal())
+            made = answer(curve, 5e3 * np.exp(0.1 * rng.standard_normal()), 0.03, draws=400)
+            theta = made.theta + [0.0, 0.05 * rng.standard_normal()]
+            if name == "bounded":
+                theta[:, 1] = np.log10(UPPER) + rng.uniform(0.0, 1.5, len(theta))
+            made = replace(made, theta=theta, prior=FLAT, method="verified", curve=curve)
+            verdict = "bound" if name == "bounded" else "ok"
+            pairs.append((curve, replace(made, checks=replace(made.checks, verdict=verdict))))
+    return pairs
+
+
+def test_all_outputs_of_a_run_say_the_same_number_and_a_bound_has_none(pairs, run, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    document = result(pairs, COMMAND)
+    write_report(tmp_path / "out", pairs, document)
+    read = load(tmp_path / "out")
+    print_result(document)
+    screen = capsys.readouterr().out
+    page = " ".join(Page((tmp_path / "out" / "report.html").read_text(encoding="utf-8")).text)
+    answered = Answers(pairs, document, [], PageSettings())
+    app = " ".join(Page(words.answers(SimpleNamespace(answers=answered, run=Run([]), stale=False))).text)
+    cited, _ = methods_paragraph(read)
+    table = "set,files,method,quantity,mean\nknown,,IMR,G_kPa,5\nbounded,,IMR,G_kPa,5\n"
+    (tmp_path / "values.csv").write_text(table)
+    done(run("compare", "out", "--references", "values.csv", "-o", "compared"))
+    ours = [row for row in rows_of(tmp_path / "compared" / "comparison.csv") if row["method"] == "cavirheo"]
+    compared = {(row["set"], row["quantity"]): row for row in ours}
+    for group, of in zip(read.groups, (pairs[:5], pairs[5:]), strict=True):
+        material = population([made for _, made in of])
+        for name, symbol, unit, factor in (("shear_modulus", "G", "kPa", 1e-3), ("viscosity", "µ", "Pa s", 1.0)):
+            value, row = group.value(name), compared[group.name, f"{name}_{'Pa' if symbol == 'G' else 'Pa_s'}"]
+            assert value == material.quantity(name)
+            bounded = (group.name, name) == ("bounded", "viscosity")
+            assert (value.bound, value.median is None) == (("upper", True) if bounded else (None, False))
+            assert row["value"] == ("" if bounded else repr(value.median))
+            assert float(row["q95"]) == value.q95
+            middle, interval = digits.value_parts(value, factor)
+            line = rf"{symbol}\s+{re.escape(f'{interval} {unit}' if bounded else f'{middle} {unit}')}"
+            texts = {"screen": screen, "page": page, "app": app}
+            plain = {where: text.replace(digits.NO_BREAK, " ") for where, text in texts.items()}
+            assert [where for where, text in plain.items() if not re.search(line, text)] == []
+            assert (interval if bounded else f"{middle} {unit} (90 %: {interval})") in cited
+    for row, (_, made) in zip(rows_of(tmp_path / "out" / "result.csv"), pairs, strict=True):
+        for column, name in (("shear_modulus_Pa", "G"), ("viscosity_Pa_s", "mu")):
+            assert row[column] == ("" if made.bound(name) else repr(made.median(name)))
+            assert row[f"{column}_bound"] == (made.bound(name) or "")
+            assert float(row[f"{column}_q95"]) == made.interval(name)[1]
