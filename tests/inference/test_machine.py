@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from cavirheo.arrays import relative_weights
-from cavirheo.inference.answer import trades
+from cavirheo.inference.answer import open_ends, trades
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import RADII, RATES, Bubbles, Camera, elastic_stress, emulator, mean_viscosity
 from cavirheo.inference.noise import Noise
@@ -356,6 +356,8 @@ def test_a_value_that_trades_with_a_stretch_at_its_end_is_bounded_on_that_side(s
     modulus, viscosity = 3.0 + 0.1 * rng.standard_normal((2, 2000))
     viscosity += -5.0 + 0.3 * sign * (stretch - 40.0)
     prior = Prior(("shear_modulus", "viscosity", "stretch"), np.array([1.0, -4.0, 1.05]), np.array([7.0, 1.0, 40.0]))
-    x = np.column_stack([modulus, viscosity, stretch])
-    assert trades(prior, x, np.zeros(2000), ("shear_modulus", "viscosity")) == {"viscosity": ("stretch", bound)}
-    assert trades(prior, x - [0.0, 0.0, 20.0], np.zeros(2000), ("shear_modulus", "viscosity")) == {}
+    x, even = np.column_stack([modulus, viscosity, stretch]), np.zeros(2000)
+    assert open_ends(prior, x, even) == ["stretch"]
+    assert open_ends(prior, x - [0.0, 0.0, 20.0], even) == []
+    found = trades(prior, x, even, ("shear_modulus", "viscosity"), ["stretch"])
+    assert found == {"viscosity": ("stretch", bound)}

@@ -28,7 +28,7 @@ def pairs():
         for k in range(5):
             curve = bubble(f"{name}[{k}]", name, f"{name}.csv", top=2e-4 + 1e-5 * rng.standard_normal())
             made = answer(curve, 5e3 * np.exp(0.1 * rng.standard_normal()), 0.03, draws=400)
-            theta = made.theta + [0.0, 0.05 * rng.standard_normal()]
+            theta = made.theta + np.array([0.0, 0.05 * rng.standard_normal()])
             if name == "bounded":
                 theta[:, 1] = np.log10(UPPER) + rng.uniform(0.0, 1.5, len(theta))
             made = replace(made, theta=theta, prior=FLAT, method="verified", curve=curve)

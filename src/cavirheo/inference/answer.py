@@ -137,7 +137,8 @@ def sampled_answer(
         limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
         chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
         messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
-    traded = trades(prior, weighed.x, weighed.log_weight, shot.family.parameters)
+    at_ends = open_ends(prior, weighed.x, weighed.log_weight)
+    traded = trades(prior, weighed.x, weighed.log_weight, shot.family.parameters, at_ends)
     found = replace(found, traded={name: bound for name, (_, bound) in traded.items()})
     if verdict == "ok" and any(name in DECIDING for name in traded):
         verdict = "bound"
@@ -149,7 +150,7 @@ def sampled_answer(
         stretch_source=shot.stretch_source(),
         at_bound=(
             *(name for name in pulled if name in CAMERA),
-            *open_ends(prior, weighed.x, weighed.log_weight),
+            *at_ends,
         ),
         frames_left_out=int(np.count_nonzero(~shot.counted)),
         draws=len(weighed.x),
@@ -257,12 +258,14 @@ def _switches(prior: Prior, x: Floats, weight: Floats) -> dict[str, float]:
     return probabilities
 
 
-def trades(prior: Prior, x: Floats, log_weight: Floats, law: Sequence[str]) -> dict[str, tuple[str, Bound]]:
-    """The parameters of a law that trade against another one at an end of its range, with this one and the bound that
-    is left: a value on the side to which it would move them is not excluded."""
+def trades(
+    prior: Prior, x: Floats, log_weight: Floats, law: Sequence[str], at_ends: Sequence[str]
+) -> dict[str, tuple[str, Bound]]:
+    """The parameters of a law that trade against one of those at an end of their ranges, with this one and the bound
+    that is left: a value on the side to which it would move them is not excluded."""
     columns = dict(zip(prior.names, x.T, strict=True))
     found: dict[str, tuple[str, Bound]] = {}
-    for other in open_ends(prior, x, log_weight):
+    for other in at_ends:
         outwards = BEYOND * np.ptp(prior.bounds(other)) * (1.0 if OPEN_ENDS[other] == "lower" else -1.0)
         for name in law:
             pair = weighted_covariance(columns[name], columns[other], log_weight)
