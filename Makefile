@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile test-planted fuzz test-all validate pages challenge test-lowest test-newest test-pythons lint docs man dist space clean
+.PHONY: demo test test-slow test-hostile test-planted test-all validate pages challenge test-lowest test-newest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --fps 500000 --um-per-px 4 -o demo-result
@@ -15,20 +15,13 @@ test: $(VENV)/test.done lint
 test-slow: $(VENV)/test.done
 	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder
 
-# Hundreds of hostile and odd files through every room: a table, and no traceback, hang or second line; a quarter hour
+# Hundreds of hostile and odd files through every room, and thousands of damaged ones: a table, and no traceback, hang or second line; a quarter hour
 test-hostile: $(VENV)/test.done
-	$(BIN)/python -m pytest -m hostile tests/nightly/test_corpus.py
+	$(BIN)/python -m pytest -m hostile tests/nightly/test_corpus.py tests/io/test_hostile.py
 
 # Errors planted in a copy of src, one at a time, that the tests must catch; a quarter hour
 test-planted: $(VENV)/test.done
 	$(BIN)/python tests/nightly/planted_errors.py
-
-# Mutated files, the same on every machine; what is found is kept in build/fuzz.
-# Another SEED makes other files: make fuzz SEED=2 N=100000
-SEED ?= 1
-N ?= 20000
-fuzz: $(VENV)/test.done
-	$(BIN)/python tests/nightly/fuzz.py -n $(N) --seed $(SEED) -o build/fuzz
 
 # The fast tests that need neither torch nor the browser app, with the oldest versions that pyproject.toml allows;
 # what is frozen in tests/meta/golden is what today's versions write
@@ -58,6 +51,7 @@ pages: $(VENV)/test.done
 
 # Recordings of known truth, answered by cavirheo and by a plain least squares, and scored (validation/challenge/README.md)
 CHALLENGE = build/challenge
+SEED ?= 1
 challenge: $(VENV)/demo.done
 	$(BIN)/python -m validation.challenge.make $(CHALLENGE) --seed $(SEED)
 	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/infer.csv -- infer
@@ -68,7 +62,7 @@ challenge: $(VENV)/demo.done
 
 # What `make test` and .ci/run leave out, some hours; a target that fails does not stop the others
 test-all:
-	$(MAKE) --keep-going dist test-pythons test-lowest test-slow test-hostile test-planted fuzz docs validate
+	$(MAKE) --keep-going dist test-pythons test-lowest test-slow test-hostile test-planted docs validate
 
 lint: $(VENV)/test.done
 	$(BIN)/ruff check .

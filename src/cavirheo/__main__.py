@@ -50,8 +50,6 @@ def entry() -> None:
             status = 2
         else:
             raise
-    if files := sys.modules.get("cavirheo.io.files"):
-        files.remove_temporary_files()
     parallel.prepare_exit()
     with suppress(OSError):
         sys.stdout.flush()

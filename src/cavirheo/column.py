@@ -29,59 +29,38 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
 
     Raises InputError: no such table, a name without a curve, a curve without a value, or no group with several values.
     """
-    labelled, errors = labelled_by(curves, path)
-    for error in errors:
-        raise error
+    labelled = list(curves)
+    if str(path) == R_MAX:
+        message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename it (to {R_MAX}.csv)"
+        require(not Path(path).is_file(), message, "column.size")
+        for k, curve in enumerate(curves):
+            with suppress(InputError):  # no scale, or no maximum
+                labelled[k] = curve.labelled(column={LOG_R_MAX: float(np.log10(1e6 * curve.max_radius))})
+    else:
+        title, values = read_column(path)
+        known: set[str] = set()
+        for k, curve in enumerate(curves):
+            source = Path(curve.source)
+            names = [curve.name, source.name, source.stem, curve.group]  # names for it in a table, most specific first
+            known.update(names)
+            if name := next((name for name in names if name in values), None):
+                labelled[k] = curve.labelled(column={title: values[name]})
+        message = f"{path}: no line below the titles, the second of which is {title}"
+        require(bool(values), message, "column.empty")
+        if unknown := [name for name in values if name not in known]:
+            there = listed([curve.name for curve in curves])
+            message = f"{path}: nothing here is called {listed(unknown)}; there is {there}"
+            raise InputError(message, "column.unknown")
+        if without := [curve.name for curve in labelled if not curve.column]:
+            message = f"{path}: no value of {title} for {listed(without)}"
+            raise InputError(f"{message}: add a line for the shot, its file or its group", "column.missing")
     groups: dict[tuple[str, str], set[float]] = {}
     for curve in labelled:
         groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
     if not any(len(numbers) > 1 for numbers in groups.values()):
-        names = listed([name for name, _ in groups])
-        message = f"{path}: one value in each group ({names}): a trend needs several"
+        message = f"{path}: one value in each group ({listed([name for name, _ in groups])}): a trend needs several"
         raise InputError(f"{message}; --group folder makes one group of all files of a folder", "column.constant")
     return labelled
-
-
-def is_r_max(path: str | Path) -> bool:
-    """Whether `path` means the R_max of each shot, not a table. Raises InputError: a file of this name exists."""
-    if str(path) == R_MAX and Path(path).is_file():
-        message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename it (to {R_MAX}.csv)"
-        raise InputError(message, "column.size")
-    return str(path) == R_MAX
-
-
-def labelled_by(curves: Sequence[RadiusCurve], path: str | Path) -> tuple[list[RadiusCurve], list[InputError]]:
-    """Return (the curves, with their values if there are any; errors on names without a curve and curves without a
-    value). Raises InputError: as `read_column`, and `is_r_max`."""
-    labelled = list(curves)
-    if is_r_max(path):
-        for k, curve in enumerate(curves):
-            with suppress(InputError):  # no scale, or no maximum
-                labelled[k] = curve.labelled(column={LOG_R_MAX: float(np.log10(1e6 * curve.max_radius))})
-        return labelled, []
-    title, values = read_column(path)
-    names_of_curves: set[str] = set()
-    without = []
-    for k, curve in enumerate(curves):
-        source = Path(curve.source)
-        names = [curve.name, source.name, source.stem, curve.group]  # names for it in a table, most specific first
-        names_of_curves.update(names)
-        if name := next((name for name in names if name in values), None):
-            labelled[k] = curve.labelled(column={title: values[name]})
-        else:
-            without.append(curve.name)
-    errors = []
-    if not values:
-        message = f"{path}: no line below the titles, the second of which is {title}"
-        errors.append(InputError(message, "column.empty"))
-    if unknown := [name for name in values if name not in names_of_curves]:
-        there = listed([curve.name for curve in curves])
-        message = f"{path}: nothing here is called {listed(unknown)}; there is {there}"
-        errors.append(InputError(message, "column.unknown"))
-    if without:
-        message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
-        errors.append(InputError(message, "column.missing"))
-    return labelled, errors
 
 
 def read_column(path: str | Path) -> tuple[str, dict[str, float]]:

@@ -236,23 +236,6 @@ def least_rebound(top: float, noise: float) -> float:
     return float(np.clip(6.0 * noise, _SMALLEST_REBOUND * top, 4.0 * _SMALLEST_REBOUND * top))
 
 
-def collapses_backwards(radius: Floats) -> int:
-    """Number of collapses before the largest of samples (n,) if time seems to run backwards, else 0: there are several,
-    more than after the largest sample, and the rebounds between them grow."""
-    if len(radius) < _FEWEST_SAMPLES:
-        return 0
-    smooth = _median_of_three(radius)
-    last = int(np.argmax(smooth))
-    least = least_rebound(float(smooth[last]), noise_std(radius))
-    minima, maxima = turning_points(smooth[last::-1], least)
-    later, _ = turning_points(smooth[last:], least)
-    if len(minima) <= max(1, len(later)):
-        return 0
-    earlier = [float(smooth[last - i]) for i in maxima[:2]]  # the one nearest to the largest sample first
-    rises = earlier[-1] <= earlier[0] < smooth[last] - least
-    return len(minima) if rises else 0
-
-
 def collapse_time(time: Floats, radius: Floats, i: int) -> float:
     """Time at which the lines of R^(5/2) before and after the smallest sample i cross, limited to its neighbours."""
     if i < 2 or i > len(time) - 3:

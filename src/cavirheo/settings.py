@@ -3,13 +3,10 @@ options of the command line, the fields of the browser app and its endpoint are 
 
 The annotations are objects, not text (no `from __future__ import annotations`): typer reads them in the module of a
 verb. Options without a panel are on the first screen of `--help`. Nothing here imports a compiler, a network or the
-solver before it is needed: shell completion and `--help` are quick.
+solver before it is needed: `--help` is quick.
 """
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
 
 from typer import Argument, BadParameter, Option
@@ -21,7 +18,6 @@ if TYPE_CHECKING:
     from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium
 
-_MODELS = Path(__file__).parent / "models"  # completion lists its files: reading the cards is too slow
 INPUT = "Input"
 MATERIAL = "Constants of the material"
 BUBBLE = "Bubble, for experts"
@@ -82,45 +78,10 @@ def number(help: str, panel: str | None = None, *words: str, **keywords: Any) ->
     return option(help, panel, parser=parser, metavar=f"<{parser.__name__}>")
 
 
-# Shell completion of the values of options; nothing here imports a compiler, a network or the solver.
-
-
-def _completer(words: Callable[[], Iterable[str]], separators: str = "") -> Callable[[str], list[str]]:
-    """Return a completion by these words; if several may be given, it completes the text after the last separator."""
-
-    def complete(incomplete: str) -> list[str]:
-        start = max((incomplete.rfind(mark) for mark in separators), default=-1) + 1
-        prefix = incomplete[:start]
-        beginning = incomplete[start:]
-        prefix += beginning[: len(beginning) - len(beginning.lstrip())]
-        used = prefix.replace(",", " ").split() if "," in separators else []
-        return [prefix + word for word in words() if word.startswith(beginning.strip()) and word not in used]
-
-    return complete
-
-
-def _laws() -> Iterable[str]:
-    laws: Iterable[str] = resolve_name("cavirheo.physics.materials.LAWS")
-    return laws
-
-
-bubble_names = _completer(lambda: ("real", "field"), ",")
-damage_names = _completer(lambda: ("none", "strain"), ",")
-model_names = _completer(lambda: sorted(path.stem for path in _MODELS.glob("*.npz")))
-medium_names = _completer(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
-sum_names = _completer(_laws, "+")
-many_law_names = _completer(_laws, "+,")
-
-
-def law_names(incomplete: str) -> list[str]:
-    """Complete the laws, also as the next part of a sum, and auto."""
-    return [*sum_names(incomplete), *_completer(lambda: ["auto"])(incomplete)]
-
-
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
-ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
+ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model")]
 _LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid"
-Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
+Material = Annotated[str | None, option(f"{_LAW}  [default: auto]")]
 _FPS = "frames per second, of videos and of tables that number their frames"
 Fps = Annotated[Any, number(_FPS, thousands=".,")]
 UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels")]
@@ -137,9 +98,9 @@ WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead o
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
 Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
-_COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
+COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
-CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
+_CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damping and inertia of walls; field: equilibrium, unbounded"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
@@ -161,7 +122,6 @@ class FileSettings:
     shots: Shots = None
     group: Group = "auto"
     exposure_us: Annotated[Any, number(_EXPOSURE, INPUT)] = None
-    column: Annotated[Path | None, option(_COLUMN, INPUT, readable=False)] = None
 
     def __post_init__(self) -> None:
         if self.shots is not None:
@@ -180,7 +140,7 @@ class Liquid:
     """Options for the constants of the medium around the bubble."""
 
     trust_input: TrustInput = False
-    medium: Annotated[str | None, option(_MEDIUM, autocompletion=medium_names)] = None
+    medium: Annotated[str | None, option(_MEDIUM)] = None
     density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
     sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
     surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
@@ -206,7 +166,7 @@ class Liquid:
 class BubbleOptions:
     """Options for the bubble: a named one, and values that replace those of the named one."""
 
-    contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(CONTENTS, BUBBLE)] = None
+    contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(_CONTENTS, BUBBLE)] = None
     accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
     confinement_damping: Annotated[Any, number("2 pi (R_max^2/A) c/U_c of a tube around it", BUBBLE, "free")] = None
     confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, "free")] = None
@@ -216,21 +176,27 @@ class BubbleOptions:
     damage: Annotated[Literal["none", "strain"], option("softening of the gel", BUBBLE)] = "none"
 
     @property
+    def bubble_values(self) -> dict[str, Any]:
+        """The fields of a `Bubble` that the options give, besides damage."""
+        from cavirheo.physics.bubble import Bubble
+
+        wall = self.wall_distance_um and self.wall_distance_um * 1e-6
+        values = shared_values(self, Bubble) | {"wall_distance": wall, "damage": None}
+        values = {name: value for name, value in values.items() if value is not None}
+        return {"confinement_inertia": 0.0, **values} if wall else values
+
+    @property
     def bubbles(self) -> "tuple[Bubble, ...] | None":
         """The named bubbles, each with each damage and the given values; None if no option is given.
 
         Raises InputError: an unknown name, or impossible values.
         """
-        from cavirheo.physics.bubble import DAMAGES, Bubble, bubbles_of
+        from cavirheo.physics.bubble import DAMAGES, bubbles_of
 
         damages = [word.strip() for word in self.damage.split(",")]
         if not set(damages) <= set(DAMAGES):
             raise InputError(f"--damage must be {', '.join(DAMAGES)}, got {self.damage!r}", "option.damage")
-        wall = self.wall_distance_um and self.wall_distance_um * 1e-6
-        values = shared_values(self, Bubble) | {"wall_distance": wall, "damage": None}
-        values = {name: value for name, value in values.items() if value is not None}
-        if wall:
-            values.setdefault("confinement_inertia", 0.0)
+        values = self.bubble_values
         if self.bubble is None and not values and damages == ["none"]:
             return None
         names = "real" if self.bubble is None else self.bubble

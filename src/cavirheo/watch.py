@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cavirheo.column import labelled_by
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, printable
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io.files import file_label, header_of, measurement_files, pixels_of
+from cavirheo.io.files import header_of, measurement_files, pixels_of
 from cavirheo.io.shots import CurveSet, read_shots, sample_hash
 from cavirheo.parallel import Executor, cores
 from cavirheo.posterior import Posterior
@@ -59,9 +58,9 @@ class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
     analysis: how curves are answered. read: returns the curves of one file. read_settings: all settings of `read`
-    besides the medium. group: as in `read_shots`. column: a table as in `read_column`, which may grow while shots
-    arrive, or the word R_max. draw, errors: as in `write_report`. notify: called with a line on each problem. show:
-    called with each new row. poll_interval, read_timeout: as POLL_INTERVAL and READ_TIMEOUT. executor: as in `analyse`.
+    besides the medium. group: as in `read_shots`. draw, errors: as in `write_report`. notify: called with a line on
+    each problem. show: called with each new row. poll_interval, read_timeout: as POLL_INTERVAL and READ_TIMEOUT.
+    executor: as in `analyse`.
     """
 
     folder: Path
@@ -71,7 +70,6 @@ class Watch:
     read_settings: object = None
     _: KW_ONLY
     group: str = "auto"
-    column: Path | None = None
     command: str = ""
     date: str | None = None
     notify: Callable[[str], None] = lambda _: None
@@ -84,7 +82,6 @@ class Watch:
 
     def __post_init__(self) -> None:
         self._messages: set[str] = set()  # messages that were passed to `notify`
-        self._column_state = self._state(self.column)
         self.outputs = Outputs(self.out, *DOCUMENTS)
         self.store = Store(self.out / "watched")
         # the curves of a file depend on these settings
@@ -104,7 +101,7 @@ class Watch:
         self._notify_once(*repeated)
         remarks = [remark for file in files for remark in file.remarks]
         answers = (self.store.get(key, Posterior) for key in keys)
-        pairs = zip(self._with_column(curves, remarks), answers, strict=True)
+        pairs = zip(curves, answers, strict=True)
         return [(curve, with_source_of(answer, curve)) for curve, answer in pairs if answer], remarks + repeated + hints
 
     def _recordings(self) -> dict[str, RadiusCurve]:
@@ -138,7 +135,7 @@ class Watch:
                 break
         unanswered = self._unanswered()
         curves = list(unanswered.values())
-        self._unwritten |= new or self._state(self.column) != self._column_state
+        self._unwritten |= new
         for place, answer in analyse(curves, self.analysis, self.store, self.executor):
             self._unwritten = True
             self.show(curve_record(curves[place], answer))
@@ -158,7 +155,6 @@ class Watch:
         """Write result.json, result.csv and report.html with all answers; returns the result. Earlier documents stay
         until there is an answer."""
         started = time.monotonic()
-        self._column_state = self._state(self.column)
         self._unwritten = False
         pairs, notes = self.pairs()
         about: dict[str, Any] = {"date": self.date, "notes": notes, "errors": self.errors}
@@ -169,27 +165,13 @@ class Watch:
         self._due = now + PAUSE_FACTOR * (now - started)
         return document
 
-    def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
-        """The curves with their values in the column; names without a value or a curve become remarks."""
-        if self.column is None:
-            return curves
-        try:
-            labelled, errors = labelled_by(curves, self.column)
-        except InputError as error:  # incomplete, or with a mistake: shots are answered without it
-            self._notify_once(f"{error}; {self.column.name} does not count until this is mended")
-            labelled, errors = curves, [error]
-        remarks += map(str, errors)
-        return labelled
-
     def _complete(self) -> list[tuple[Path, State]]:
         """New or changed files that have not changed for `poll_interval` s, the oldest first."""
         now, states = time.monotonic(), dict[Path, State]()
-        column = None if self.column is None else self.column.resolve()
         try:
             for path in measurement_files(self.folder)[0]:
                 moved = str(pixels_of(path)) in self.files  # a header alone, whose film has been read
-                counts = column is None or path.resolve() != column
-                if counts and not moved and (state := self._state(path)):
+                if not moved and (state := self._state(path)):
                     states[path] = state
         except OSError as error:  # a network folder is not available
             self._notify_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
@@ -218,7 +200,7 @@ class Watch:
             self._notify_once(f"{problems[0]}; it is tried again for {self.read_timeout:g} s, and whenever it changes")
             if time.monotonic() - self._states[path][1] < self.read_timeout:
                 return None
-            stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
+            stem = {"name": path.stem, "group": path.stem, "source": printable(str(path))}
             curves = [RadiusCurve(np.empty(0), np.empty(0), meta=stem, unusable=problems[0])]
         order = earlier.order if earlier else state[1]
         return WatchedFile(str(path), state, order, curves, list(remarks), unreadable=bool(problems))
@@ -231,10 +213,10 @@ class Watch:
     def _files_in_order(self) -> list[WatchedFile]:
         return sorted(self.files.values(), key=lambda file: (file.order, file.path))
 
-    def _state(self, path: Path | None) -> State | None:
+    def _state(self, path: Path) -> State | None:
         """State of a file, and of its header if it has one; None if it does not exist, or cannot be looked at, as on a
         network share that is away, which is said once."""
-        places = [] if path is None else [place for place in (path, header_of(path)) if place]
+        places = [place for place in (path, header_of(path)) if place]
         states = []
         for place in places:
             try:

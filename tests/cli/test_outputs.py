@@ -32,7 +32,7 @@ VERBS = {  # what each writes first, and a call that is complete but for -o
     "report.html": "which-law shot.csv",
     "comparison.csv": "infer shot.csv --references references.csv",
     "shots.csv": "collapse-time shot.csv",
-    "rheometer.csv": f"rheometer {ROOT / 'examples' / 'soft_gel_strain_sweep.csv'}",
+    "rheometer.json": f"rheometer {ROOT / 'examples' / 'soft_gel_strain_sweep.csv'}",
     "simulation.csv": "simulate --material newtonian(0.1) --rmax-um 100 --stretch 5 --duration-us 5",
 }
 

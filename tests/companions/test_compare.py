@@ -123,8 +123,8 @@ def test_published_values_can_be_read(tmp_path):
 BAD = {  # text: (where, code, what is named)
     "": ("", "no_set_column", "no rows"),
     HEAD: ("", "no_set", ""),
-    "set,density\na,1": ("line 1, column density", "head", "files"),
-    "set,set\na,b": ("line 1, column set", "head", "2 times"),
+    "set,density\na,1": ("line 1", "head", "density"),
+    "set,set\na,b": ("line 1", "head", "at most once"),
     f"{HEAD}\n,x,IMR,G_Pa,1,": ("line 2, column set", "set", ""),
     f"{HEAD}\n# a comment\n\na,,IMR,G,1,": ("line 4, column quantity", "quantity", "'G'"),
     f"{HEAD}\na,,,G_Pa,1,": ("line 2, column method", "method", "''"),
@@ -134,7 +134,6 @@ BAD = {  # text: (where, code, what is named)
     f"{HEAD}\na,,IMR,G_Pa,1,-1": ("line 2, column std", "std", "'-1'"),
     f"{HEAD}\na,,IMR,G_Pa,1,2,Bu, 2025": ("", "cells", "row 2 has 8 cells"),
     f"{HEAD}\na,,IMR,G_Pa,1,\na,,IMR,G_kPa,1,": ("line 3, column quantity", "quantity", "shear_modulus of 'a'"),
-    f"{HEAD}\na,,IMR,G_Pa,1,\na,,imr,mu_Pa_s,1,": ("line 3, column method", "method", "'IMR' as in"),
     f"{HEAD}\na,a.csv,IMR,G_Pa,1,\na,b.csv,,,,": ("line 3, column files", "files", "a.csv"),
 }
 

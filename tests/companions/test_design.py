@@ -116,7 +116,7 @@ def test_what_is_known_comes_from_the_trusted_answers(quick):
 
 
 RIGS = (
-    {"max_radius": (4e-4, 1e-4)}, {"frame_rate": (0.0,)}, {"frames": 3}, {"relative_noise": 0.0}, {"noise": (1, 2)},
+    {"max_radius": (4e-4, 1e-4)}, {"frame_rate": (0.0,)}, {"frames": 3}, {"relative_noise": 0.0}, {"noise": -1.0},
     {"material": "jelly"}, {"medium": "honey"}, {"bubble": "auto"}, {"sizes": 0},
 )  # fmt: skip
 OPTIONS = (

@@ -3,6 +3,7 @@
 import os
 import socket
 import sys
+import traceback
 from contextlib import suppress
 from pathlib import Path
 
@@ -17,13 +18,13 @@ from scipy.io import savemat
 from cavirheo.companions.collapse_times import read_table
 from cavirheo.companions.published_values import read_references
 from cavirheo.companions.rheometer import read_sweeps
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, SolverError
 from cavirheo.io import limits, read_curves
-from cavirheo.io.curves import read_trace
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "nightly"))
-from fuzz import READERS, mutated
-from valid import content
+from apart import each_apart
+from mutate import READERS, mutated
+from valid import BINARIES, TEXTS, content, documents
 
 
 @pytest.mark.parametrize("name", BOMBS)
@@ -33,7 +34,7 @@ def test_refused_with_the_reason(tmp_path, monkeypatch, name):
     assert code_of(read_curves, put(tmp_path / f"file.{name.partition('_')[0]}", file)) == code
 
 
-ROOMS = [read_curves, read_sweeps, read_table, read_references, read_trace]
+ROOMS = [read_curves, read_sweeps, read_table, read_references]
 
 
 @pytest.mark.parametrize("read", ROOMS, ids=lambda read: read.__name__)
@@ -57,13 +58,37 @@ def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, monkeypatch, r
     "name", ["curve.csv", "separated.txt", "bdt-packed.mat", "bdt-73.mat", "groups.h5", "curve.xlsx"]
 )
 def test_damaged_files_never_raise_anything_but_input_errors(tmp_path, name):
-    """The first of those that `make fuzz` makes."""
     valid, path = content(name, tmp_path), tmp_path / f"damaged{Path(name).suffix}"
     for number in range(12):
         path.write_bytes(mutated(name, valid, 1, number))
         for read in READERS[path.suffix[1:]]:
             with suppress(InputError):
                 read(path)
+
+
+@pytest.mark.hostile
+def test_thousands_of_damaged_files_end_no_process_either(tmp_path):
+    valid = {name: content(name, tmp_path) for name in (*TEXTS, *BINARIES)}
+    valid |= {name: text.encode() for name, text in documents().items()}
+    names = list(valid)
+
+    def said(number: int) -> str:
+        name = names[number % len(names)]
+        path = tmp_path / str(number) / f"damaged{Path(name).suffix}"
+        path.parent.mkdir()
+        path.write_bytes(mutated(name, valid[name], 1, number))
+        for read in READERS.get(name) or READERS[path.suffix[1:]]:
+            try:
+                read(path)
+            except (InputError, SolverError) as error:
+                if str(path.parent) not in str(error) or not str(error).isprintable():
+                    return f"{path}: {error}"
+            except Exception:
+                return f"{path}: {traceback.format_exc()}"
+        return ""
+
+    found = dict(each_apart(said, range(5000), 120.0))
+    assert {number: one for number, one in found.items() if one} == {}
 
 
 def test_a_large_recording_is_read_and_numbers_beyond_all_bounds_print_nothing(tmp_path, recwarn):

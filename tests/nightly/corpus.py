@@ -141,8 +141,6 @@ add(
     sweep_huge=("a.csv", "omega (rad/s),G' (Pa),G'' (Pa)\n" + "".join(f"{10**k},1e308,1e308\n" for k in range(9))),
     sweep_markup=("a.txt", "[step [/] \x1b[31m]\nomega\tG'\tG''\nrad/s\tPa\tPa\n" + "".join(f"{k}\t5\t6\n" for k in range(1, 9))),
     times_too_fast=("a.csv", "name,rmax_um,stretch,t1_us\n" + "[/]\x1b[31m,250,7,0.1\n" * 5),
-    pressure_jumps=("a.csv", "time_us,pressure_kPa\n" + "0,0\n1,1e9\n2,-1e9\n3,0\n"),
-    pressure_backwards=("a.csv", "time_us,pressure_kPa\n3,1\n2,1\n1,1\n0,1\n"),
     references_odd=("a.csv", "set,files,method,quantity,mean,std\n[/]\x1b[31m,\x00x[,\x1b[31m,G_Pa,1e308,1e308\n"),
     references_names=("a.csv", "set\ncomparison.json\n..\n.\n/\nCON\n" + "s" * 300 + "\n"),
     references_huge=("a.csv", "set,method,quantity,mean,std\nx,IMR,G_kPa,1e308,1e308\nx,a,G_kPa,5e-324,0\n"),

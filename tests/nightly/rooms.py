@@ -74,7 +74,6 @@ def trouble(said: Said, refusals: int) -> str:
     return "long line" if max(map(len, lines), default=0) > LINE else ""
 
 
-_BUBBLE = "simulate --rmax-um 250 --stretch 7 --shear-modulus 5e3 --viscosity 0.05 --duration-us 20"
 BATCHES = {  # of as many files as there are, and a good one
     "infer": "infer --model bdt-viscoelastic {curve} {file} -o {out}",
     "fit": "fit --window 1 {curve} {file} -o {out}",
@@ -83,7 +82,6 @@ BATCHES = {  # of as many files as there are, and a good one
     "rheometer": "rheometer {sweep} {file} -o {out}",
 }
 ROOMS = BATCHES | {
-    "simulate --driving": f"{_BUBBLE} --driving {{file}} -o {{out}}",
     "infer --references": "infer --model bdt-viscoelastic {curve} --references {file} -o {out}",
     "compare RESULT": "compare {file} --references {published} -o {out}",
     "infer --model": "infer {curve} --model {file} -o {out}",

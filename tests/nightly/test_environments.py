@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 COMMANDS = {
     "infer": "infer curve.csv -o out",
     "fit": "fit curve.csv --window 1 -o out",
-    "simulate": "simulate --rmax-um 250 --stretch 7 --material newtonian(0.05) --fields -o out",
+    "simulate": "simulate --rmax-um 250 --stretch 7 --material newtonian(0.05) -o out",
     "rheometer": "rheometer frequency.csv -o out",
     "collapse-time": "collapse-time times.csv -o out",
     "references": "infer curve.csv --references sets.csv -o out",

@@ -38,7 +38,6 @@ TEXTS = {
     + rows(";", OMEGA, ONE, 5 / (1 + OMEGA / 90), 0.2 * ONE, comma=True),
     "intervals.txt": "[step]\nStep\tomega\tG'\tG''\n\trad/s\tPa\tPa\n" + rows("\t", ONE, OMEGA, STORAGE, LOSS),
     "times.csv": "name,rmax_um,stretch,t1_us\n" + "".join(f"s{k},{240 + k},7.{k},{22 + 0.1 * k}\n" for k in range(8)),
-    "pressure.csv": "time_us,pressure_kPa\n" + rows(",", TIME + 8, 50 * np.sin(TIME)),
     "published.csv": "set,files,method,quantity,mean,std,source\n# by hand\n"
     "gel,curve.csv,IMR,G_kPa,6.4,1.6,doi:1\ngel,,IMR,mu_Pa_s,0.02,0.009,\nother,*.mat,rheometer,G_kPa,1.3,,\n",
     "recipe.toml": RIGHT,

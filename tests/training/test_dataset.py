@@ -19,7 +19,7 @@ from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
 from cavirheo.posterior import Checks
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
-from cavirheo.training.dataset import generate, load, survey
+from cavirheo.training.dataset import generate, load
 from cavirheo.training.trajectories import BLOCK, COLUMNS, DOMAIN, block
 from cavirheo.workflow.store import Store
 
@@ -111,7 +111,6 @@ def test_failures_are_kept_and_counted(instant, tmp_path):
     )
     assert (data.columns["radius"][0, 0], data.problem.id) == (1.0, PROBLEM.id)
     assert code_of(load, tmp_path.parent) == "dataset.none"
-    assert code_of(generate, PROBLEM, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
 
 
 def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(instant, tmp_path):
@@ -163,34 +162,14 @@ def test_split_is_a_partition_that_no_parameter_decides(instant, tmp_path):
     np.testing.assert_array_equal(parts["test"], data.split(seed=3)["test"])
 
 
-def test_a_set_grows_in_parts_to_the_same_bytes_and_is_surveyed(instant, tmp_path):
-    instant.fails = violent
-    generate(PROBLEM, 2100, tmp_path / "one", seed=3, workers=1, progress=False)
-    generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(1, 2), progress=False)
-    half = survey(tmp_path / "two")
-    assert (half.curves, half.total, half.files, half.missing_files) == (1140, 2100, 5, 4)
-    generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(2, 2), progress=False)
-    assert contents(tmp_path / "one") == contents(tmp_path / "two")
-    whole = survey(tmp_path / "two")
-    assert (whole.curves, whole.files, whole.missing_files, sum(whole.statuses.values())) == (2100, 9, 0, 2100)
-    assert whole.statuses["ok"] == 2100 - sum(load(tmp_path / "two").origin["failures"].values()) < 2100
-    assert whole.size == sum(map(len, contents(tmp_path / "two").values()))
-    assert whole.sha256 != half.sha256
-
-
-def test_trajectories_are_of_whole_blocks_however_they_are_made(tmp_path):
+def test_trajectories_are_of_whole_blocks_however_they_are_made(tmp_path, monkeypatch):
     """The two halves of each are R/R_max and t/T, which begin at rest at R_max."""
-    for name, n, parts in (("one", 2020, [(1, 1)]), ("two", 2020, [(2, 2), (1, 2)])):
-        for part in parts:
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setattr("cavirheo.training.trajectories.block", lambda seed, number: few(seed, number))
-                generate(DOMAIN, n, tmp_path / name, seed=2, shard=part, progress=False)
+    monkeypatch.setattr("cavirheo.training.trajectories.block", lambda seed, number: few(seed, number))
+    for name, workers in (("one", 1), ("two", 3)):
+        generate(DOMAIN, 2020, tmp_path / name, seed=2, workers=workers, progress=False)
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
-    found = survey(tmp_path / "one")
-    assert (found.curves, found.files, found.missing_files) == (2020, 9, 0)
-    assert found.statuses["ok"] == 2020 - 2020 // BLOCK
     data = load(tmp_path / "one")
-    assert (len(data), np.count_nonzero(data.ok), data.seed) == (2020, found.statuses["ok"], 2)
+    assert (len(data), np.count_nonzero(data.ok), data.seed) == (2020, 2020 - 2020 // BLOCK, 2)
     assert code_of(generate, DOMAIN, 2020, tmp_path / "one", seed=3, progress=False) == "dataset.another_seed"
     with h5py.File(tmp_path / "one" / "shard-00000.h5", "a") as file:
         file.attrs["problem"] = file.attrs["problem"].replace('"field_share": 0.22', '"field_share": 0.5')
@@ -222,9 +201,8 @@ def test_a_single_bit_that_changed_is_noticed(tmp_path):
     content = bytearray(path.read_bytes())
     content[place + 5] ^= 1
     path.write_bytes(content)
-    for read in (load, survey):
-        with refused("dataset.unreadable", "delete it and generate again"):
-            read(path.parent)
+    with refused("dataset.unreadable", "delete it and generate again"):
+        load(path.parent)
 
 
 class Trap:

@@ -16,7 +16,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import checks
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
-from cavirheo.io.files import file_label, guarded
+from cavirheo.io.files import guarded
 from cavirheo.io.matlab import opened
 from cavirheo.io.named_arrays import Numbers
 from cavirheo.io.shots import Chosen, read_shots, selected
@@ -232,7 +232,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         rows = np.column_stack([radius, stretches, time]).tolist()
         names = name.text if name else map(str, range(1, len(rows) + 1))
         shots = selected([_shot(text, origin, *row) for text, row in zip(names, rows, strict=True)], chosen)
-        head: Any = {"source": file_label(path), "source_sha256": source.sha256, "notes": notes}
+        head: Any = {"source": printable(str(path)), "source_sha256": source.sha256, "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=shots, **head)
 
 

@@ -52,7 +52,7 @@ class Rig:
         sizes: number of R_max between both that are tried.
         frame_rate: all frame rates of the camera, 1/s.
         frames: number of frames that it records.
-        noise: standard deviation of the radius of a frame, m; one number, or one for each frame rate.
+        noise: standard deviation of the radius of a frame, m.
         relative_noise: the same over R_max; both add in quadrature.
         exposure: exposure time, s; reduced to the time between frames if it is longer.
         material: a law of `cavirheo laws`.
@@ -66,7 +66,7 @@ class Rig:
     max_radius: Sequence[float] = (50e-6, 400e-6)
     frame_rate: Sequence[float] = (1e5, 2.5e5, 5e5, 1e6)
     frames: int = 128
-    noise: float | Sequence[float] = 0.0
+    noise: float = 0.0
     relative_noise: float = 0.01
     exposure: float = 0.0
     material: str = "nhkv"
@@ -85,26 +85,23 @@ class Rig:
         require(len(radii) == 2 and 0 < radii[0] <= radii[1] < np.inf, message, "design.max_radius")
         message = f"frame rates must be positive, got {tuple(rates)}"
         require(len(rates) > 0 and all(rate > 0 for rate in rates), message, "design.frame_rate")
-        message = f"noise is one number, or one for each of the {len(rates)} frame rates; got {np.size(self.noise)}"
-        require(np.size(self.noise) in (1, len(rates)), message, "design.noise")
         message = f"noise must not be negative, got {self.noise} m and {self.relative_noise:g} of R_max"
-        require(min(np.min(self.noise), self.relative_noise) >= 0.0, message, "design.noise")
+        require(min(self.noise, self.relative_noise) >= 0.0, message, "design.noise")
         expect_whole(self.sizes, "sizes", 1, "design.sizes")
 
     def settings(self) -> list[Setting]:
         """Each frame rate with each of the sizes. Raises InputError: a setting outside of what can be simulated."""
-        noises = np.broadcast_to(self.noise, len(self.frame_rate)).tolist()
         smallest, largest = self.max_radius
         radii = np.geomspace(smallest, largest, self.sizes if largest > smallest else 1).tolist()
         return [
             Setting(
                 radius,
                 float(rate),
-                float(np.hypot(noise, self.relative_noise * radius)),
+                float(np.hypot(self.noise, self.relative_noise * radius)),
                 self.frames,
                 min(self.exposure, 1.0 / rate),
             )
-            for rate, noise in zip(self.frame_rate, noises, strict=True)
+            for rate in self.frame_rate
             for radius in radii
         ]
 

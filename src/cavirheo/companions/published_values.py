@@ -18,15 +18,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
-from typing import Annotated
 
-import pydantic
-from pydantic import Field
-
-from cavirheo.column import listed
 from cavirheo.companions import rheometer
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, is_float, listed, require
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.reporting import comparison
@@ -36,31 +31,14 @@ from cavirheo.writing.document import Outputs
 
 TABLE = "comparison.csv"
 NO_SETS = "references.no_set_column"  # error code for a table without sets, such as one of sweeps
-_MOST_SETS = 500  # largest number of sets in one file
+_RANGE = (1e-18, 1e18)  # of a value in SI; beyond these limits ratios would overflow
 _UNITS = {
     **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), ("shear_modulus", 1.0)),
     **dict.fromkeys(("G_kPa", "shear_modulus_kPa"), ("shear_modulus", 1e3)),
     **dict.fromkeys(("mu_Pa_s", "viscosity_Pa_s"), ("viscosity", 1.0)),
     **dict.fromkeys(("mu_mPa_s", "viscosity_mPa_s"), ("viscosity", 1e-3)),
 }
-
-
-class _ReferenceLine(pydantic.BaseModel):
-    """One line of the file: its columns and their allowed values."""
-
-    model_config = pydantic.ConfigDict(allow_inf_nan=False)
-
-    set: str
-    method: str | None = None
-    quantity: str | None = None
-    mean: Annotated[float, Field(ge=1e-18, le=1e18)] | None = None  # beyond these limits ratios would overflow
-    std: Annotated[float, Field(ge=0, le=1e18)] | None = None
-    files: str | None = None  # file, folder or pattern; default: the name of the set
-    source: str = ""
-    note: str = ""
-
-
-_COLUMNS = tuple(_ReferenceLine.model_fields)
+_COLUMNS = ("set", "method", "quantity", "mean", "std", "files", "source", "note")
 _VOCABULARY = Vocabulary(
     {name: Term(name) for name in _COLUMNS},
     f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
@@ -75,7 +53,7 @@ class ReferenceSet:
 
     name: str
     files: str = ""
-    values: dict[str, Mapping[str, PublishedValue]] = field(default_factory=dict)
+    values: dict[str, dict[str, PublishedValue]] = field(default_factory=dict)
 
     def holds(self, curve: RadiusCurve) -> bool:
         """Whether the file of the curve, or a folder that holds it, has the path that `files` describes."""
@@ -90,56 +68,47 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
 
     Raises InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
+    sets: dict[str, ReferenceSet] = {}
     with guarded(Path(path)) as source:
         (table,) = read_columns(source, _VOCABULARY)
-    names = [_VOCABULARY.name(title) for title in table.titles]
-    for title, (kind, unit, _) in zip(table.titles, names, strict=True):
-        place = f"{path}, line {table.line}, column {title or '(empty)'}"
-        message = f"{place}: not known; expected one of {', '.join(_COLUMNS)}"
-        require(bool(kind) and unit is None, message, "references.head")
-        require(len(table.all(kind)) == 1, f"{place}: {len(table.all(kind))} times; expected once", "references.head")
-    sets, methods = dict[str, ReferenceSet](), dict[str, tuple[str, str]]()
-    for number, texts in table.rows:
-        row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
-        _add_line(row, f"{path}, line {number}", sets, methods)
-    message = f"{path}: {len(sets)} sets; more than {_MOST_SETS} are not compared at once; split the file"
-    require(len(sets) <= _MOST_SETS, message, "references.sets")
+        names = [_VOCABULARY.name(title) for title in table.titles]
+        unknown = [title for title, name in zip(table.titles, names, strict=True) if not name.kind or name.unit]
+        if unknown or len({*names}) < len(names):
+            expected = f"expected each of {', '.join(_COLUMNS)} at most once, and no other"
+            message = f"line {table.line}: the columns {listed(table.titles, 8)}; {expected}"
+            raise InputError(message, "references.head")
+        for number, texts in table.rows:
+            row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
+            _add_line(row, f"line {number}", sets)
     return list(sets.values())
 
 
-def _add_line(
-    row: dict[str, str], where: str, sets: dict[str, ReferenceSet], methods: dict[str, tuple[str, str]]
-) -> None:
-    """Add the content of one line to its set. methods: first spelling of each method's name, and its line."""
+def _add_line(row: Mapping[str, str], where: str, sets: dict[str, ReferenceSet]) -> None:
+    """Add the content of one line to its set. Raises InputError: it has a mistake."""
 
     def expect(fine: bool, column: str, expected: str) -> None:
         message = f"{where}, column {column}: {row.get(column, '')!r}; expected: {expected}"
         require(fine, message, f"references.{column}")
 
-    try:
-        line = _ReferenceLine.model_validate(row)
-    except pydantic.ValidationError as error:
-        wrong = error.errors(include_url=False)[0]
-        column = str(wrong["loc"][0])
-        expect(False, column, "a name" if column == "set" else wrong["msg"].removeprefix("Input should be "))
-        raise
-    reference = sets.setdefault(line.set, ReferenceSet(line.set))
-    if line.files:
-        expect(reference.files in ("", line.files), "files", f"{reference.files} as above, or an empty cell")
-        reference.files = line.files
-    if not any((line.method, line.quantity, line.mean, line.std is not None)):
+    expect("set" in row, "set", "a name")
+    reference = sets.setdefault(row["set"], ReferenceSet(row["set"]))
+    if files := row.get("files"):
+        expect(reference.files in ("", files), "files", f"{reference.files} as above, or an empty cell")
+        reference.files = files
+    if not row.keys() & {"method", "quantity", "mean", "std"}:
         return
-    method, (quantity, factor) = line.method or "", _UNITS.get(line.quantity or "", ("", 1.0))
-    spelled, first = methods.setdefault(method.casefold(), (method, where))
+    method = row.get("method", "")
     expect(method != "", "method", "who measured, such as IMR or rheometer")
     expect(method.casefold() != OUR_METHOD, "method", "another name: this one is of our own answers")
+    quantity, factor = _UNITS.get(row.get("quantity", ""), ("", 1.0))
     expect(quantity != "", "quantity", f"one of {', '.join(_UNITS)}")
-    expect(line.mean is not None, "mean", f"a number above 0 ({line.quantity})")
-    values = dict(reference.values.get(method, {}))
+    mean, std = (float(row[name]) if is_float(row.get(name, "")) else None for name in ("mean", "std"))
+    expect(mean is not None and _RANGE[0] <= mean <= _RANGE[1], "mean", f"a number above 0 ({row['quantity']})")
+    expect("std" not in row or (std is not None and 0.0 <= std <= _RANGE[1]), "std", "a number from 0 up")
+    values = reference.values.setdefault(method, {})
     expect(quantity not in values, "quantity", f"one {quantity} of {reference.name!r} by {method}")
-    expect(method == spelled, "method", f"{spelled!r} as in {first}")
-    mean, std = (None if value is None else float(f"{value * factor:.12g}") for value in (line.mean, line.std))
-    reference.values[method] = values | {quantity: PublishedValue(mean=mean, std=std, source=line.source)}
+    in_si = [None if value is None else float(f"{value * factor:.12g}") for value in (mean, std)]
+    values[quantity] = PublishedValue(mean=in_si[0], std=in_si[1], source=row.get("source", ""))
 
 
 def read_sets(paths: Iterable[str | Path]) -> list[list[ReferenceSet]]:
@@ -159,7 +128,7 @@ def read_sets(paths: Iterable[str | Path]) -> list[list[ReferenceSet]]:
     if files:
         sweeps = [sweep for path in files for sweep in rheometer.read_sweeps(path)]
         rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
-        sources.append([ReferenceSet(rheometry.material, values=dict(rheometry.published))])
+        sources.append([ReferenceSet(rheometry.material, values=rheometry.published)])
     return sources
 
 

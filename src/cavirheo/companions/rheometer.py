@@ -23,12 +23,12 @@ from pydantic import Field
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable, require
-from cavirheo.io.files import file_label, guarded
+from cavirheo.io.files import guarded
 from cavirheo.io.tables import Column, Row, Table, Term, Vocabulary, read_columns
-from cavirheo.reporting.group import Published, PublishedValue
+from cavirheo.reporting.group import PublishedValue
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
-from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of, write_rows
+from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of
 
 _LEAST_STRAINS, _LEAST_FREQUENCIES = 4.0, 9.9  # smallest ratio of the ends of a plateau; instruments are off by 1 %
 _FLAT = 0.12  # largest relative deviation of G' from its plateau in a frequency sweep: a power of 0.1 over a decade
@@ -156,9 +156,7 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
     else:
         sweep.notes.append(f"no modulus: G'' ({loss:.3g} Pa) is above G' ({level:.3g} Pa), as in a liquid")
     if first:
-        off = 100 * np.max(np.abs(storage[:first] / level - 1))
-        points = f"{counted(first, 'point')} below the linear range left out of it"
-        sweep.notes.append(f"{points}: up to {off:.2g} % off (low torque, or a plateau below the data)")
+        sweep.notes.append(f"{counted(first, 'point')} below the linear range left out of it")
     return sweep
 
 
@@ -224,7 +222,7 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     for sweep in sweeps:
         stem = printable(path.stem)
         sweep.name = f"{stem}[{sweep.name}]" if len(sweeps) > 1 and sweep.name else stem
-        sweep.source, sweep.source_sha256 = file_label(path), digest
+        sweep.source, sweep.source_sha256 = printable(str(path)), digest
         sweep.notes += [f"left out of the file: {'; '.join(dict.fromkeys(refusals))}"] if refusals else []
     return sweeps
 
@@ -331,7 +329,7 @@ class Rheometry(Document):
     sweeps: list[Sweep]
 
     @property
-    def published(self) -> Published:
+    def published(self) -> dict[str, dict[str, PublishedValue]]:
         """Values of a method whose name states the regime; this viscosity is not compared with that of a bubble."""
         strain, frequency = ([s for s in self.sweeps if s.kind == kind] for kind in ("strain", "frequency"))
         omegas = [end for s in frequency for end in (s.x_from, s.x_to)] or [s.held for s in strain]
@@ -376,12 +374,6 @@ def rheometry(
 
 def _present(values: Iterable[float | None]) -> list[float]:
     return [value for value in values if value is not None]
-
-
-def write_csv(path: Path, document: Rheometry) -> None:
-    """Write one line per sweep."""
-    head = [name for name in Sweep.model_fields if name not in ("x", "storage", "loss", "notes")]
-    write_rows(path, head, (sweep.model_dump() for sweep in document.sweeps))
 
 
 def shared_name(files: Sequence[Path]) -> str:

@@ -153,14 +153,12 @@ def check_simulation(
 
 
 def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
-    """Warnings that need the curve alone: repeated or reversed frames, an R_max that lies further before the first
+    """Warnings that need the curve alone: repeated frames, an R_max that lies further before the first
     frame than the clock of an answer can reach, a wrong scale."""
     radius, messages = curve.radius[np.isfinite(curve.radius)], [*curve.warnings]
     if repeats := landmarks.repeated_samples(radius):
         equal, times = repeats
         messages.append(Message("check_input.frames_repeated", {"equal": equal, "frames": len(radius), "times": times}))
-    if collapses := landmarks.collapses_backwards(radius):
-        messages.append(Message("check_input.frames_backwards", {"collapses": collapses}))
     with suppress(InputError):  # no R_max: the curve is not answered
         if missed := curve.frames_missed:
             messages.append(Message("check_input.late_start", {"frames": missed}))

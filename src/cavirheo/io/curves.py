@@ -25,8 +25,8 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.files import Source, guarded
-from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, RADIUS_UNITS, TRACE, WITHOUT_TIMES
+from cavirheo.io.files import Source
+from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, RADIUS_UNITS, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.messages import Message
 from cavirheo.parameters import RADIUS
@@ -127,10 +127,11 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
     if len({*names}) < len(names):
         names = [str(k) for k in range(1, len(names) + 1)]
     for k, (radius, clock, deviation) in enumerate(zip(radii, clock_of, deviations or repeat(None), strict=False)):
-        time = _since_first(clock, table.notes) if clock else np.arange(float(table.size))
-        if clock and len(clocks) == 1 and time.size and not np.isfinite(time).any():
-            message = f"{clock.title!r} holds no number: are its cells formulas that were never calculated? "
-            raise InputError(f"{message}open the file in a spreadsheet and save it", "table.empty")
+        time = clock.numbers if clock else np.arange(float(table.size))
+        if clock and len(clocks) == 1 and time.size and not (np.abs(time) < _LARGEST_NUMBER).any():
+            message = f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}: of times since 1970 subtract the "
+            message += "first one; formulas that were never calculated have no values before a spreadsheet saves them"
+            raise InputError(message, "table.empty")
         std = _deviations(deviation, radius, camera.um_per_px) if deviation else np.full(len(time), np.nan)
         for label, rows in shots.items():
             if len(clocks) > 1:  # rows below a shot that is shorter than another one
@@ -165,23 +166,6 @@ def _labels(shot: Column) -> list[str]:
     if blank:
         shot.table.notes.append(f"{len(blank)} blank cells of {shot.title!r} filled with the label above them")
     return labels
-
-
-def _since_first(clock: Column, notes: list[str]) -> Floats:
-    """Return the (rows,) times of a column; times since 1970 from the first one on, which a note says. Raises
-    InputError: they have too few digits for that."""
-    time = clock.numbers
-    finite = time[np.isfinite(time)]
-    if not finite.size or np.median(finite) < _LARGEST_NUMBER:
-        return time
-    first = finite[0]
-    steps = np.diff(time)
-    step, digit = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0, float(np.spacing(first))
-    message = f"times in {clock.title!r} begin at {first:.17g} and have too few digits for that: "
-    exact = digit <= 1.0 and bool(np.all(finite % 1.0 == 0.0))
-    require(exact or digit < _COARSE * step, f"{message}subtract the first one before you save them", "table.time")
-    notes.extend({f"times in {clock.title!r} are counted from the first one, {first:.17g}"} - {*notes})
-    return time - first
 
 
 def _ask_for(camera: Camera, clock: Column | None, radius: _Radius, *, scaled: bool) -> None:
@@ -399,17 +383,6 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
     return curves
 
 
-def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
-    """Read (n,) times in s, (n,) pressures above the ambient pressure in Pa, and notes of what was recognised or left
-    out, from the columns time_us and pressure_kPa (or in other units, which the titles must name).
-
-    Raises InputError: the file cannot be read, lacks these columns, or has a cell that is no number.
-    """
-    with guarded(path) as source:
-        (table,) = read_columns(source, TRACE)
-        return table.column("time").si, table.column("pressure").si, table.notes
-
-
 def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     """Write the columns `time_us,radius_um`, and if known `radius_std_um`, `stretch`, `stretch_std`: one row per frame;
     ten digits; nan for a missing radius. remark: text of a first line that begins with "# "."""
@@ -435,8 +408,8 @@ def _curve(
     """Clean one curve: (n,) finite times and radii (and their deviations) in their units; None: infer the unit from the
     size.
 
-    Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames are sorted by time, and a few
-    radii of one time are averaged; if many frames share times, the curve is unusable. The notes count each of these
+    Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames are sorted by time, and the first
+    of a few frames of one time is kept; if many share times, the curve is unusable. The notes count each of these
     cases, after the notes in `meta`; times out of order are also among the curve's `warnings`. If the size contradicts
     the unit of the radius, the curve is unscaled.
 
@@ -454,10 +427,10 @@ def _curve(
     empty = r < _LEAST_RADIUS
     r[empty], std[~(std > 0)] = np.nan, np.nan
     order = np.argsort(t, kind="stable")
-    first = np.flatnonzero(np.diff(t[order], prepend=-np.inf) > _TIME_TOLERANCE)
-    if reason := _shared_times(t, r[order], first):
+    if reason := _shared_times(t[order], r[order]):
         return unusable_curve(reason, meta)
-    t, r, std = t[order][first], _averaged(r[order], first), _averaged(std[order], first)
+    first = order[np.diff(t[order], prepend=-np.inf) > _TIME_TOLERANCE]
+    t, r, std = t[first], r[first], std[first]
     warnings: tuple[Message, ...] = ()
     if backwards:
         warnings += (Message("check_input.time_order", {"steps": int(backwards)}),)
@@ -470,7 +443,7 @@ def _curve(
         f"{missing} of {n} frames without a radius (NaN)": missing,
         f"{empty.sum()} frames with radius <= 0 marked as not measured": empty.any(),
         **{warning.text: True for warning in warnings},
-        f"{n - len(t)} frames repeat a time: the radii of one time averaged": len(t) < n,
+        f"{n - len(t)} frames repeat the time of another one, which is kept": len(t) < n,
         unscaled: unscaled,
     }
     steps = np.diff(t)
@@ -487,21 +460,17 @@ def _curve(
         return unusable_curve(str(error), meta)
 
 
-def _shared_times(t: Floats, r: Floats, first: NDArray[np.intp]) -> str:
-    """Return why the times cannot be right, "" if they can: too many frames share them with frames of other radii. r:
-    sorted by time, `first` the indices where the times change."""
-    if len(t) == len(first):
-        return ""
-    sizes = np.diff(first, append=len(r))
-    differ = np.fmax.reduceat(r, first) > np.fmin.reduceat(r, first)
-    shared = int(np.sum(sizes[differ] - 1))
+def _shared_times(t: Floats, r: Floats) -> str:
+    """Return why the ascending times (n,) of these radii cannot be right, "" if they can: too many frames share them
+    with frames of other radii."""
+    shared = np.count_nonzero((np.diff(t) <= _TIME_TOLERANCE) & (np.abs(np.diff(r)) > 0.0))
     if shared <= _SHARED_TIMES * len(t):
         return ""
-    advice = 'of several shots give each a file, or name the column of their labels "shot"'
-    if np.count_nonzero(np.abs(np.diff(t)) <= _TIME_TOLERANCE) < shared / 2:
-        return f"{shared} frames have the times of other ones; {advice}"
-    few = f"times have too few digits: {len(t)} frames share {len(first)} times"
-    return f"{few}; write more digits, or of a table give the frame rate (--fps); {advice}"
+    why = (
+        f"{shared} of {len(t)} frames have the time of another one: times have too few digits, or are of several shots"
+    )
+    advice = "write more digits, or of a table give the frame rate (--fps)"
+    return f'{why}; {advice}; of several shots give each a file, or name the column of their labels "shot"'
 
 
 def _rounding(t: Floats) -> float:
@@ -514,14 +483,6 @@ def _rounding(t: Floats) -> float:
     shares = [np.mean(counts == counts.min() + more) for more in (0, 1)] if len(counts) else [0.0, 0.0]
     moves = min(shares) > _ROUNDED_SHARE and sum(shares) > 0.95 and step > _COARSE * interval
     return step if moves else 0.0
-
-
-def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
-    """Return the mean of the finite values in each run (NaN without any); the runs begin at the indices `first`."""
-    finite = np.isfinite(values)
-    count = np.add.reduceat(finite.astype(int), first)
-    total = np.add.reduceat(np.where(finite, values, 0.0), first)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:

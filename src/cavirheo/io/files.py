@@ -3,18 +3,13 @@ what a file is (`Source`)."""
 
 from __future__ import annotations
 
-import atexit
 import glob
 import hashlib
-import shutil
 import stat
-import struct
-import sys
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from io import BufferedReader
 from os.path import exists, isdir  # these two also work for names that no file can have
 from pathlib import Path
@@ -29,7 +24,7 @@ from cavirheo.writing import digits
 
 _TEXT_ENDINGS = {".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"}
 FILE_ENDINGS = {".mat", ".npy", ".h5", ".hdf5", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", *_TEXT_ENDINGS, *ENDINGS}
-Kind = Literal["empty", "text", "workbook", "numpy", "matlab", "matlab4", "matlab73", "hdf5", "binary"]
+Kind = Literal["empty", "text", "workbook", "numpy", "matlab", "matlab73", "hdf5", "binary"]
 _KINDS: dict[bytes, Kind] = {  # by the first bytes
     b"PK\x03\x04": "workbook",
     b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "workbook",
@@ -44,16 +39,8 @@ _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is
     "result.csv": "result.json",
     "comparison.csv": "result.json",
     "shots.csv": "collapse-time.json",
-    "rheometer.csv": "rheometer.json",
     "overlay.mp4": "measure.json",
-    "fields.h5": "simulation.csv",
 }
-_temporary: set[Path] = set()
-
-
-def file_label(path: Path) -> str:
-    """Return the name of a file as users see it."""
-    return path.name if path in _temporary else printable(str(path))
 
 
 @dataclass(frozen=True)
@@ -87,14 +74,7 @@ class Source:
             return "matlab73"
         if by_start is None and self.head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
             return "matlab"
-        if by_start is None and self.path.suffix.lower() == ".mat" and len(self.head) > 20:
-            number_type, _, _, imaginary, length = struct.unpack("<5I", self.head[:20])
-            if number_type < 53 and imaginary < 2 and 1 < length < 64:
-                return "matlab4"
-        odd = self.head[1::2]
-        is_utf16 = odd.count(0) > 0.8 * len(odd) > 0 and b"\x00" not in self.head[::2]  # without its mark
-        binary = b"\x00" in self.head and not is_utf16
-        return by_start or ("empty" if not self.head else "binary" if binary else "text")
+        return by_start or ("empty" if not self.head else "binary" if b"\x00" in self.head else "text")
 
     @cached_property
     def content(self) -> bytes:
@@ -120,7 +100,7 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
             ("limits.bytes"), both checked before it is opened; no permission ("reading.unreadable"); damaged
             ("reading.damaged"); or an error of the reader.
     """
-    name = file_label(path)
+    name = printable(str(path))
     _check(path, name, folder=folder)
     source = Source(path)
     try:
@@ -150,16 +130,15 @@ def _check(path: Path, name: str, *, folder: bool) -> None:
         raise InputError(f"{name} is a directory; give the files in it, e.g. {name}/*.mat", "reading.folder")
     if kind not in (stat.S_IFDIR, stat.S_IFREG):
         what = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}.get(kind, "a device")
-        special = f"{name} is {what}; give a file, or send its content to standard input and give - as the file"
-        raise InputError(special, "reading.special")
+        raise InputError(f"{name} is {what}; give a file", "reading.special")
     limits.check(status.st_size, limits.FILE, f"bytes in {name}")
 
 
 def expand(arguments: Iterable[str | Path], notify: Callable[[str], None] = lambda _: None) -> list[Path]:
-    """Return the files that the arguments of a command name, in their order, each once. An argument is a file; `-` for
-    standard input; a folder, for its measurement files, sorted, without hidden files and files written by cavirheo (a
-    folder of images is one recording); or a pattern (`gel_*.mat`) that the shell did not expand. A film and its header
-    count as one file. `notify` is called for each folder with one line on how many of its files are read.
+    """Return the files that the arguments of a command name, in their order, each once. An argument is a file; a
+    folder, for its measurement files, sorted, without hidden files and files written by cavirheo (a folder of images is
+    one recording); or a pattern (`gel_*.mat`) that the shell did not expand. A film and its header count as one file.
+    `notify` is called for each folder with one line on how many of its files are read.
 
     A missing or unreadable file is returned too: its reader raises the error, and the other files are still read.
 
@@ -168,9 +147,7 @@ def expand(arguments: Iterable[str | Path], notify: Callable[[str], None] = lamb
     paths: list[Path] = []
     for argument in arguments:
         path = Path(argument)
-        if str(argument) == "-":
-            paths.append(_standard_input())
-        elif isdir(path):
+        if isdir(path):
             paths += _files_of_folder(path, notify)
         elif not exists(path) and glob.has_magic(str(path)):
             matches = [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if not isdir(name)]
@@ -220,24 +197,3 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
     require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
     notify(f"{folder}: {digits.counted(len(taken), 'file')}" + (f"; {left} others left out" if left else ""))
     return taken
-
-
-@cache
-def _standard_input() -> Path:
-    """Save standard input to a temporary file, whose name is shown to users."""
-    path, size = Path(tempfile.mkdtemp(prefix="cavirheo-")) / "standard input", 0
-    _temporary.add(path)
-    atexit.register(remove_temporary_files)
-    with path.open("wb") as file:
-        while block := sys.stdin.buffer.read(1 << 20):
-            size += len(block)
-            limits.check(size, limits.INFLATED, "bytes from standard input")
-            file.write(block)
-    return path
-
-
-def remove_temporary_files() -> None:
-    """Remove the temporary file of standard input; called when the program ends."""
-    while _temporary:
-        shutil.rmtree(_temporary.pop().parent, ignore_errors=True)
-    _standard_input.cache_clear()

@@ -18,7 +18,7 @@ TEXT = 100_000_000  # bytes of a text file
 SHEET = 60_000_000  # bytes of a workbook
 UNPACKED = 150_000_000  # bytes of all parts of a workbook, unpacked
 WORKBOOK_CELLS = 1_000_000  # cells of the sheets that are read of a workbook, empty cells included
-INFLATED = 500_000_000  # bytes of a .mat file and of all its variables, unpacked; bytes from standard input
+INFLATED = 500_000_000  # bytes of a .mat file and of all its variables, unpacked
 
 
 def check(count: int, limit: int, items: str) -> None:

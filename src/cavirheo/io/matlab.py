@@ -44,7 +44,7 @@ _Elements = Iterator[tuple[int, bytes]]
 def opened(source: Source) -> Iterator[dict[str, Leaf]]:
     """Give the arrays of a MATLAB or HDF5 file by their paths (name, struct/field, group/dataset); none of others.
 
-    Raises InputError: the file is of version 4, violates its format, or exceeds a limit.
+    Raises InputError: the file violates its format, or exceeds a limit.
     """
     if source.kind in ("matlab73", "hdf5"):
         from cavirheo.io import hdf5  # imports h5py, which takes a quarter of a second
@@ -52,8 +52,6 @@ def opened(source: Source) -> Iterator[dict[str, Leaf]]:
         with hdf5.opened(source) as arrays:
             yield arrays
         return
-    message = "a MATLAB file of version 4; in MATLAB: load('old.mat'); save('shot.mat', '-v7')"
-    require(source.kind != "matlab4", message, "matlab.version4")
     yield _Version5(source).arrays() if source.kind == "matlab" else {}
 
 

@@ -85,15 +85,6 @@ CURVES = Vocabulary(
     of_shots=True,
 )
 WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:])
-TRACE = Vocabulary(
-    {
-        "time": Term("t time zeit temps tiempo 時間 时间", TIME_UNITS),
-        "pressure": Term("p pressure druck pression presion 圧力 压力 壓力", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}),
-    },
-    "expected a pressure trace with the columns time_us,pressure_kPa",
-    ("time", "pressure"),
-    dict.fromkeys(("columns", "empty", "no_unit", "unit"), "trace.header") | {"twice": "trace.twice"},
-)
 STATED = Vocabulary(
     {
         "density": Term("rho density rho0 rhoinf rhol", {"kgm3": 1.0, "kgm-3": 1.0, "gcm3": 1e3}),

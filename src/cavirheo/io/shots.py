@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number_list, require
+from cavirheo.errors import InputError, as_path, parse_number_list, printable, require
 from cavirheo.io.curves import SCALE_TOLERANCE, Camera
-from cavirheo.io.files import Source, file_label, guarded
+from cavirheo.io.files import Source, guarded
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.video.frames import is_video
 
@@ -74,13 +74,13 @@ def read_curves(
         camera: dict[str, Any] = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure}
         _, curve = examine(path, sheet=True, exclude=exclude, **camera)
         return selected([with_maximum_notes(curve)], shots)
-    message = f"{file_label(path)}: frames are excluded of recordings; of a table empty their radius"
+    message = f"{printable(str(path))}: frames are excluded of recordings; of a table empty their radius"
     require(exclude is None, message, "reading.exclude")
     check_camera(frame_rate_hz, um_per_px)
     with guarded(path, _EXPECTED) as source:
         curves = _read(source, density, pressure, Camera(frame_rate_hz, um_per_px))
         require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
-        origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": source.sha256}
+        origin: dict[str, Any] = {"group": path.stem, "source": printable(str(path)), "source_sha256": source.sha256}
         labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
         labels = labels if len(curves) > 1 else [path.stem]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)
@@ -91,10 +91,11 @@ def _read(source: Source, density: float, pressure: float, camera: Camera) -> li
     """Read the curves of a file."""
     from cavirheo.io import curves, matlab, named_arrays, npy
 
-    if source.kind in ("empty", "binary"):
-        what = "the file is empty" if source.kind == "empty" else "binary data of no known format"
-        what = "compressed by gzip: unpack it (gunzip)" if source.head.startswith(b"\x1f\x8b") else what
-        raise InputError(f"{what}; {_EXPECTED}", f"reading.{source.kind}")
+    if source.kind == "empty":
+        raise InputError(f"the file is empty; {_EXPECTED}", "reading.empty")
+    if source.kind == "binary":
+        advice = "unpack what is packed, and save arrays of old MATLAB with '-v7'"
+        raise InputError(f"binary data of no known format: {advice}; {_EXPECTED}", "reading.binary")
     if source.kind in ("text", "workbook"):
         return curves.read(source, density, pressure, camera)
     if source.kind == "numpy":
@@ -201,7 +202,7 @@ def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], li
 
 
 def _with_unique_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
-    """Return the curves with unique names: a shared name gets folders before it, or the file's ending or a number."""
+    """Return the curves with unique names: a shared name gets folders before it, or a number behind it."""
     sharing: dict[str, list[int]] = {}
     for k, curve in enumerate(curves):
         sharing.setdefault(curve.name, []).append(k)
@@ -210,10 +211,8 @@ def _with_unique_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
             continue
         paths = [Path(curves[k].source).resolve() for k in places]
         with_folders = (["/".join((*path.parts[-depth:-1], name)) for path in paths] for depth in range(2, 9))
-        with_endings = [name + path.suffix for path in paths]
-        numbered_names = [f"{name} ({k})" for k in range(1, len(places) + 1)]
-        candidates = (*with_folders, with_endings)
-        unique = next((names for names in candidates if len(set(names)) == len(places)), numbered_names)
+        numbered = [f"{name} ({k})" for k in range(1, len(places) + 1)]
+        unique = next((names for names in with_folders if len({*names}) == len(places)), numbered)
         for k, new in zip(places, unique, strict=True):
             curves[k] = curves[k].labelled(name=new)
     return curves

@@ -10,9 +10,8 @@ commas, `1,000.92` has a decimal point. Numbers with commas are refused if the s
 alone), or in none.
 
 A vocabulary lists the quantities that columns may hold, with the words for each, as people write them (`R [um]`,
-`Zeit / µs`), and its units. Other lines may stand above the titles and below the table; the units are in the titles or
-in the row below. The `notes` count what is left out or recognised. A table whose last row is a mean, a sum or the like
-is refused.
+`Zeit / µs`), and its units. Other lines may stand above the titles; the units are in the titles or in the row below.
+The `notes` count what is left out or recognised. A table whose last row is a mean, a sum or the like is refused.
 """
 
 from __future__ import annotations
@@ -41,6 +40,7 @@ _POINTED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(,\d{3})+)?(\.\d*)?(?<=\d|\.)(e[+-
 _COMMAED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)?(,\d*)?(?<=\d|,)(e[+-]?\d+)?", re.I)  # 1.000,92
 _FORTRAN = re.compile(r"([+-]?\d*\.?\d+|[+-]?\d+\.)d([+-]?\d+)", re.I)  # 1.0D-04
 _SPACED = re.compile(r"[+-]?\d{1,3}(['’\u2009\u00a0\u202f ]\d{3})+([.,]\d*)?")  # 1'000.92
+_BEGINS_AS_NUMBER = re.compile(r"""\s*["']?[+−-]?[.,]?\d""")
 _COMMENT = re.compile(r"\s*(%|//|!|#(?!div/0|n/a|nv\b|[a-z]+[!?]))", re.I)
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")  # its byte order marks
 _LONGEST_TITLE = 120  # characters of a title; a longer text is a sentence, and slow to match
@@ -263,33 +263,17 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
     """
     sheets = _read_sheets(source, vocabulary)
     tables = [table for sheet in sheets for table in _tables(sheet)]
-    rows = [row.texts for sheet in sheets for row in sheet.rows]
     if not tables and vocabulary.of_shots:
         tables = [sheet for sheet in sheets if sheet.rows and all(map(is_number, sheet.rows[0].texts))]
     if tables and not vocabulary.sections:
         tables = [table for table in tables if vocabulary.of_shots and table.titles == tables[0].titles] or tables[:1]
         _note_sheets(tables, sheets)
     if not tables:
-        raise _no_titles(rows, vocabulary, _doubt(source, sheets))
+        raise _no_titles(sheets, vocabulary)
     if "rows" in vocabulary.codes and not any(table.rows for table in tables):
-        words = next((row for sheet in sheets for row in sheet.rows if row.number > tables[0].line), Row(0, []))
-        message = "a header but no rows of data"
-        if words.texts:
-            message += (
-                f"; row {words.number} is {', '.join(words.texts)[:60]!r}: expected numbers, and units in the titles"
-            )
-        raise vocabulary.error("rows", f"{message}; {vocabulary.expected}")
+        message = f"a header in row {tables[0].line} but no rows of numbers below it; {vocabulary.expected}"
+        raise vocabulary.error("rows", message)
     return tables
-
-
-def _doubt(source: Source, sheets: list[Table]) -> str:
-    """Return why titles may be missing, "" if nothing is known: hidden sheets, or an encoding that is not UTF-8."""
-    if hidden := [sheet.sheet for sheet in sheets if sheet.sheet.endswith("(hidden)")]:
-        return f"; not read: {', '.join(hidden)}"
-    with suppress(UnicodeDecodeError):
-        if source.kind != "text" or source.head[:2] in _UTF16 or source.content.decode():
-            return ""
-    return "; the text is not UTF-8: save it as CSV UTF-8"
 
 
 def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
@@ -302,16 +286,17 @@ def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
             table.notes.insert(0, note + (f"; not read: {left}" if left else ""))
 
 
-def _no_titles(rows: list[list[str]], vocabulary: Vocabulary, doubt: str) -> InputError:
+def _no_titles(sheets: list[Table], vocabulary: Vocabulary) -> InputError:
     """Return the error that no row is a header; its message shows the closest row, and what is missing in it."""
+    rows = [row.texts for sheet in sheets for row in sheet.rows]
     if not rows:
         return vocabulary.error("empty", f"no rows of data; {vocabulary.expected}")
     closest = max(rows, key=lambda row: len({vocabulary.name(cell).kind for cell in row} - {""}))
     titles = ", ".join(repr(title[:30]) for title in closest[:_LISTED])
     missing = [kind.split("|")[0] for kind in vocabulary.missing(closest)]
     names = " and ".join(vocabulary.terms[kind].label or kind for kind in missing)
-    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}{doubt}"
-    return vocabulary.error("columns", f"{lack}; {vocabulary.expected}")
+    hidden = "".join(f"; not read: {sheet.sheet}" for sheet in sheets if not sheet.rows)
+    return vocabulary.error("columns", f"no column for {names} among {titles}{hidden}; {vocabulary.expected}")
 
 
 def _tables(sheet: Table) -> Iterator[Table]:
@@ -331,37 +316,14 @@ def _tables(sheet: Table) -> Iterator[Table]:
         rows = [row for row in rows if row.texts not in heads]  # titles may stand above each shot
         if vocabulary.sections:
             rows = list(takewhile(lambda row: not _begins_section(row), rows))
-        measured = [k for k, title in enumerate(titles) if vocabulary.term(title).units]
-        footer = []
-        while measured and rows and _has_words_alone(rows[-1], measured):
-            footer.append(rows.pop())
-        if footer:
-            notes += [f"{len(footer)} lines below the table left out: {' '.join(footer[-1].texts)[:60]}"]
-        titled = max(k for k, title in enumerate(titles, 1) if title)
-        lengths = [len(row.texts) for row in rows[:-1]]
-        if vocabulary.of_shots and lengths and len(rows[-1].texts) < min(titled, *lengths):
-            row = rows.pop()
-            has = f"row {row.number}, the last one, has {len(row.texts)} of {titled} cells"
-            notes.append(f"{has} and is left out: was the file cut off?")
         if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
             message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
             raise vocabulary.error("width", f"{message}: is a comma decimal, or part of a text that needs quotes?")
-        widest = max((len(row.texts) for row in rows), default=len(titles))
-        if not sheet.sheet and any(vocabulary.name(title).kind for title in titles[widest:]):
-            message = f"row {sheet.rows[at].number} has {len(titles)} titles, the rows below at most {widest} cells: "
-            message += "quote a title that holds a comma, or write the empty cells, too"
-            raise vocabulary.error("width", message)
-        for row in (*rows[-1:], *footer) if measured else ():
+        for row in rows[-1:] if any(vocabulary.term(title).units for title in titles) else ():
             if word := next((cell for cell in row.texts if plain_title(cell) in _SUMMARIES.split()), ""):
                 message = f"row {row.number} is a {word} and no measurement: remove it, and others like it"
                 raise vocabulary.error("summary", message)
         yield Table(vocabulary, rows, notes, sheet.sheet, titles, sheet.rows[at].number)
-
-
-def _has_words_alone(row: Row, measured: list[int]) -> bool:
-    """Whether a row has words and no number in these columns."""
-    texts = [row.texts[k] for k in measured if k < len(row.texts)] or row.texts[:1]
-    return not all(map(is_number, texts)) and not any(map(is_float, texts))
 
 
 def _begins_section(row: Row) -> bool:
@@ -407,8 +369,6 @@ def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     if source.kind in ("text", "empty"):
         limits.check(source.size, limits.TEXT, "bytes of text")
         limits.check(source.content.count(b"\n") + 1, limits.ROWS, "lines")
-        json = re.match(rb"\s*(\{|\[\s*[\[{])", source.content) is not None
-        require(not json, f"JSON is not read: save it as CSV; {vocabulary.expected}", "tabular.json")
         sheets = [_text_table(_decoded(source.content), vocabulary)]
     else:
         require(source.kind == "workbook", "neither text nor a workbook", "tabular.binary")
@@ -424,12 +384,7 @@ def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
 
 def _decoded(content: bytes) -> str:
     """Decode UTF-16, UTF-8 or Latin-1, without the byte order mark. Raises InputError: damaged UTF-16."""
-    encodings = ["utf-8-sig", "latin-1"]
-    if content[:2] in _UTF16:
-        encodings = ["utf-16"]
-    elif content[1:2] == b"\x00":  # without the mark
-        encodings = ["utf-16-le"]
-    for encoding in encodings:
+    for encoding in ("utf-16",) if content[:2] in _UTF16 else ("utf-8-sig", "latin-1"):
         with suppress(UnicodeDecodeError):
             return content.decode(encoding)
     raise InputError("begins as UTF-16 text and does not go on so", "tabular.encoding")
@@ -437,34 +392,36 @@ def _decoded(content: bytes) -> str:
 
 def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     """Split a text into rows by the first separator that makes one row a header, else by the first one that all of the
-    first twenty lines contain. Comments are rows (without # or %) only if no other line is a header."""
+    first twenty lines contain. Comments above the numbers are rows (without # or %) only if no other line is a
+    header."""
     text, invisible = without_invisible(text)
     lines = text.splitlines()
     limits.check(len(lines), limits.ROWS, "lines")
     limits.check(max(map(len, lines), default=0), limits.LINE, "characters in one line")
     data = ["" if _COMMENT.match(line) else line for line in lines]
     rows = _rows_with_header(data, vocabulary)
-    if rows is None and data != lines:
-        rows = _rows_with_header([line.lstrip("#%/! ") for line in lines], vocabulary)
+    if rows is None:
+        above = next((k for k, line in enumerate(data) if _BEGINS_AS_NUMBER.match(line)), len(data))
+        with_titles = [line.lstrip("#%/! ") for line in lines[:above]] + data[above:]
+        if rows := _rows_with_header(with_titles, vocabulary):
+            data = with_titles
     if rows is None:
         sample = [line for line in data if line.strip()][:20]
         separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
         rows = list(_split(data, separator))
     notes = [f"{invisible} control characters left out"] if invisible else []
-    numbers = (row.number for row in rows if data[row.number - 1] and any(map(_has_digits, row.texts)))
-    first = next(numbers, len(lines))  # the lines above it may be comments
-    if comments := [line for line, text in zip(lines[first:], data[first:], strict=True) if line.strip() and not text]:
-        notes.append(f"{len(comments)} lines that begin with {comments[0].strip()[0]} left out")
+    if comments := [line.strip() for line, used in zip(lines, data, strict=True) if line.strip() and not used]:
+        notes.append(f"{len(comments)} lines that begin with {comments[0][0]} left out")
     return Table(vocabulary, rows, notes)
 
 
 def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | None:
-    """Return the rows by the first separator that makes one a header above a fitting row, else one above no
+    """Return the rows by the first separator that makes one a header above a row of as many numbers, else one above no
     numbers; None if no separator does."""
     with_words = [line for line in lines if re.search(r"[^\W\d]", line)]
-    unclear, without_numbers = False, None
+    without_numbers = None
     for separator in _SEPARATORS:
-        candidates = with_words if separator is None or any(separator in line for line in lines) else []
+        candidates = [line for line in with_words if separator is None or separator in line]
         if separator is None:  # what tabs or commas separate, as the rows below, are no titles between spaces
             marks = [mark for mark in "\t;," if mark in next(filter(str.strip, reversed(lines)), "")]
             candidates = [line for line in candidates if not any(mark in line for mark in marks)]
@@ -473,17 +430,13 @@ def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | N
         rows = list(_split(lines, separator))
         at = next(k for k, row in enumerate(rows) if vocabulary.is_header(row.texts))
         titles = rows[at].texts
-        below = next((row.texts for row in rows[at + 1 :] if any(map(_has_digits, row.texts))), None)
         if len(titles) == 1:  # a single column, without separators
             return [*rows[: at + 1], *(Row(row.number, [" ".join(row.texts)]) for row in rows[at + 1 :])]
+        below = next((row.texts for row in rows[at + 1 :] if any(map(_has_digits, row.texts))), None)
         if below is None:
             without_numbers = without_numbers or rows
-            continue
-        if len(below) >= (len(titles) if separator is None else 2):
+        elif len(below) >= (len(titles) if separator is None else 2):
             return rows
-        unclear = separator is None
-    message = "titles with spaces in them over columns separated by spaces; separate the columns by commas"
-    require(not unclear, message, "tabular.width")
     return without_numbers
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import as_path, require
-from cavirheo.io.files import file_label, guarded
+from cavirheo.errors import as_path, printable, require
+from cavirheo.io.files import guarded
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
 
@@ -44,7 +44,7 @@ def examine(
     require(not unknown, f"measure has no option {unknown}; it has {', '.join(names)}", "video.option")
     with guarded(path, "expected a recording of a bubble", folder=True) as source:
         measurement = measure_frames(path, **options)
-        origin: dict[str, Any] = {"name": path.stem, "group": path.stem, "source": file_label(path)}
+        origin: dict[str, Any] = {"name": path.stem, "group": path.stem, "source": printable(str(path))}
         origin["source_sha256"] = None if path.is_dir() else source.sha256
         if sheet:
             from cavirheo.video.picture import contact_sheet, data_url

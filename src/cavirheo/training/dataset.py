@@ -63,7 +63,7 @@ class Layout:
         """Raises InputError: n uncompressed curves need more bytes than are free."""
         need = n * sum((np.dtype(kind).itemsize * prod(shape) for kind, shape in self.columns.values()), 8)
         message = f"the set ({n} curves) needs {need / 1e9:.3g} GB {place}, and there are {free / 1e9:.3g} GB"
-        require(need <= free, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
+        require(need <= free, f"{message}: ask for fewer curves or frames", "dataset.size")
 
     def write(self, path: Path, attributes: Mapping[str, Any], columns: Columns) -> None:
         """Write a file, completely or not at all.
@@ -130,26 +130,6 @@ class GenerateSummary:
     simulated: int  # curves that were simulated in this call
 
 
-@dataclass(frozen=True)
-class Survey:
-    """Summary of the files of a training set, which are read one by one; missing_files: number still to be made."""
-
-    made_by: str  # version of cavirheo
-    seed: int
-    total: int  # curves of the complete set
-    summary: Sequence[str]  # lines that describe the set
-    statuses: Mapping[str, int]  # number of curves by status of the simulation
-    files: int
-    missing_files: int
-    size: int  # bytes
-    sha256: str  # of the SHA-256 digests of all files in their order
-
-    @property
-    def curves(self) -> int:
-        """Number of simulated curves, failed ones included."""
-        return sum(self.statuses.values())
-
-
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """A complete training set.
@@ -209,27 +189,24 @@ def generate(
     seed: int = 0,
     workers: int | None = None,
     executor: Executor | None = None,
-    shard: tuple[int, int] = (1, 1),
     progress: bool = True,
 ) -> GenerateSummary:
-    """Simulate curves 0..n-1 into `out_dir`; shard = (i, N) makes the i-th of N parts, i from 1.
+    """Simulate curves 0..n-1 into `out_dir`.
 
     executor: where the curves are simulated; default: on `workers` threads of this machine.
-    Complete files are kept. Nothing in a file depends on `workers`, `executor`, `shard` or the date.
+    Complete files are kept. Nothing in a file depends on `workers`, `executor` or the date.
 
     Raises InputError: the folder holds files of another problem, seed, number of curves or version.
     """
-    layout, (part, parts) = layout_of(problem), shard
-    message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
-    require(n >= 1 and 1 <= part <= parts, message, "dataset.shard")
+    layout = layout_of(problem)
+    require(n >= 1, f"at least one curve is needed, got {n}", "dataset.curves")
     head = {"problem": layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
     began = time.perf_counter()
     with writable_folder(out_dir) as folder:
-        starts = [read_shard(path, head).head["start"] for path in sorted(folder.glob("shard-*.h5"))]
-        missing = n // parts - PER_FILE * sum(start // PER_FILE % parts == part - 1 for start in starts)
-        layout.check_space(missing, shutil.disk_usage(folder).free, f"on the disk of {folder}")
-        blocks = range(0, n, PER_FILE)[part - 1 :: parts]
-        files = {folder / _name(start): range(n)[start : start + PER_FILE] for start in blocks}
+        complete = [read_shard(path, head) for path in sorted(folder.glob("shard-*.h5"))]
+        free = shutil.disk_usage(folder).free
+        layout.check_space(n - PER_FILE * len(complete), free, f"on the disk of {folder}")
+        files = {folder / _name(start): range(n)[start : start + PER_FILE] for start in range(0, n, PER_FILE)}
         todo = [(path, block) for path, block in files.items() if not path.exists()]
         simulated = sum(len(block) for _, block in todo)
         work = (executor or Threads(workers)).map_unordered(
@@ -266,18 +243,6 @@ def load(data_dir: str | Path) -> Dataset:
     require(bool((columns["status"] == "ok").any()), f"{data_dir}: every simulation of this set failed", "dataset.none")
     problem = _problem_of(json.loads(head["problem"]))
     return Dataset(problem, head["seed"], head["made_by"], columns, _digest(paths))
-
-
-def survey(data_dir: str | Path) -> Survey:
-    """Survey of a set that may be incomplete. Raises InputError: no files, damaged files, or files of several sets."""
-    paths = _paths(data_dir)
-    statuses = Counter[str]()
-    for shard in _shards(paths):
-        statuses.update(shard.statuses)
-    head, size = shard.head, sum(path.stat().st_size for path in paths)
-    missing_files = -(-head["total"] // PER_FILE) - len(paths)
-    origin = head["made_by"], head["seed"], head["total"], shard.layout.summary
-    return Survey(*origin, dict(statuses), len(paths), missing_files, size, _digest(paths))
 
 
 def _name(start: int) -> str:

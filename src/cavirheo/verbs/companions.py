@@ -19,8 +19,8 @@ _Range = tuple[float, float]
 _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
 _RESULT = "result.json, or the folder that holds one; of several all groups are compared"
-_SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
-_TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin"
+_SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder"
+_TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder"
 _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
 
 
@@ -62,7 +62,6 @@ class Rheometer(options.PrintingVerb):
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
     at: Annotated[float, option("angular frequency of the viscosity G''/omega, rad/s")] = 1.0
-    tolerance: Annotated[float, option("allowed change of G' within the linear range, %")] = 5.0
     name: Annotated[str | None, option("of the material  [default: from the file names]")] = None
     out: options.Out = Path("cavirheo-rheometer")
 
@@ -71,9 +70,8 @@ class Rheometer(options.PrintingVerb):
         from cavirheo.writing.document import Outputs
 
         require(self.at > 0, f"--at must be an angular frequency in rad/s, got {self.at!r}")
-        require(0 < self.tolerance < 50, f"--tolerance must be between 0 and 50 %, got {self.tolerance!r}")
         files = run.files(self.files)
-        outputs = Outputs(self.out, "rheometer.json", "rheometer.csv", inputs=files)
+        outputs = Outputs(self.out, "rheometer.json", inputs=files)
         sweeps = []
         for path in files:
             try:
@@ -82,8 +80,7 @@ class Rheometer(options.PrintingVerb):
                 run.note_unreadable([str(error)])
         run.require_any(sweeps, "sweep")
         material = self.name or rheometer.shared_name(files)
-        rheometry = rheometer.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.document_fields)
-        outputs.write("rheometer.csv", rheometer.write_csv, rheometry)
+        rheometry = rheometer.rheometry(sweeps, material, at=self.at, **run.document_fields)
         run.write_document(outputs, rheometry)
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
@@ -139,12 +136,12 @@ class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
     shear_modulus: Annotated[_Range | None, option(_MODULUS, metavar="LOW HIGH")] = None
     viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
     stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
-    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=settings.sum_names)] = "nhkv"
+    material: Annotated[str, option("a law of `cavirheo laws`")] = "nhkv"
     rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
     fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
     frames: Annotated[int, option("of a recording", min=10)] = 128
     noise_percent: Annotated[float, option("noise of the radius, % of R_max", CAMERA)] = 1.0
-    noise_um: Annotated[str, option("further noise, um; or one value for each frame rate, with commas", CAMERA)] = "0"
+    noise_um: Annotated[float, option("further noise of the radius, um", CAMERA)] = 0.0
     exposure_us: Annotated[float, option("exposure time of a frame, us", CAMERA, min=0.0)] = 0.0
     wanted_percent: options.WantedPercent = 10.0
     spread: Annotated[float | None, option("scatter of shots, decades  [default: of the result.json]", SEARCH)] = None
@@ -163,7 +160,7 @@ class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
             max_radius=[1e-6 * end for end in self.rmax_um],
             frame_rate=_parse_numbers("--fps", self.fps),
             frames=self.frames,
-            noise=[1e-6 * noise for noise in _parse_numbers("--noise-um", self.noise_um)],
+            noise=1e-6 * self.noise_um,
             relative_noise=0.01 * self.noise_percent,
             exposure=1e-6 * self.exposure_us,
             material=self.material,

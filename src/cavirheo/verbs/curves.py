@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
-_BUBBLES = option("real, field, or both with a comma", autocompletion=settings.bubble_names)
+_BUBBLES = option("real, field, or both with a comma")
 _DAMAGES = "softening of the gel: none, strain, or both with a comma"
 
 
@@ -97,7 +97,7 @@ class Infer(_ReportVerb, settings.InferSettings):
 class Fit(_ReportVerb):
     """The field's conventional fit: simulated on measured radius histories under white noise, with intervals."""
 
-    material: Annotated[str, option(_FITTED, autocompletion=settings.law_names)] = "nhkv"
+    material: Annotated[str, option(_FITTED)] = "nhkv"
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
     free: Annotated[str | None, option(_FREE, INTERVAL)] = None
     t0_us: Annotated[float | None, option("largest |t0|, us  [default: what the frames leave open]", INTERVAL)] = None
@@ -116,10 +116,10 @@ class Fit(_ReportVerb):
 class WhichLaw(options.MeasuredFiles):
     """Which of several laws explains the curves best? Evidence by sampling."""
 
-    laws: Annotated[str, option("two or more laws, with commas", autocompletion=settings.many_law_names)] = _LAWS
+    laws: Annotated[str, option("two or more laws, with commas")] = _LAWS
     exact_law: settings.ExactLaw = False
     bubble: Annotated[str, _BUBBLES] = "real"  # type: ignore[assignment]
-    damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=settings.damage_names)] = "none"  # type: ignore[assignment]
+    damage: Annotated[str, option(_DAMAGES, BUBBLE)] = "none"  # type: ignore[assignment]
     out: options.Out = Path("cavirheo-laws")
 
     def __call__(self, run: Run) -> None:
@@ -170,7 +170,6 @@ class Watch(settings.InferSettings, options.AnsweringVerb, options.SharedErrors)
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
-        from cavirheo.column import labelled_by
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting.screen import print_line, print_result
 
@@ -178,11 +177,8 @@ class Watch(settings.InferSettings, options.AnsweringVerb, options.SharedErrors)
         out = self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
         analysis = self.analysis
-        if self.column is not None:
-            labelled_by([], self.column)
         read_settings = settings.shared_values(self, settings.FileSettings)
-        del read_settings["column"]
-        keywords: dict[str, Any] = {"group": self.group, "column": self.column, "read_timeout": self.patience}
+        keywords: dict[str, Any] = {"group": self.group, "read_timeout": self.patience}
         keywords |= {"command": run.command, "date": run.date, "draw": self.pictures, "errors": self.errors}
         keywords |= {"notify": run.say} if run.quiet else {"notify": run.say, "show": print_line}
         watched = watch.Watch(

@@ -80,19 +80,16 @@ def _show_document(path: Path, json: bool) -> None:
 
 
 def _show_training_set(path: Path) -> None:
-    """Print the summary of a training set, read file by file: it may be larger than memory, and may still grow."""
     from cavirheo.training import dataset
 
-    survey = dataset.survey(path)
-    growing = f"growing: {survey.missing_files} of {survey.files + survey.missing_files} files are still to be made"
+    data = dataset.load(path)
+    failures = "".join(f"\n  {count} {status}" for status, count in data.origin["failures"].items())
     lines = [
-        f"{path}: training set, written by cavirheo {survey.made_by}, seed {survey.seed}",
-        f"  {survey.curves} of {survey.total} curves, {growing if survey.missing_files else 'complete'}",
-        *(f"  {line}" for line in survey.summary),
-        *(f"  {count} {status}" for status, count in sorted(survey.statuses.items(), key=lambda item: -item[1])),
-        f"  {survey.size / 1e6:.3g} MB, {survey.size / survey.curves:.0f} bytes a curve; checksum {survey.sha256}",
+        f"{path}: training set of {len(data)} curves, written by cavirheo {data.made_by}, seed {data.seed}",
+        *(f"  {line}" for line in dataset.layout_of(data.problem).summary),
+        f"  checksum {data.sha256}",
     ]
-    terminal.write("\n".join(lines))
+    terminal.write("\n".join(lines) + failures)
 
 
 def _show_curves(path: Path, **keywords: Any) -> None:
@@ -168,24 +165,16 @@ def summary(name: str, content: dict[str, Any]) -> list[str]:
 
 
 def _show_network(path: Path) -> None:
-    """Print a model's summary, date, libraries, license, files and checksum. Raises InputError: no model, or an
-    incomplete card."""
+    """Print a model's summary, files and checksum. Raises InputError: no model, or an incomplete card."""
     from cavirheo.inference.cards import card
 
     content = card(path)
-    libraries = content.get("made_with") or content.get("versions") or {}
-    origin = [content.get("date", ""), *(f"{library} {version}" for library, version in libraries.items())]
-    weights = content.get("network", {}).get("parameters")
-    size = f"{path.stat().st_size / 1e6:.3g} MB" + (f", {weights} weights" if weights else "")
+    made = content.get("date", "at an unknown date")
     try:
-        lines = [
-            *summary(path.stem, content),
-            f"  made {', '.join(filter(None, origin))}; license: {content.get('license', 'not on the card')}",
-            f"  file {path}, {size}, sha256 {_checksum(path)}",
-            f"  card {path.with_suffix('.json')}: priors, training, losses and scores in full",
-        ]
+        lines = [*summary(path.stem, content), f"  file {path}, sha256 {_checksum(path)}, made {made}"]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
+    lines.append(f"  card {path.with_suffix('.json')}: priors, training, losses, scores and license in full")
     terminal.write("\n".join(lines))
 
 
@@ -202,29 +191,21 @@ def _checksum(path: Path) -> str:
 
 
 def installation_report() -> str:
-    """Return lines on versions, machine, libraries, compiled solver, models and variables of this installation."""
+    """Return lines on versions, machine, libraries, compiled solver and variables of this installation."""
     import cavirheo
-    from cavirheo.inference.cards import shipped
     from cavirheo.physics import cache, solver
 
     folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # does not compile it
     compiled = f"compiled, kept in {', '.join(sorted(folders))}"
-    versions = {name: next((each.version for each in distributions(name=name)), "") for name in required_libraries()}
+    needed = [re.split(r"[^\w.-]", line)[0] for line in requires("cavirheo") or () if not re.search(r"== .dev\b", line)]
+    versions = {name: next((each.version for each in distributions(name=name)), "absent") for name in needed}
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
     lines = [
         ("cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"),
         ("python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"),
         ("machine", f"{platform.platform()}, {cores()} cores"),
-        ("libraries", ", ".join(f"{name} {version}" for name, version in versions.items() if version)),
-        ("absent", ", ".join(name for name, version in versions.items() if not version) or "none"),
+        ("libraries", ", ".join(f"{name} {version}" for name, version in versions.items())),
         ("solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"),
-        *(("model", f"{name}, sha256 {_checksum(path)}") for name, path in shipped().items()),
         ("variables", ", ".join(variables) or "none that matter"),
     ]
     return "\n".join(f"{name:<10}{text}" for name, text in lines)
-
-
-def required_libraries() -> list[str]:
-    """Return names of the libraries that the package and its extras need, without those of developers."""
-    lines = [line for line in requires("cavirheo") or () if not re.search(r"extra == .(dev|docs)\b", line)]
-    return list(dict.fromkeys(re.split(r"[^\w.-]", line)[0] for line in lines))

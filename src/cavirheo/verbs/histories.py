@@ -5,16 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo import settings
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import require
 from cavirheo.settings import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Run
-from cavirheo.writing.terminal import say, write
+from cavirheo.writing.terminal import write
 
 if TYPE_CHECKING:
     from cavirheo.physics.bubble import Bubble
@@ -24,17 +24,13 @@ if TYPE_CHECKING:
 _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx or .cih); a folder of images"
 DRIVING = "Driving"
 _FRAMES_FILE = "simulation.csv"
-_FIELDS_FILE = "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
 _MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
 _Motion = Literal["keller-miksis", "rayleigh-plesset", "gilmore"]
 _POLYTROPIC = "exponent of the gas, instead of heat and vapour transport"
 _PULSE = "ultrasound: peak kPa (negative: tension), MHz, us of the peak"
-_DRIVING = "far-field pressure above ambient: CSV file with columns time_us,pressure_kPa"
-_INERTIA = "R_max sum(s/d) over image bubbles: R_max/2h for one wall at h"
-_DAMPING = "2 pi (R_max^2/A) c/U_c of a tube of cross-section A around"
 _FACTORS = "damaged gel: factors of modulus and R_0 at a tenfold contraction"
-_CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame"
+_DAMAGE = option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +87,7 @@ class Measure(options.PrintingVerb):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulate(options.Verb, settings.Liquid):
+class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
     Columns of simulation.csv: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of
@@ -100,40 +96,29 @@ class Simulate(options.Verb, settings.Liquid):
 
     rmax_um: Annotated[float, option("largest radius, um")]
     stretch: Annotated[float, option("R_max/R_0")]
-    material: Annotated[str, option(_MATERIAL, autocompletion=settings.sum_names)] = "nhkv"
+    material: Annotated[str, option(_MATERIAL)] = "nhkv"
     shear_modulus: Annotated[float | None, option("Pa")] = None
     viscosity: Annotated[float | None, option("Pa s")] = None
     stiffening: Annotated[float | None, option("alpha of qkv")] = None
     duration_us: Annotated[float, option("us after R_max")] = 100.0
     fps: Annotated[float, option("frames per second")] = 1e6
     pulse: Annotated[tuple[float, float, float] | None, option(_PULSE, DRIVING, metavar="KPA MHZ US")] = None
-    driving: Annotated[Path | None, option(_DRIVING, DRIVING)] = None
     motion: Annotated[_Motion, option("equation of the wall", BUBBLE)] = "keller-miksis"
     polytropic: Annotated[float | None, option(_POLYTROPIC, BUBBLE)] = None
-    contents: Annotated[Literal["equilibrium", "kinetic"], option(settings.CONTENTS, BUBBLE)] = "equilibrium"
-    accommodation: Annotated[float | None, option("of kinetic contents, up to 10  [default: 0.07]", BUBBLE)] = None
-    damage: Annotated[tuple[float, float] | None, option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")] = None
-    confinement_inertia: Annotated[float, option(_INERTIA, BUBBLE)] = 0.0
-    wall_distance_um: settings.WallDistanceUm = None
-    confinement_damping: Annotated[float, option(_DAMPING, BUBBLE)] = 0.0
-    vapour_excess: Annotated[float, option("vapour at R_max above saturation, Pa", BUBBLE)] = 0.0
+    damage: Annotated[tuple[float, float] | None, _DAMAGE] = None  # type: ignore[assignment]
     relaxed: Annotated[bool, option("laws with memory start unstressed", MATERIAL, "--relaxed")] = False
     precise: Annotated[bool, option("ten times as accurate, five times as long", OUTPUT, "--precise")] = False
-    fields: Annotated[bool, option(_CONTENTS, OUTPUT, "--fields")] = False
     out: options.Out = Path("cavirheo-simulation")
 
     def __call__(self, run: Run) -> None:
         import numpy as np
 
-        from cavirheo.io.curves import read_trace
         from cavirheo.physics import simulate as forward
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
-        from cavirheo.physics.media import Pulse, Trace
+        from cavirheo.physics.media import Pulse
         from cavirheo.writing.document import Outputs
 
         liquid = self.liquid
-        both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
-        require(not (self.pulse and self.driving), both, "simulate.two_drivings")
         law = self.make_law()
         count = self.duration_us * 1e-6 * self.fps
         possible = self.duration_us > 0 and self.fps > 0 and 1 <= count <= 1e6
@@ -141,54 +126,38 @@ class Simulate(options.Verb, settings.Liquid):
         require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
         frames = int(count * (1 + 1e-9)) + 1
         bubble = self.make_bubble()
-        message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
-        require(not self.fields or self.polytropic is None, message, "physics.no_fields")
-        far_field: Pulse | Trace | None = None
+        far_field: Pulse | None = None
         if self.pulse:
             kilopascals, megahertz, microseconds = self.pulse
             far_field = Pulse(kilopascals * 1e3, megahertz * 1e6, microseconds * 1e-6)
-        elif self.driving:
-            *columns, notes = read_trace(self.driving)
-            try:
-                far_field = Trace(*columns)
-            except InputError as error:
-                raise error.within(str(self.driving)) from None
-            for note in notes:
-                say(f"{self.driving}: {note}")
-        writers = {_FRAMES_FILE: _write_frames} | ({_FIELDS_FILE: _write_fields} if self.fields else {})
-        outputs = Outputs(self.out, *writers, inputs=[self.driving] if self.driving else [])
+        outputs = Outputs(self.out, _FRAMES_FILE)
         forward.load_solver()
-        try:
-            simulation = forward.simulate(
-                law,
-                max_radius=self.rmax_um * 1e-6,
-                stretch=self.stretch,
-                time=np.arange(frames) / self.fps,
-                medium=liquid,
-                driving=far_field,
-                bubble=bubble,
-                relaxed=self.relaxed,
-                fields=self.fields,
-                accuracy=PRECISE if self.precise else DEFAULT,
-            )
-        except SolverError as error:  # name the driving file, if there is one
-            raise SolverError(f"{self.driving}: {error}" if self.driving else str(error)) from None
-        for name, writer in writers.items():
-            outputs.write(name, writer, simulation)
+        simulation = forward.simulate(
+            law,
+            max_radius=self.rmax_um * 1e-6,
+            stretch=self.stretch,
+            time=np.arange(frames) / self.fps,
+            medium=liquid,
+            driving=far_field,
+            bubble=bubble,
+            relaxed=self.relaxed,
+            accuracy=PRECISE if self.precise else DEFAULT,
+        )
+        outputs.write(_FRAMES_FILE, _write_frames, simulation)
         outputs.finish()
         run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES_FILE}")
 
     def make_bubble(self) -> Bubble:
-        """Return the bubble of the options. Raises InputError."""
-        from cavirheo.physics.bubble import ACCOMMODATION, Bubble, Damage
+        """Return the bubble of the options, by default the field's. Raises InputError."""
+        from cavirheo.physics.bubble import ACCOMMODATION, Damage, bubbles_of
 
-        idle = self.accommodation is not None and self.contents != "kinetic"
+        (base,) = bubbles_of(self.bubble or "field")
+        kinetic = (self.contents or base.contents) == "kinetic"
+        idle = self.accommodation is not None and not kinetic
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
-        values = settings.shared_values(self, Bubble) | {"exponent": self.polytropic}
-        values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
-        values["wall_distance"] = self.wall_distance_um and self.wall_distance_um * 1e-6
-        values["damage"] = Damage(*self.damage) if self.damage else "none"
-        return Bubble(**values)
+        values = ({"accommodation": ACCOMMODATION} if kinetic else {}) | self.bubble_values
+        damage = Damage(*self.damage) if self.damage else "none"
+        return replace(base, **{**values, "exponent": self.polytropic, "damage": damage})
 
     def make_law(self) -> Material:
         """Return the material: a name, with parameters from the options, or a sum of laws with its own parameters."""
@@ -228,19 +197,6 @@ def _write_frames(path: Path, run: Simulation) -> None:
     header = ",".join(run.columns)
     with path.open("wb") as file:
         np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=header, comments="")
-
-
-def _write_fields(path: Path, run: Simulation) -> None:
-    """Write HDF5: time_s (n,), radius_m (n,), position (m,), temperature_K and vapour_mass_fraction (n, m)."""
-    import h5py  # its import takes a quarter of a second
-
-    assert run.contents is not None
-    with h5py.File(path, "w") as file:
-        file["time_s"] = run.time
-        file["radius_m"] = run.radius
-        file["position"] = run.contents.position
-        file["temperature_K"] = run.contents.temperature
-        file["vapour_mass_fraction"] = run.contents.vapour
 
 
 def laws() -> None:

@@ -40,7 +40,6 @@ def generate(
     n: Annotated[int | None, option("curves; default: as in the recipe", None, "-n", min=1)] = None,
     seed: Annotated[int | None, option("default: as in the recipe", min=0)] = None,
     workers: Annotated[int | None, option("threads; default: all cores", min=1)] = None,
-    shard: Annotated[str, option("i/N: make the i-th of N parts only")] = "1/1",
     scheduler: options.Scheduler = None,
     slurm: options.Slurm = None,
     quiet: options.Quiet = False,
@@ -52,16 +51,12 @@ def generate(
     from cavirheo.workflow.cluster import connected
 
     content = read_recipe(recipe)
-    try:
-        part, parts = (int(number) for number in shard.split("/"))
-    except ValueError:
-        raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}", "option.shard") from None
     message = "--workers are threads of this machine, and a cluster has its own: leave out one of them"
     require(workers is None or (scheduler is None and slurm is None), message, "option.workers")
     load_solver()
     run = Run(quiet=quiet)
     seed = content.data.seed if seed is None else seed
-    keywords: dict[str, Any] = {"seed": seed, "workers": workers, "shard": (part, parts), "progress": not quiet}
+    keywords: dict[str, Any] = {"seed": seed, "workers": workers, "progress": not quiet}
     with connected(scheduler, slurm, run.say) as executor:
         written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **keywords)
     run.say(f"{written.curves} curves in {out}: {written.written} files written, {written.skipped} already there")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import BadParameter
 
 from cavirheo.errors import InputError
-from cavirheo.settings import CLUSTER, INTERVAL, OUTPUT, Exclude, Settings, argument, option
+from cavirheo.settings import CLUSTER, COLUMN, INPUT, INTERVAL, OUTPUT, Exclude, Settings, argument, option
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -35,7 +35,7 @@ WantedPercent = Annotated[float, option("wanted half-width of the 90 % interval,
 _SCHEDULER = "of a dask cluster: tcp://HOST:PORT  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
 Slurm = Annotated[int | None, option("ask SLURM for so many jobs, as dask-jobqueue is set", CLUSTER, min=1)]
-_FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; a folder, or - for stdin"
+_FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; or a folder"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 _PICTURES = "draw pictures; --no-pictures is faster"
 
@@ -111,6 +111,7 @@ class MeasuredFiles(AnsweringVerb):
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
+    column: Annotated[Path | None, option(COLUMN, INPUT, readable=False)] = None
     scheduler: Scheduler = None
     slurm: Slurm = None
 

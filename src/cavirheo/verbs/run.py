@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 from typer.core import TyperCommand
 
-from cavirheo.errors import InputError, require, sha256
+from cavirheo.errors import InputError, require
 from cavirheo.settings import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT
 from cavirheo.verbs.options import Verb
 from cavirheo.writing import terminal
@@ -77,16 +77,13 @@ class Run:
         return terminal.progress_bar(label, total, visible=visible and not self.quiet, unit=unit)
 
     def files(self, patterns: list[Path]) -> list[Path]:
-        """Return the files of the folders, patterns and `-` (standard input); one without any file is refused alone."""
+        """Return the files of the folders and patterns; one without any file is refused alone."""
         from cavirheo.io.files import expand
-        from cavirheo.writing.document import CLAIM
 
         files: list[Path] = []
         for pattern in patterns:
             try:
                 files += expand([pattern], self.say)
-                if str(pattern) == "-" and (claim := CLAIM.get()):
-                    claim.inputs.append(sha256(files[-1]))
             except InputError as error:
                 self.note_unreadable([str(error)])
         self.require_any(files, "file")

@@ -235,20 +235,18 @@ class Claim:
         command: the command line.
         request: the verb, its inputs and every option that an answer depends on, as JSON data.
         replace: whether answers of other runs may be replaced.
-        inputs: SHA-256 of the content of standard input, if the command reads it.
     """
 
     command: str
     request: Mapping[str, Any]
     replace: bool = False
-    inputs: list[str] = field(default_factory=list)
     _locks: dict[Path, IO[str]] = field(default_factory=dict)
     _made_folders: list[Path] = field(default_factory=list)  # folders that this run made
 
     @property
     def key(self) -> str:
         """Identifier of the run; another run of the same command with the same inputs has the same one."""
-        text = json.dumps([self.request, self.inputs], sort_keys=True, default=str)
+        text = json.dumps(self.request, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def lock_folder(self, folder: Path, new: list[Path]) -> None:
