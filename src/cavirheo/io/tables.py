@@ -32,6 +32,7 @@ from cavirheo.errors import InputError, from_cell, is_float, require, without_in
 from cavirheo.io import limits
 from cavirheo.io.files import Source
 from cavirheo.units import plain_text, unit_of
+from cavirheo.writing.digits import counted
 
 _SEPARATORS = ("\t", ";", ",", None)  # None: spaces
 # no number: the words of programs, "#DIV/0!" of spreadsheets in any language, "1.#QNAN" of compilers, signs such as ---
@@ -308,7 +309,7 @@ def _tables(sheet: Table) -> Iterator[Table]:
         rows, notes = sheet.rows[at + 1 : end], [*sheet.notes]
         if at and not vocabulary.sections:
             words = ", ".join(next(filter(None, row.texts)) for row in sheet.rows[:at][:_LISTED])[:80]
-            notes.append(f"{at} line{'s' * (at > 1)} above the titles left out: {words}")
+            notes.append(f"{counted(at, 'line')} above the titles left out: {words}")
         titles, below = _titles_with_units(sheet.rows[at].texts, rows, vocabulary)
         words = ", ".join(cell for row in below for cell in row.texts if cell)
         notes += [f"row of words below the titles: {words}"] if words else []
@@ -411,7 +412,7 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
         rows = list(_split(data, separator))
     notes = [f"{invisible} control characters left out"] if invisible else []
     if comments := [line.strip() for line, used in zip(lines, data, strict=True) if line.strip() and not used]:
-        notes.append(f"{len(comments)} lines that begin with {comments[0][0]} left out")
+        notes.append(f"{counted(len(comments), 'comment')} left out, such as {comments[0][:40]!r}")
     return Table(vocabulary, rows, notes)
 
 

@@ -62,7 +62,7 @@ def _problem(child: subprocess.CompletedProcess[bytes]) -> tuple[str, str]:
         advice = "unpack it, and give the files or the folder that holds them"
         if ".npy" in answer:
             advice = "save one array: numpy.save('shot.npy', numpy.stack([t, R]))"
-        return f"a zip archive of {answer}, and no workbook: {advice}", "tabular.archive"
+        return f"a zip archive of {answer}; no workbook: {advice}", "tabular.archive"
     if child.returncode == _TOO_LARGE:
         code, _, message = answer.partition(" ")
         return f"the workbook {message} are not read; save the table alone as CSV", code
@@ -82,8 +82,8 @@ def _write_rows(max_bytes: int, max_unpacked: int, max_cells: int, max_text: int
     with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
         names = archive.namelist()
         if not set(names) & set(_PARTS):
-            listed = ascii(", ".join(names[:3])[:100])[1:-1] + ", ..." * (len(names) > 3)
-            print(f"{len(names)} file{'s' * (len(names) > 1)} ({listed})", file=sys.stderr)
+            listed = ascii(", ".join(names[:3])[:100])[1:-1]
+            print(f"{len(names)} files, {listed}", file=sys.stderr)
             sys.exit(_NO_BOOK)
         declared = sum(part.file_size for part in archive.infolist())
         _exit_above(declared, max_unpacked, "limits.unpacked unpacks to", "bytes")
