@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile test-planted test-all validate pages challenge test-lowest test-newest test-pythons lint docs man dist space clean
+.PHONY: demo test test-slow test-hostile test-planted test-all validate pages pictures challenge test-lowest test-newest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --fps 500000 --um-per-px 4 -o demo-result
@@ -48,6 +48,10 @@ validate: $(VENV)/test.done
 pages: $(VENV)/test.done
 	$(BIN)/python -m validation --fill
 	$(BIN)/python docs/site/way.py
+
+# The six pictures of docs/pictures.md, and the answer on the app's first page; two minutes, and needs Chromium
+pictures: $(VENV)/test.done
+	$(BIN)/python docs/site/pictures.py
 
 # Recordings of known truth, answered by cavirheo and by a plain least squares, and scored (validation/challenge/README.md)
 CHALLENGE = build/challenge

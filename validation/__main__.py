@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PARTS = {"calibration": calibration.SETTINGS, "challenge": challenge.PARTS, "references": references.PARTS,
          "solver": solver.PARTS, "times": times.PARTS}  # fmt: skip
 CLAIMS = (
-    "solver", "calibration", "video", "population", "groups", "design", "evidence", "challenge", "open_sets",
+    "solver", "peers", "calibration", "video", "population", "groups", "design", "evidence", "challenge", "open_sets",
     "references", "times",
 )  # fmt: skip
 

@@ -20,7 +20,7 @@ APART = re.compile(r"`[^`\n]*`|\]\([^)\n]*\)")  # inline code, and the target of
 MEASURED = re.compile(r"\d+\.\d+|\d+ ?%")
 UNMEASURED = re.compile(  # what is measured only where it is named, or with a program that few machines have
     r"challenge\.(?:fit|scipy|infer_field|open)\."
-    r"|challenge\.(?:several\.)?\w+\.\w+\.error$|solver\.peers\.pyimr|times\.newcomer\."
+    r"|challenge\.(?:several\.)?\w+\.\w+\.error$|peers\.|times\.newcomer\."
 )
 AT_BEGINNING = re.compile(r"^\s*(?:[-*>]|\d+\.)?\s*<!--[a-z_]+\.", re.MULTILINE)  # Markdown would end the paragraph
 

@@ -102,7 +102,7 @@ def test_every_claim_has_its_command_on_the_page_and_headline_numbers_are_marked
 
 
 NO_MEASUREMENTS = (  # patterns: sizes, settings, thresholds, values of others
-    "Python 3.11 to 3.14|with 3.11 to 3.13|PyIMR 0.1.1|10 kPa and 0.06 Pa s|the prior gives it 80 %|end at 1.6 t_c",
+    "Python 3.11 to 3.14|with 3.11 to 3.13|10 kPa and 0.06 Pa s|the prior gives it 80 %|end at 1.6 t_c",
     r"(?:agarose|PEGDA|PEG) [\d.]+(?: %)?|measured 0.\d+ Pa s",
     r"\d+ % (?:interval|or more|noise)|in 90 % of cases|within \d+ %(?: of G and 3 %)?",
     r"s at 95 %|86 to 94 %|above 0.\d+|0.5 decades|(?:by|at) 0.\d+",

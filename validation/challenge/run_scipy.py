@@ -31,11 +31,13 @@ def ratio(x: np.ndarray, time: np.ndarray, max_radius: float, medium: Medium) ->
     return done.radius / max_radius if done.ok else np.zeros(len(time))
 
 
-def fit(model: Callable[[np.ndarray], np.ndarray], measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def fit(
+    model: Callable[[np.ndarray], np.ndarray], measured: np.ndarray, starts: list[tuple[float, float, float]] = STARTS
+) -> tuple[np.ndarray, np.ndarray]:
     """log10 of G, mu and stretch at the lowest minimum, and their standard deviations: the variance of the residuals
     times (J'J)^-1."""
     ends = [
-        least_squares(lambda x: measured - model(x), np.log10(start), bounds=BOUNDS, diff_step=1e-3) for start in STARTS
+        least_squares(lambda x: measured - model(x), np.log10(start), bounds=BOUNDS, diff_step=1e-3) for start in starts
     ]
     best = min(ends, key=lambda end: end.cost)
     variance = 2.0 * best.cost / (len(measured) - len(best.x))

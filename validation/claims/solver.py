@@ -1,9 +1,8 @@
-"""Accuracy and time of the forward solver, beside the field's method and PyIMR (where it is installed) in one run.
+"""Accuracy and time of the forward solver, beside the field's method in one run.
 
 Cases: log10 G in [3, 6], log10 mu in [-3, 0], stretch in [3, 11], R_max in [60, 450] um, 100 us at 1 MHz. An error is
-the largest difference of R/R_max to 1,024 shells and 1e-8 a step. Times are processor times; those of other programs
-are ratios to ours of the same cases. The field's method: 500 uniform nodes, mass fractions, scipy's BDF with a sparse
-Jacobian at rtol 1e-6.
+the largest difference of R/R_max to 1,024 shells and 1e-8 a step. Times are processor times, of the field's method over
+ours: 500 uniform nodes, mass fractions, scipy's BDF with a sparse Jacobian at rtol 1e-6.
 
 The part `collapse` measures the analytic collapse time: its error over the simulated time, for Sobol points over
 log10 G 2.5 to 5.5, log10 mu -3 to 0, stretch 3 to 11, R_max 60 to 450 um. `largest` is that of Re > 10 and stretch > 5.
@@ -11,7 +10,6 @@ log10 G 2.5 to 5.5, log10 mu -3 to 0, stretch 3 to 11, R_max 60 to 450 um. `larg
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Callable, Iterator
 
@@ -21,7 +19,7 @@ from scipy.stats import qmc
 from cavirheo.physics.accuracy import DEFAULT, PRECISE, ROUGH, Accuracy
 from cavirheo.physics.collapse import analytic_time, simulated_time
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
-from cavirheo.physics.media import WATER
+from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate
 from validation import field_standard
@@ -30,7 +28,7 @@ from validation.numbers import Number, Run, statistic
 CASES_SEED = 11
 TIME = np.linspace(0, 100e-6, 101)
 FINEST = Accuracy(1024, 1e-8)
-PEERS = 4  # cases that the slow programs solve
+PEERS = 4  # cases that the slow program solves
 TURNS = 3  # the least time counts
 PARTS = ("collapse",)
 COLLAPSES = 1024, 4096  # bubbles in a quick and a full run
@@ -50,12 +48,13 @@ def ours(row: np.ndarray, accuracy: Accuracy) -> np.ndarray:
     return simulate(gel, max_radius=R_max, stretch=stretch, time=TIME, accuracy=accuracy).radius / R_max
 
 
-def standard(row: np.ndarray) -> np.ndarray:
-    G, mu, stretch, R_max = row
-    numbers = dimensionless(NeoHookeanKelvinVoigt(G, mu), WATER, R_max, stretch)
-    t_c = WATER.time_scale(R_max)
-    material = field_standard.neo_hookean(G / WATER.pressure), field_standard.newtonian(mu / (WATER.pressure * t_c))
-    return field_standard.solve(numbers, np.linspace(0, 1, 500), TIME / t_c, 1e-6, *material)
+def standard(bubble: np.ndarray, medium: Medium, at: np.ndarray, nodes: np.ndarray, rtol: float) -> np.ndarray:
+    """R/R_max at times (n,) s, by the field's method. bubble: G Pa, mu Pa s, stretch, R_max m."""
+    G, mu, stretch, R_max = bubble
+    numbers = dimensionless(NeoHookeanKelvinVoigt(G, mu), medium, R_max, stretch)
+    t_c = medium.time_scale(R_max)
+    material = field_standard.neo_hookean(G / medium.pressure), field_standard.newtonian(mu / (medium.pressure * t_c))
+    return field_standard.solve(numbers, nodes, at / t_c, rtol, *material)
 
 
 def timed(call: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
@@ -106,17 +105,8 @@ def measure(run: Run) -> Iterator[Number]:
         if name == "default":
             curves, usual = curves[:PEERS], spent[:PEERS]
             yield from errors("peers.default", curves, truth[:PEERS])
-    others = [timed(lambda row=row: standard(row)) for row in cases[:PEERS]]
+    nodes = np.linspace(0, 1, 500)
+    others = [timed(lambda row=row: standard(row, WATER, TIME, nodes, 1e-6)) for row in cases[:PEERS]]
     yield from errors("peers.field", [curve for curve, _ in others], truth[:PEERS])
     ratios = [1e3 * spent / mine for (_, spent), mine in zip(others, usual, strict=True)]
     yield statistic("peers.field.ratio", ratios, "1", seed=CASES_SEED)
-    if importlib.util.find_spec("pyimr") is None:
-        return
-    from validation import pyimr_peer
-
-    for nodes in (25, 50):
-        runs = [pyimr_peer.solve(row, WATER, TIME, nodes) for row in cases[:PEERS]]
-        good = [k for k, one in enumerate(runs) if one]
-        yield from errors(f"peers.pyimr{nodes}", [runs[k][0] for k in good], [truth[k] for k in good])
-        ratios = [1e3 * runs[k][1] / usual[k] for k in good]
-        yield statistic(f"peers.pyimr{nodes}.ratio", ratios, "1", seed=CASES_SEED)
