@@ -386,6 +386,13 @@ def intervals(
 
 
 def weighted_quantile(values: Floats, levels: ArrayLike, log_weight: Floats | None) -> Floats:
-    """Quantiles of the values along their first axis at these levels, weighted by exp(log_weight)."""
-    options: Any = {} if log_weight is None else {"weights": relative_weights(log_weight), "method": "inverted_cdf"}
-    return np.asarray(np.quantile(values, np.asarray(levels, float), axis=0, **options))
+    """Quantiles of the values along their first axis at these levels, weighted by exp(log_weight). A level above one
+    half is counted from the top, so that an interval leaves out as much on either side."""
+    level = np.asarray(levels, float)
+    if log_weight is None:
+        return np.asarray(np.quantile(values, level, axis=0))
+    options: Any = {"weights": relative_weights(log_weight), "method": "inverted_cdf", "axis": 0}
+    from_below = np.quantile(values, level, **options)
+    from_above = -np.quantile(-values, 1.0 - level, **options)
+    high = np.reshape(level > 0.5, level.shape + (1,) * (values.ndim - 1))
+    return np.where(high, from_above, from_below)

@@ -25,7 +25,7 @@ from cavirheo.inference.noise import Noise
 from cavirheo.prior import log_normal
 
 FREEDOM = 8.0  # degrees of freedom of Student's t distributions
-WIDE_SHARE, WIDE_FACTOR = 0.35, 2.2  # part of a mixture that is wider than was fitted, and how many times
+WIDE_SHARE, WIDE_FACTOR = 0.5, 2.2  # part of a mixture that is wider than was fitted, and how many times
 LEAST_SHARE = 0.003  # a component of a mixture with a smaller share is dropped
 WIDEST = 4  # principal axes of a ridge along which the others are bent
 BENT_TO = 3.5  # widths of an axis up to which it bends the others
@@ -58,7 +58,7 @@ class Budget:
         ridge: places along the ridge of a maximum.
         rounds: draws of the rounds of a model, which end when enough of all its draws are effective.
         walkers: likely draws that walk before each round.
-        sampled: that number for all models together; each needs its share, or a fifth. With half of it the evidence
+        sampled: that number for all models together; each needs its share, or a fifth. With a third of it the evidence
             of a model differs between seeds by twice as much.
         effective: simulated draws of all models together that are to be effective.
         most: simulations.
@@ -73,7 +73,7 @@ class Budget:
     ridge: int = 30
     rounds: tuple[int, ...] = (1000, 1500, 2000, 2500, 3000, 3500, 4000, 4500, 5000)
     walkers: int = 300
-    sampled: float = 1500.0
+    sampled: float = 1000.0
     effective: float = 100.0
     most: int = 1800
 
