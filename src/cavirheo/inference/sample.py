@@ -58,8 +58,7 @@ class Budget:
         ridge: places along the ridge of a maximum.
         rounds: draws of the rounds of a model, which end when enough of all its draws are effective.
         walkers: likely draws that walk before each round.
-        sampled: that number for all models together; each needs its share, or a fifth. With a third of it the evidence
-            of a model differs between seeds by twice as much.
+        sampled: that number for all models together; each needs its share, or a fifth.
         effective: simulated draws of all models together that are to be effective.
         most: simulations.
     """
