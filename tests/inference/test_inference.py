@@ -269,6 +269,16 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
         assert (answer.checks.verdict == "check_input") == (not trusted)
 
 
+def test_a_modulus_beyond_all_soft_matter_is_a_doubt():
+    """Compressed contents of a bubble in water at 30 MPa answered 6 MPa and 1 Pa s."""
+    deep = Medium(pressure=3e7, density=1010.0, sound_speed=1531.0)
+    stiff = simulated(NeoHookeanKelvinVoigt(3e7, 0.3), max_radius=140e-6, stretch=2.0, medium=deep, noise=0.005,
+                      frame=5e-8, frames=60, stated_time_of_max=0.0)  # fmt: skip
+    answer = cavirheo.infer(stiff, medium=deep, material="nhkv", bubble="field")
+    assert (answer.checks.verdict, answer.bound("G")) == ("check_input", "lower")
+    assert "check_input.stiffness" in [one.code for one in answer.checks.messages]
+
+
 def test_names_are_told_apart_by_folder(tmp_path):
     files = [tmp_path / place for place in ("one/s1.csv", "two/s1.csv", "two/s2.csv")]
     for file, curve in zip(files, read_curves(EXAMPLE), strict=False):

@@ -26,6 +26,7 @@ from cavirheo.inference.checks import (
     curve_warnings,
     failed_checks,
     smoothing_warnings,
+    stiffness_warnings,
     wall_warnings,
     warned,
 )
@@ -256,6 +257,7 @@ class Analysis:
         shot = Experiment(curve, Family(str(self.material)), medium, self.options)
         found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
         warnings = [*curve_warnings(curve, medium), *wall_warnings(shot, found), *smoothing_warnings(found.checks)]
+        warnings += stiffness_warnings(found)
         return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 
     def _read(self, curve: RadiusCurve, empty: Posterior, network: Network) -> Posterior:

@@ -31,6 +31,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.messages import Message, message_of_error
+from cavirheo.parameters import LOG10
 from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt
@@ -182,6 +183,13 @@ def wall_warnings(shot: Experiment, found: Posterior) -> list[Message]:
     if len(first) and np.count_nonzero(shot.time_since_max[shot.counted] > first[0]) >= REBOUND_FRAMES:
         return []
     return [Message("check_input.no_rebound")]
+
+
+def stiffness_warnings(found: Posterior) -> list[Message]:
+    """A message if G is at the upper end of its range, where no material is in which a bubble can be made."""
+    if "shear_modulus" not in found.parameters or found.bound("shear_modulus") != "lower":
+        return []
+    return [Message("check_input.stiffness", {"limit_MPa": 1e-6 * 10.0 ** found.prior[LOG10 + "shear_modulus"][1]})]
 
 
 def smoothing_warnings(checks: Checks) -> list[Message]:
