@@ -30,6 +30,7 @@ from cavirheo.physics.laws import table_of
 from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import look_up
+from cavirheo.posterior import weighted_quantile
 from cavirheo.prior import Prior, log_normal
 
 ELASTIC = ("linear", "neo-hookean", "quadratic", "mooney-rivlin", "yeoh", "fung", "gent", "arruda-boyce")
@@ -189,6 +190,12 @@ def test_an_effective_size_is_kongs_and_a_power_of_weights_has_more():
     steep = -np.linspace(0.0, 60.0, 1000)
     assert effective_size(flattening(steep, 200.0) * steep) == pytest.approx(200.0, rel=0.02)
     assert flattening(steep, 5.0) == 1.0
+
+
+def test_an_interval_leaves_out_as_much_on_either_side():
+    values = np.random.default_rng(1).standard_normal(100)
+    low, high = weighted_quantile(values, [0.05, 0.95], np.zeros(100))
+    assert np.sum(values < low) == np.sum(values > high) == 4
 
 
 def test_a_few_draws_are_spread_as_all_are():

@@ -10,7 +10,8 @@ R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noi
 compared with them. Ways: "infer" (the default family), "nhkv" (`infer` by this law), "fit" (by this law; clock, scale
 and R_max free).
 
-An interval counts as it is printed: low <= truth <= high. The truths of all kinds but "prior" are from narrower ranges
+What is printed counts: low <= truth <= high, of a bound its one end, and nothing of a value that is not known. The
+truths of all kinds but "prior" are from narrower ranges
 than the priors.
 """
 
@@ -186,12 +187,21 @@ def of_switches(rows: list[dict[str, Any]]) -> Iterator[Number]:
                 yield share(f"switch.{name}.{low:g}.true", true[inside] > 0.5, FIRST)
 
 
+def holds(row: dict[str, Any], name: str, level: int) -> bool | None:
+    """Whether what is printed of a parameter holds; None if nothing is. Bounds are printed at 90 % alone."""
+    truth, (low, high) = row["truth"][name], row["intervals"][name][level]
+    bound = row["bounds"][name] if LEVELS[level] == LEVELS[-1] else None
+    if bound == "undetermined":
+        return None
+    return bool((low <= truth or bound == "upper") and (truth <= high or bound == "lower"))
+
+
 def of_setting(setting: str, rows: list[dict[str, Any]]) -> Iterator[Number]:
     """Coverage and width of the intervals of a setting, and what an answer takes."""
     for symbol, name in SHOWN.items():
         held = [row for row in rows if row["intervals"].get(name)]
         for k, level in enumerate(LEVELS if held else ()):
-            hits = [row["intervals"][name][k][0] <= row["truth"][name] <= row["intervals"][name][k][1] for row in held]
+            hits = [hit for row in held if (hit := holds(row, name, k)) is not None]
             yield coverage(f"{setting}.{symbol}.{100 * level:.0f}", hits, level, seed=FIRST)
         ends = [row["intervals"][name][-1] for row in held if row["bounds"][name] is None]
         widths = [np.log10(high / low) for low, high in ends if low > 0.0]
