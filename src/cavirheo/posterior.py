@@ -393,6 +393,6 @@ def weighted_quantile(values: Floats, levels: ArrayLike, log_weight: Floats | No
         return np.asarray(np.quantile(values, level, axis=0))
     options: Any = {"weights": relative_weights(log_weight), "method": "inverted_cdf", "axis": 0}
     from_below = np.quantile(values, level, **options)
-    from_above = -np.quantile(-values, 1.0 - level, **options)
+    from_above = -np.quantile(-values, np.round(1.0 - level, 12), **options)
     high = np.reshape(level > 0.5, level.shape + (1,) * (values.ndim - 1))
     return np.where(high, from_above, from_below)
