@@ -24,8 +24,7 @@ from rich.terminal_theme import MONOKAI
 from rich.text import Text
 
 from cavirheo import infer, read_curves
-from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.panels import answer_panels
+from cavirheo.reporting.panels import curve_panels
 from cavirheo.reporting.svg import curve_svg
 
 ROOT = Path(__file__).parents[2]
@@ -91,7 +90,7 @@ def main() -> None:
 
     curve = read_curves(ROOT / "examples" / SHOT)[0]
     answer = infer(curve)
-    ANSWER.write_text(curve_svg(answer_panels(curve, answer.checks, curve_record(curve, answer))), encoding="utf-8")
+    ANSWER.write_text(curve_svg(curve_panels(curve, answer.checks, answer.method)), encoding="utf-8")
     with TemporaryDirectory() as name, chromium() as browser:
         folder = Path(name)
         shutil.copytree(ROOT / "examples", folder / "examples")

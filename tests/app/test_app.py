@@ -264,7 +264,10 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     names = [curve.name for curve in session.curves]
     first = infer(session, names[:4])
     assert [group.name for group in first.document.groups] == ["your files", "soft_gel"]
-    assert [shown(session).count("<svg") for shown in (words.overview, words.groups)] == [1, 2]  # one has a single shot
+    assert [shown(session).count("<svg") for shown in (words.overview, words.answers)] == [
+        1,
+        2,
+    ]  # one has a single shot
     with refused("app.changed"):
         name_materials(session, ["gel"])
     name_materials(session, ["soft_gel", " ", "<gel>", *["soft_gel"] * 5])

@@ -86,7 +86,7 @@ def test_a_group_is_said_by_its_material_and_one_shot_by_its_interval(document):
     none = material.model_copy(update={"line": "no material: too few intervals", "spreads_decades": {}})
     value = Quantity(median=5800.0, q05=5100.0, q95=6600.0)
     material = material.model_copy(update={"shear_modulus_Pa": value})
-    for population, said in ((None, False), (none, False), (material, True)):
+    for population, said in ((PopulationRecord(), False), (none, False), (material, True)):
         paragraph, keys = cited(document, groups=[group.model_copy(update={"population": population})])
         assert (line in paragraph) == said
         assert ("Hogg2010" in keys) == said

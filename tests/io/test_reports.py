@@ -21,7 +21,7 @@ from cavirheo.posterior import Diagnostics, Evidence
 from cavirheo.reporting import group, html, result, screen, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.laws import laws_by_curve
-from cavirheo.reporting.panels import answer_panels, preview_panels
+from cavirheo.reporting.panels import curve_panels, preview_panels
 from cavirheo.reporting.plane import group_panels
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Quantity, Spread
@@ -288,7 +288,7 @@ def panels_of_group(pairs, made):
 
 def test_panels_are_the_measurement_the_simulation_and_the_residual(pairs):
     curve, posterior = pairs[0]
-    radius, residual = answer_panels(curve, posterior.checks, curve_record(curve, posterior))
+    radius, residual = curve_panels(curve, posterior.checks, posterior.method)
     measured, simulated = radius.layer("measured"), radius.layer("simulated")
     at = np.searchsorted(1e6 * (curve.time - curve.time_of_max), measured.x - 1e-9)
     assert len(measured.x) == 60

@@ -137,7 +137,6 @@ class Page:
             self.stop = _stop_button()
         none = words.render("hint", words.NO_ANSWERS)
         self.answers = _html(none, min_height=120, js_on_load=words.read_file("table.js"))
-        self.groups = _html(visible=False)
         self.timer = gr.Timer(1.0, active=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
 
@@ -290,7 +289,7 @@ class Page:
             self.shown_shot: gr.Dropdown(choices=names, value=next(iter(names), None)),
             self.link: f"?session={session.link}" if session.files else "",
         }
-        return loaded | self._show_tables(session) | self._show_state(session, draw=True)
+        return loaded | self._show_tables(session) | self._show_state(session)
 
     def _show_tables(self, session: Session) -> _Updates:
         return {
@@ -299,18 +298,16 @@ class Page:
             self.shots_table: words.shots_table(session),
         }
 
-    def _show_state(self, session: Session, *, draw: bool = False) -> _Updates:
-        """Enable the steps that can be used; show the answers, marked if settings changed since. draw: groups, too."""
+    def _show_state(self, session: Session) -> _Updates:
+        """Enable the steps that can be used; show the answers, marked if settings changed since."""
         loaded = bool(session.curves)
         current = session.answers is not None and not session.stale
-        groups: dict[str, Any] = {"value": words.groups(session)} if draw else {}
         able = zip(self.tabs[1:], (loaded, loaded, current, current), strict=True)
         return {tab: gr.Tab(interactive=works) for tab, works in able} | {
             self.to_prepare: gr.Button(interactive=loaded),
             self.infer_now: gr.Button(interactive=loaded),
             self.answers: words.answers(session),
             self.to_check: gr.Button(interactive=current),
-            self.groups: gr.HTML(visible=current, **groups),
         }
 
     def _show_prepared(self, session: Session, name: str | None) -> _Updates:
@@ -346,11 +343,11 @@ class Page:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
             updates = {self.checked_shot: gr.Dropdown(choices=names, value=names[0])}
-            return updates | self._show_state(session, draw=True) | self._show_check(session, names[0])
+            return updates | self._show_state(session) | self._show_check(session, names[0])
 
     def _name_materials(self, session: Session, materials: str) -> _Updates:
         steps.name_materials(session, json.loads(materials))  # the table is not drawn again: the focus stays
-        return self._show_state(session, draw=True)
+        return self._show_state(session)
 
     def _open_check(self, session: Session, name: str) -> _Updates:
         return {self.steps: gr.Tabs(selected=4), self.checked_shot: name, **self._show_check(session, name)}

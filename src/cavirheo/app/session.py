@@ -119,6 +119,7 @@ class Answers:
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots without an answer, because the run was stopped
     settings: PageSettings  # of the run
+    pictures: dict[str, str]  # of groups, by name
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by shot
 
 

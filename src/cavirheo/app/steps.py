@@ -17,7 +17,7 @@ from cavirheo.inference.what_if import checks_with, slider
 from cavirheo.io import write_csv
 from cavirheo.parallel import cores, run_on_any_core
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting import result, write_report
+from cavirheo.reporting import group_pictures, result, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.record import Pairs
 from cavirheo.workflow.store import with_source_of
@@ -81,7 +81,7 @@ def _pool_answers(session: Session, pairs: Pairs, not_run: list[str], settings: 
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
     materials = ", ".join(f"{shot} = {material}" for shot, material in session.materials.items())
     document = result(pairs, command, notes=[f"materials that were typed: {materials}"] if materials else [])
-    return Answers(pairs, document, not_run, settings)
+    return Answers(pairs, document, not_run, settings, group_pictures(pairs, document, []))
 
 
 def name_materials(session: Session, names: Sequence[str]) -> None:

@@ -14,7 +14,7 @@ from cavirheo.inference import DEFAULT
 from cavirheo.inference.cards import card, shipped
 from cavirheo.inference.what_if import compared_window
 from cavirheo.posterior import Checks
-from cavirheo.reporting import group_pictures, html
+from cavirheo.reporting import html
 from cavirheo.reporting.answer import parameter_key
 from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.panels import all_curves_panel, curve_panels, preview_panels
@@ -112,17 +112,10 @@ def overview(session: Session) -> str:
     return render("pictures", [all_curves_svg(all_curves_panel(usable))] if usable else [])
 
 
-def groups(session: Session) -> str:
-    """The report's pictures of all groups of several shots."""
-    answers = session.answers
-    return render("pictures", [*group_pictures(answers.pairs, answers.document, []).values()] if answers else [])
-
-
 def check_plot(session: Session, name: str) -> str:
     """Picture of the answer over the measurement, with its band and the sliders' simulation."""
     answers, curve, posterior, _ = session.find_answer(name)
-    simulated = f"simulation: {digits.simulation_name(posterior.method)}"
-    panels = curve_panels(curve, posterior.checks, simulated, answers.trials.get(name))
+    panels = curve_panels(curve, posterior.checks, posterior.method, answers.trials.get(name))
     return render("pictures", [curve_svg(panels, (840, 460))])
 
 
@@ -139,16 +132,16 @@ def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
 
 
 def answers(session: Session) -> str:
-    """The answers: groups, shots, their messages, and whether settings changed since; during a run, the answers so
-    far."""
+    """The answers: groups with their pictures, shots, their messages, and whether settings changed since; during a run,
+    the answers so far, without pictures."""
     current = session.answers
     run = session.run
     if run.records:
-        current = Answers([], result_of(run.ready, ""), [], session.settings)
+        current = Answers([], result_of(run.ready, ""), [], session.settings, {})
     if current is None:
         return render("hint", NO_ANSWERS)
     document = current.document
-    sections = [html.render_macro("group_answer", *answer) for answer in html.group_answers(document)]
+    sections = [html.render_macro("group_answer", *answer) for answer in html.group_answers(document, current.pictures)]
     groups = "\n".join([*sections, html.render_macro("comparisons", document)])
     rows = document.curves
     models = {f"{row.material}, {row.bubble.title}" for row in document.curves if row.has_answer}

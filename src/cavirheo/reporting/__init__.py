@@ -5,10 +5,10 @@ from __future__ import annotations
 from contextlib import nullcontext
 from pathlib import Path
 
-from cavirheo.posterior import TRUSTED
+from cavirheo.posterior import TRUSTED, Checks
 from cavirheo.reporting import html, svg
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.panels import answer_panels
+from cavirheo.reporting.panels import curve_panels
 from cavirheo.reporting.plane import group_panels
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.reporting.table import csv_rows
@@ -70,7 +70,7 @@ def _curve_pictures(pairs: CurveAnswers, document: Result, *, draw: bool) -> dic
 
     def curve_picture(number: int) -> str:
         curve, answer = pairs[number]
-        panels = answer_panels(curve, answer.checks, rows[number])
+        panels = curve_panels(curve, answer.checks if rows[number].has_answer else Checks("failed"), answer.method)
         return svg.curve_svg(panels, size, with_key=len(pairs) == 1)
 
     pictures = dict[int, str]()

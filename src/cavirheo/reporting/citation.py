@@ -76,7 +76,7 @@ def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
     sizes = digits.ends([curve.max_radius_m for curve in answers], 1e6)
     bubbles = f"{digits.counted(len(answers), 'bubble')}{f' of R_max {sizes} um' if sizes else ''}"
     verdicts = Counter(digits.VERDICT_WORDS[curve.verdict] for curve in result.curves)
-    has_material = any(group.material for group in result.groups)
+    has_material = any(group.population.has_material for group in result.groups)
     laws = ", ".join(dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws))
     sentences = [
         f"Radius histories of {bubbles} were analysed with cavirheo {result.version} [cavirheo{year}].",
@@ -142,8 +142,8 @@ def _inference(answers: Sequence[CurveRecord]) -> list[str]:
 def _group(group: GroupRecord, shots: Sequence[CurveRecord], result: Result) -> str:
     """A sentence on a group: its doubts, and its material or its only shot."""
     doubts = "".join(f"{message.text}; " for message in group.doubts)
-    if group.material:
-        return f"{group.name}: {doubts}{group.material.line}."
+    if group.population.has_material:
+        return f"{group.name}: {doubts}{group.population.line}."
     values = []
     for name in parameters_of(shots):
         symbol, factor, unit = display_unit(name, result.modulus_unit)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
-from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.panels import answer_panels
+from cavirheo.reporting.panels import curve_panels
 from cavirheo.writing import digits, plots
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ def answer_figure(answer: Posterior) -> Figure:
     if curve is None:
         message = "the answer has no curve to draw: set one, dataclasses.replace(answer, curve=curve)"
         raise InputError(message, "posterior.no_curve")
-    panels = answer_panels(curve, answer.checks, curve_record(curve, answer))
+    panels = curve_panels(curve, answer.checks, answer.method)
     heights = [2, 1][: len(panels)]
     figure, rows = plots.subplots(len(panels), 1, _WIDTH, _HEIGHT, sharex=True, height_ratios=heights)
     figure.set_dpi(200)  # in a notebook

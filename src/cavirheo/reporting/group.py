@@ -13,7 +13,7 @@ import numpy as np
 
 from cavirheo.messages import Message
 from cavirheo.parameters import BUBBLE, CAMERA, VISCOSITY_AT_RATE, is_law_parameter, parameter_of
-from cavirheo.posterior import Heap, Verdict
+from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord, Sentence
 from cavirheo.reporting.laws import LawsOfGroup
 from cavirheo.reporting.material import (
@@ -60,9 +60,9 @@ class GroupRecord(Record):
         n: number of shots with an answer.
         n_counted: number of shots that count in the answer.
         n_failed: number of shots without an answer.
-        population: the answer for the material; of a single shot that counts, its own answer. Left out where there is
-            none.
-        systematic: what errors that all shots share do to it; left out where that is not known.
+        population: the answer for the material; of a single shot that counts, its own answer. Its values are null where
+            there is none.
+        systematic: what errors that all shots share do to it; empty where that is not known.
         verdict: "ok", or what is wrong (docs/method/verdicts.md).
         messages: reasons for the verdict first, then remarks.
         verdicts: number of curves by verdict.
@@ -75,38 +75,28 @@ class GroupRecord(Record):
     n: int
     n_counted: int
     n_failed: int
-    population: PopulationRecord | None = None
-    systematic: Systematic | None = None
+    population: PopulationRecord = PopulationRecord()
+    systematic: Systematic = Systematic()
     verdict: Verdict
     messages: list[Sentence] = []
     verdicts: dict[str, int]
     published: dict[str, dict[str, PublishedValue]] = {}
     laws: LawsOfGroup | None = None
-    _omitted_if_empty = ("population", "systematic", "published", "laws")
+    _omitted_if_empty = ("published", "laws")
 
     def value(self, name: str) -> Quantity:
         """The group's answer for a parameter by its natural name; an empty one if there is none."""
-        return self.population.value(name) if self.population else Quantity()
+        return self.population.value(name)
 
     @property
     def viscosity(self) -> Quantity:
         """The viscosity, or that at 1e5 1/s of a law without a constant viscosity."""
-        return self.population.viscosity if self.population else Quantity()
+        return self.population.viscosity
 
     @property
     def has_answer(self) -> bool:
         """Whether any parameter of the material has a value or a bound."""
         return any(self.value(name).known for name in KEYS) or self.viscosity.known
-
-    @property
-    def material(self) -> PopulationRecord | None:
-        """The population of several shots; None if there is none."""
-        return self.population if self.population and self.population.has_material else None
-
-    @property
-    def heaps(self) -> dict[str, tuple[Heap, Heap]]:
-        """The two heaps into which the shots fall, by parameter in which they disagree."""
-        return self.population.heaps if self.population else {}
 
     @property
     def doubts(self) -> list[Sentence]:
@@ -121,7 +111,7 @@ class GroupRecord(Record):
     @property
     def change_by_scale(self) -> float | None:
         """Change of G, %, by 1 % in scale or frame rate; None where it is not known."""
-        return self.systematic.slopes.get("shear_modulus", {}).get("scale") if self.systematic else None
+        return self.systematic.slopes.get("shear_modulus", {}).get("scale")
 
 
 def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
@@ -149,20 +139,17 @@ def group_record(
     shots = [record for record in members if record.has_answer]
     population, systematic = population_record(material, column), systematic_of(material)
     if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
-        population = _of_one_shot(members[0])
-        change = members[0].diagnostics.modulus_over_scale
-        slopes = {} if change is None else {"shear_modulus": {"scale": change}}
-        systematic = Systematic(errors={}, slopes=slopes, statistics={})
+        population, systematic = _of_one_shot(members[0])
     doubts = _doubts(shots, population)
-    facts = [*_sensitivity(systematic), *_not_given(shots), *_of_population(population, members)]
+    facts = [*_facts(shots, systematic), *_of_population(population, members)]
     if trends := size_trends(shots):
         facts.append(Message("group.trend", {"trends": trends}))
-    if material and population and population.has_material:
+    if material and population.has_material:
         facts += [Message("group.rough", {"text": warning}) for warning in material.warnings]
     return GroupRecord(
         name=name,
         n=len(shots),
-        n_counted=population.n if population else sum(record.trusted for record in members),
+        n_counted=population.n if population.line else sum(record.trusted for record in members),
         n_failed=len(members) - len(shots),
         population=population,
         systematic=systematic,
@@ -172,20 +159,21 @@ def group_record(
     )
 
 
-def _of_one_shot(row: CurveRecord) -> PopulationRecord:
+def _of_one_shot(row: CurveRecord) -> tuple[PopulationRecord, Systematic]:
     """The answer of a single shot as that of its group."""
     names = [name for name in (*KEYS, *row.other_parameters) if name in KEYS or is_law_parameter(name)]
-    values = {name: row.value(name) for name in names}
-    return PopulationRecord(
-        line="a single shot", model=row.model, n=1, switches=row.switches, **PopulationRecord.fields_of(values)
-    )
+    values = PopulationRecord.fields_of({name: row.value(name) for name in names})
+    change = row.diagnostics.modulus_over_scale
+    slopes = {} if change is None else {"shear_modulus": {"scale": change}}
+    population = PopulationRecord(line="a single shot", model=row.model, n=1, switches=row.switches, **values)
+    return population, Systematic(slopes=slopes)
 
 
 def _most(count: int, of: int) -> bool:
     return count > MOST * of
 
 
-def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord | None) -> list[Message]:
+def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[Message]:
     """Why the answer of a group is not to be used without a second look."""
     messages = []
     total = len(shots)
@@ -199,18 +187,16 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord | None) -
         if total > 1 and _most(pulled, total):
             found = sorted(set().union(*ends))
             messages.append(Message(code, {"count": pulled, "total": total, "names": found}))
-    heaps = population.heaps if population else {}
-    messages += [Message("group.doubt.heaps", {"name": name, "heaps": both}) for name, both in heaps.items()]
-    wide = population.wide_scatters if population else {}
-    messages += [Message("group.doubt.scatter", {"name": name, "scatter": scatter}) for name, scatter in wide.items()]
+    for name, heaps in population.heaps.items():
+        messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
+    for name, scatter in population.wide_scatters.items():
+        messages.append(Message("group.doubt.scatter", {"name": name, "scatter": scatter}))
     return messages
 
 
-def _of_population(population: PopulationRecord | None, members: Sequence[CurveRecord]) -> list[Message]:
+def _of_population(population: PopulationRecord, members: Sequence[CurveRecord]) -> list[Message]:
     """Messages on shots that do not count, on shots that are unlike the others, and on the slope along a column."""
     messages = list[Message]()
-    if population is None:
-        return messages
     if population.left_out:
         messages.append(Message("group.left_out", {"counts": population.left_out}))
     if population.outliers:
@@ -236,7 +222,7 @@ def _reason(doubted: Sequence[CurveRecord]) -> str:
     return text if len({message.text for _, message in warnings if message.code == code}) == 1 else f"{name}: {text}"
 
 
-def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord | None) -> Verdict:
+def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord) -> Verdict:
     """The verdict of a group. It obeys its rows; with a material it is about the material's G and mu."""
     if not shots:
         return "failed"
@@ -248,19 +234,19 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
         return "does_not_fit"
     if _most(sum(record.verdict == "does_not_fit" for record in shots), len(shots)):
         return "does_not_fit"
-    if population is None or not population.has_material:
+    if not population.has_material:
         return Counter(record.verdict for record in shots).most_common(1)[0][0]
     values = [population.value(name) for name in KEYS]
     return "bound" if any(value.bound and not value.is_zero for value in values) else "ok"
 
 
-def _not_given(shots: Sequence[CurveRecord]) -> list[Message]:
-    """A message on the constants that neither a file nor the user gave."""
+def _facts(shots: Sequence[CurveRecord], systematic: Systematic) -> list[Message]:
+    """Messages on what 1 % of scale or rate does to G, and on the constants that neither a file nor the user gave."""
+    messages = list[Message]()
+    change = systematic.slopes.get("shear_modulus", {}).get("scale")
+    if change is not None:
+        messages.append(Message("group.scale", {"change": change}))
     values = {name: value for record in shots for name, value in record.provenance.get("assumed", {}).items()}
-    return [Message("group.not_given", {"values": values})] if values else []
-
-
-def _sensitivity(systematic: Systematic | None) -> list[Message]:
-    """A message on what 1 % of scale or rate does to G."""
-    change = systematic.slopes.get("shear_modulus", {}).get("scale") if systematic else None
-    return [] if change is None else [Message("group.scale", {"change": change})]
+    if values:
+        messages.append(Message("group.not_given", {"values": values}))
+    return messages

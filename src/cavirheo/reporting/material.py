@@ -79,9 +79,9 @@ class Systematic(Record):
         statistics: the answer without these errors, by natural name, SI; the interval in the population has them.
     """
 
-    errors: dict[str, float]
-    slopes: dict[str, dict[str, float]]
-    statistics: dict[str, Quantity]
+    errors: dict[str, float] = {}
+    slopes: dict[str, dict[str, float]] = {}
+    statistics: dict[str, Quantity] = {}
 
 
 class PopulationRecord(ParameterValues):
@@ -110,9 +110,9 @@ class PopulationRecord(ParameterValues):
             out where there is no column.
     """
 
-    line: str
-    model: str
-    n: int
+    line: str = ""
+    model: str = ""
+    n: int = 0
     switches: dict[str, float] = {}
     heaps: dict[str, tuple[Heap, Heap]] = {}
     spreads_decades: dict[str, Quantity] = {}
@@ -202,10 +202,10 @@ def material_of(
 cached_material_of = lru_cache(maxsize=8)(material_of)  # in a watched folder each new shot writes all groups again
 
 
-def population_record(population: Population | None, column: str = "") -> PopulationRecord | None:
+def population_record(population: Population | None, column: str = "") -> PopulationRecord:
     """The record of a population for a document. column: title of the column along which it has a slope."""
     if population is None:
-        return None
+        return PopulationRecord()
     fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "outliers", "left_out")}
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
     fields |= {"switches": dict(population.switches), "heaps": dict(population.heaps)}
@@ -230,10 +230,10 @@ def population_record(population: Population | None, column: str = "") -> Popula
     )
 
 
-def systematic_of(population: Population | None) -> Systematic | None:
-    """What common errors do to a population; None where it has no draws, or where that is not known."""
+def systematic_of(population: Population | None) -> Systematic:
+    """What common errors do to a population; empty where it has no draws, or where that is not known."""
     if population is None or not len(population.centre) or not population.over_scale:
-        return None
+        return Systematic()
     from cavirheo.inference.population.systematic import slopes
 
     names = [name for name in population.over_scale if population.bound(name) is None]

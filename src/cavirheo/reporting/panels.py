@@ -13,7 +13,6 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks
-from cavirheo.reporting.answer import CurveRecord
 from cavirheo.writing import digits
 
 RMAX = "Rₘₐₓ"
@@ -125,18 +124,16 @@ def _units_of(curve: RadiusCurve) -> _Units:
     return _Units("time of the recording (µs)", radius, 0.0, 1e6, per_metre)
 
 
-def curve_panels(
-    curve: RadiusCurve, checks: Checks, simulation_name: str = "simulation", what_if: Checks | None = None
-) -> list[Panel]:
+def curve_panels(curve: RadiusCurve, checks: Checks, method: str = "", what_if: Checks | None = None) -> list[Panel]:
     """The panel of the measured and simulated radius, then that of the residual, if frames were compared.
 
-    checks: of the answer; if it failed, only measured points are drawn. simulation_name: name of a line. what_if:
-    a simulation of other values. Raises ValueError: a line has not as many times as values."""
+    checks: of the answer; if it failed, only measured points are drawn. method: of the answer. what_if: a simulation of
+    other values. Raises ValueError: a line has not as many times as values."""
     has_answer = checks.verdict != "failed"
     checks = checks if has_answer else Checks("failed")
     units = _units_of(curve)
     time, radius = units.points(curve.time, curve.radius)
-    line, residual = _simulation(units, checks, "simulated", simulation_name)
+    line, residual = _simulation(units, checks, "simulated", f"simulation: {digits.simulation_name(method)}")
     low, high = _time_ends(time, residual.x)
     compared = np.full(len(time), not has_answer)
     if len(residual.x):
@@ -183,12 +180,6 @@ def _residual_panel(x: Axis, residuals: Sequence[Layer], checks: Checks) -> Pane
 def _largest(layers: Sequence[Layer], least: float) -> float:
     """The largest absolute value along `y` in these layers, or `least` if that is larger."""
     return max([least, *(float(np.nanmax(np.abs(layer.y), initial=0.0)) for layer in layers)])
-
-
-def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> list[Panel]:
-    """The panels of a curve and its answer; without an answer in the record, the measured points alone."""
-    name = f"simulation: {digits.simulation_name(record.method)}"
-    return curve_panels(curve, checks if record.has_answer else Checks("failed"), name)
 
 
 def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:

@@ -14,12 +14,11 @@ from cavirheo.arrays import Floats
 from cavirheo.posterior import Posterior, weighted_quantile
 from cavirheo.reporting.answer import CurveRecord, Unit, display_unit, parameters_of
 from cavirheo.reporting.group import MATERIAL_CONSTANTS, GroupRecord
-from cavirheo.reporting.panels import MAX_DRAWN, RMAX, Axis, Layer, Panel, all_curves_panel, tones_of
+from cavirheo.reporting.panels import MAX_DRAWN, Axis, Layer, Panel, all_curves_panel, tones_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Spread
 
-_SIZE = "R_max"  # used instead of the name of a parameter
 _REGION_SHARE = 0.9  # share of the draws in a region
 _MIN_REGION_DRAWS = 10
 _ARROW = 0.09  # length of an arrow, of that of its axis
@@ -27,7 +26,22 @@ _MARGIN = 0.07  # margin of an axis, of its length
 _LEAST_DECADES = 0.4  # least length of an axis
 _NAME = 14  # most letters of a name in a picture
 _KEY = {"region": "shot", "region-out": "not counted", "estimate": "shot"}  # name of the first of each look
-_NOWHERE = np.array([[-np.inf, np.inf], [-np.inf, np.inf]])
+
+
+class _Quantity(NamedTuple):
+    """What an axis of the plane shows: a parameter, its factor from SI, and its label."""
+
+    name: str
+    factor: float
+    label: str
+
+    def ends(self, value: Quantity) -> tuple[float, float]:
+        """log10 of the ends of a value; infinite where there is no limit."""
+        if value.is_zero:
+            return -np.inf, -np.inf
+        low = None if value.bound in ("upper", "undetermined") else value.q05 or value.median
+        high = None if value.bound in ("lower", "undetermined") else value.q95 or value.median
+        return (np.log10(self.factor * low) if low else -np.inf), (np.log10(self.factor * high) if high else np.inf)
 
 
 class _Place(NamedTuple):
@@ -43,68 +57,48 @@ class _Place(NamedTuple):
     corners: Floats | None = None
     tone: float | None = None
 
+    @property
+    def known(self) -> np.ndarray:
+        """(2,) whether anything is known of G and of mu."""
+        return np.isfinite(self.ends).any(axis=1) | (self.ends[:, 0] == self.ends[:, 1])
 
-class _Quantity(NamedTuple):
-    """What an axis of the plane shows: a parameter or _SIZE, its factor from SI, and its label."""
-
-    name: str
-    factor: float
-    label: str
-
-    def ends(self, record: CurveRecord | GroupRecord) -> tuple[float, float]:
-        """(low, high) of a shot, or of the material of a group."""
-        if self.name == _SIZE:
-            return _log_ends(Quantity(median=getattr(record, "max_radius_m", None)), self.factor)
-        return _log_ends(record.value(self.name), self.factor)
-
-    def ends_of_method(self, value: Spread) -> tuple[float, float]:
-        """Mean ± standard deviation by another method."""
-        mean, std = value.mean or 0.0, value.std or 0.0
-        return _log_ends(Quantity(median=value.mean, q05=max(mean - std, 0.1 * mean), q95=mean + std), self.factor)
-
-
-def _log_ends(value: Quantity, factor: float) -> tuple[float, float]:
-    """log10 of the ends of a value; infinite where there is no limit."""
-    ends = [value.median if end is None else end for end in (value.q05, value.q95)]
-    if value.bound in ("upper", "undetermined"):
-        ends[0] = None
-    if value.bound in ("lower", "undetermined"):
-        ends[1] = None
-    low, high = ends
-    if value.is_zero:
-        return -np.inf, -np.inf
-    return (np.log10(factor * low) if low else -np.inf), (np.log10(factor * high) if high else np.inf)
+    @property
+    def sides(self) -> np.ndarray:
+        """(2,) -1 of an upper bound, 1 of a lower one, else 0."""
+        return np.isposinf(self.ends[:, 1]).astype(int) - np.isneginf(self.ends[:, 0])
 
 
 def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequence[int]) -> list[Panel]:
-    """The plane of G and mu, and all curves, of the answered shots of a group. indices: of the group's curves in the
-    result. A law without a modulus has R_max in its place."""
+    """The plane of G and mu, unless the law has only one of them, and all curves, of the answered shots of a group.
+    indices: of the group's curves in the result."""
     names = dict(zip(indices, digits.distinct_names([result.curves[i].name for i in indices]), strict=True))
     members = [i for i in indices if result.curves[i].has_answer]
     chosen = members[:: max(-(-len(members) // MAX_DRAWN), 1)]
-    records = [result.curves[i] for i in chosen]
-    axes = _axes(records, result.modulus_unit)
-    tones = tones_of(np.array([record.max_radius_m or np.nan for record in records]))
-    shots = []
-    for i, record, tone in zip(chosen, records, tones.tolist(), strict=True):
-        look, ends = "region" if record.trusted else "region-out", np.array([axis.ends(record) for axis in axes])
-        corners = _region(pairs[i][1], axes) if np.all(np.isfinite(ends)) else None
-        shots.append(_Place(look, digits.elide(names[i], _NAME), ends, corners, tone))
-    end = 1.1 * max([record.window.t_star_end or 1.0 for record in records])
+    rows = [result.curves[i] for i in chosen]
+    end = 1.1 * max([row.window.t_star_end or 1.0 for row in rows])
     curves = all_curves_panel([(pairs[i][0], pairs[i][1].checks) for i in members], end)
-    return [_plane(shots, _references(group, axes), axes), curves]
+    axes = _axes(rows, result.modulus_unit)
+    if len(axes) < 2:
+        return [curves]
+    tones = tones_of(np.array([row.max_radius_m or np.nan for row in rows])).tolist()
+    shots = []
+    for i, row, tone in zip(chosen, rows, tones, strict=True):
+        ends = np.array([axis.ends(row.value(axis.name)) for axis in axes])
+        corners = _region(pairs[i][1], axes) if np.all(np.isfinite(ends)) else None
+        look = "region" if row.trusted else "region-out"
+        shots.append(_Place(look, digits.elide(names[i], _NAME), ends, corners, tone))
+    return [_plane([shot for shot in shots if shot.known.all()], _references(group, axes), axes), curves]
 
 
-def _axes(records: Sequence[CurveRecord], unit: Unit) -> tuple[_Quantity, _Quantity]:
-    of_laws = parameters_of(records)
-    upper = next((name for name in MATERIAL_CONSTANTS if name in of_laws), of_laws[0])
+def _axes(rows: Sequence[CurveRecord], unit: Unit) -> list[_Quantity]:
+    known = parameters_of(rows)
+    upper = next((name for name in MATERIAL_CONSTANTS[:2] if name in known), "")
     axes = []
     for name in ("shear_modulus", upper):
-        symbol, factor, written = display_unit(name, unit)
-        axes.append(_Quantity(name, factor, f"{symbol} ({written})" if written else symbol))
-    if "shear_modulus" not in of_laws or upper == "shear_modulus":
-        axes[0] = _Quantity(_SIZE, 1e6, f"{RMAX} (µm)")
-    return axes[0], axes[1]
+        if name in known:
+            symbol, factor, written = display_unit(name, unit)
+            axes.append(_Quantity(name, factor, f"{symbol} ({written})"))
+    return axes
 
 
 def _region(answer: Posterior, axes: Sequence[_Quantity]) -> Floats | None:
@@ -126,27 +120,35 @@ def _region(answer: Posterior, axes: Sequence[_Quantity]) -> Floats | None:
     return np.asarray(middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ root.T)
 
 
-def _references(group: GroupRecord, axes: tuple[_Quantity, _Quantity]) -> list[_Place]:
+def _references(group: GroupRecord, axes: Sequence[_Quantity]) -> list[_Place]:
     """The material and the values of other methods, where one of two values is known."""
     places = list[_Place]()
-    if group.material and not group.material.heaps:
-        places.append(_Place("material", "material", np.array([axis.ends(group) for axis in axes])))
+    if group.population.has_material and not group.population.heaps:
+        ends = np.array([axis.ends(group.value(axis.name)) for axis in axes])
+        places.append(_Place("material", "material", ends))
     for method, values in group.published.items():
-        ends = np.array([axis.ends_of_method(values.get(axis.name, Spread())) for axis in axes])
+        ends = np.array([axis.ends(_within_deviation(values.get(axis.name, Spread()))) for axis in axes])
         places.append(_Place("published", digits.elide(method, _NAME), ends))
-    return [place for place in places if np.any(place.ends != _NOWHERE)]
+    return [place for place in places if place.known.any()]
+
+
+def _within_deviation(value: Spread) -> Quantity:
+    """Mean ± standard deviation."""
+    if value.mean is None:
+        return Quantity()
+    std = value.std or 0.0
+    return Quantity(median=value.mean, q05=max(value.mean - std, 0.1 * value.mean), q95=value.mean + std)
 
 
 def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Sequence[_Quantity]) -> Panel:
-    shots = [place for place in shots if np.all(np.any(place.ends != _NOWHERE, axis=1))]  # both are known
     across, up = (_axis(axis.label, k, [*shots, *references]) for k, axis in enumerate(axes))
     layers, labels, key = list[Layer](), list[Layer](), dict(_KEY)
     for place in shots:
-        layers += [replace(layer, name=key.pop(layer.look, "")) for layer in _layers(place, across, up, is_shot=True)]
-        at = [np.array([middle]) for middle in _limits(place, across, up).mean(axis=1)]
+        layers += [replace(layer, name=key.pop(layer.look, "")) for layer in _layers(place, across, up)]
         beside = " beside" if place.corners is None else ""
         look = f"shot-name{beside}{'' if place.look == 'region' else ' outside'}"
-        labels.append(Layer("labels", look, at[0], at[1], texts=(place.name,)))
+        x, y = _limits(place, across, up).mean(axis=1, keepdims=True)
+        labels.append(Layer("labels", look, x, y, texts=(place.name,)))
     for place in references:
         layers += _layers(place, across, up)
     return Panel(across, up, (*layers, *labels))
@@ -164,38 +166,28 @@ def _axis(label: str, k: int, places: Sequence[_Place]) -> Axis:
     return Axis(label, low - margin, high + margin, log=True)
 
 
-def _sides(place: _Place) -> list[int]:
-    """Of each value: -1 of an upper bound, 1 of a lower one, else 0."""
-    return [int(np.isposinf(high)) - int(np.isneginf(low)) for low, high in place.ends]
-
-
 def _limits(place: _Place, across: Axis, up: Axis) -> Floats:
     """(2, 2) ends of what is drawn of a place: of a bound its limit, of an unknown value the whole axis."""
-    limits = np.clip(place.ends, [[across.low], [up.low]], [[across.high], [up.high]])
-    for k, side in enumerate(_sides(place)):
-        if side:
-            limits[k] = limits[k, 1 if side < 0 else 0]
-    return np.asarray(limits)
+    low, high = np.clip(place.ends, [[across.low], [up.low]], [[across.high], [up.high]]).T
+    return np.column_stack([np.where(place.sides < 0, high, low), np.where(place.sides > 0, low, high)])
 
 
-def _layers(place: _Place, across: Axis, up: Axis, *, is_shot: bool = False) -> list[Layer]:
+def _layers(place: _Place, across: Axis, up: Axis) -> list[Layer]:
     """The region of a place; a point of one without intervals; of a bound an arrow from its limit into what it allows,
     and the interval of the other value at the limit."""
-    tone, name = None if place.look == "region-out" else place.tone, "" if is_shot else place.name
+    tone = None if place.look == "region-out" else place.tone
     limits = _limits(place, across, up)
     (left, right), (low, high) = limits
-    sides = _sides(place)
-    if any(sides):
+    if place.sides.any():
         begin = limits.mean(axis=1)
         lengths = _ARROW * np.array([across.high - across.low, up.high - up.low])
-        steps = np.diag(sides * lengths)[np.flatnonzero(sides)]  # an arrow for each bound
-        arrows_x, arrows_y = (np.column_stack([begin[k] + 0.0 * steps[:, k], begin[k] + steps[:, k]]) for k in (0, 1))
-        return [
-            Layer("line", f"limit {place.look}" if is_shot else place.look, limits[0], limits[1], name, tone),
-            Layer("arrows", f"arrow {place.look}", arrows_x, arrows_y, "", tone),
-        ]
-    if place.corners is None and is_shot and left == right and low == high:
-        return [Layer("dots", "estimate", np.array([left]), np.array([low]), tone=place.tone)]
+        steps = np.diag(place.sides * lengths)[np.flatnonzero(place.sides)]  # an arrow for each bound
+        x, y = (np.column_stack([0.0 * steps[:, k], steps[:, k]]) + begin[k] for k in (0, 1))
+        look = f"limit {place.look}" if place.look.startswith("region") else place.look
+        limit = Layer("line", look, limits[0], limits[1], place.name, tone)
+        return [limit, Layer("arrows", f"arrow {place.look}", x, y, "", tone)]
+    if place.corners is None and left == right and low == high:
+        return [Layer("dots", "estimate", limits[0, :1], limits[1, :1], tone=place.tone)]
     rectangle = np.array([[left, low], [right, low], [right, high], [left, high]])
     corners = rectangle if place.corners is None else place.corners
-    return [Layer("region", place.look, corners[:, 0], corners[:, 1], name, tone)]
+    return [Layer("region", place.look, corners[:, 0], corners[:, 1], place.name, tone)]

@@ -86,7 +86,7 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord
     shortened, where they are too wide."""
     visible = list(shots)
     if len(shots) > MOST_ROWS and not every_shot:
-        outliers = group.population.outliers if group and group.population else {}
+        outliers = group.population.outliers if group else {}
         exceptions = [shot for shot in shots if shot.verdict not in TRUSTED or shot.name in outliers]
         visible = exceptions[:MOST_EXCEPTIONS]
     names = dict(zip((shot.name for shot in shots), digits.distinct_names([shot.name for shot in shots]), strict=True))
@@ -153,7 +153,7 @@ def group_facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
 def _secant_moduli(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[float]:
     """Moduli of neo-Hookean gels that pull as strongly at R_max, Pa, one for each shot that counts, of a material that
     stiffens."""
-    switches = group.population.switches if group.population else {}
+    switches = group.population.switches
     if switches.get("stiffening", 0.0) < 0.5:
         return []
     known = [shot.diagnostics.secant_modulus for shot in shots if shot.trusted or len(shots) == 1]
@@ -161,7 +161,7 @@ def _secant_moduli(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[flo
 
 
 def _value_line(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], name: str) -> list[str]:
-    if heaps := group.heaps.get(name):
+    if heaps := group.population.heaps.get(name):
         return [heaps_in_words(name, heaps)]
     value = group.viscosity if name == "viscosity" else group.value(name)
     if not value.known:
@@ -172,8 +172,8 @@ def _value_line(result: Result, group: GroupRecord, shots: Sequence[CurveRecord]
         return [f"{interval} {unit}"]
     line = [f"{middle} {unit}", f"90 %: {interval}"] if interval else [f"{middle} {unit}"]
     notes = list[str]()
-    statistics = group.systematic.statistics.get(name) if group.systematic else None
-    if scatter := (group.population.wide_scatters if group.population else {}).get(name):
+    statistics = group.systematic.statistics.get(name)
+    if scatter := group.population.wide_scatters.get(name):
         notes.append(f"scatter {digits.percent(scatter)} %")
     if name == "shear_modulus" and (secants := _secant_moduli(group, shots)):
         notes.append(f"at R_max like {digits.ends(secants, factor, 2)} {unit}")
@@ -187,13 +187,13 @@ def _width_of(value: Quantity) -> float:
 
 
 def _is_liquid(group: GroupRecord) -> bool:
-    return bool(group.population and group.population.switches.get("liquid", 0.0) > 0.5)
+    return group.population.switches.get("liquid", 0.0) > 0.5
 
 
 def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """Whether G and mu may be used, in a sentence."""
     disagree = _disagreeing(group)
-    if len(disagree) < len(group.doubts) or len(group.heaps) == len(_SYMBOLS):
+    if len(disagree) < len(group.doubts) or len(group.population.heaps) == len(_SYMBOLS):
         return f"nothing yet: {'; '.join(message.text for message in group.doubts)}"
     if group.verdict == "does_not_fit":
         count = sum(shot.verdict == "does_not_fit" for shot in shots)
@@ -209,7 +209,7 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     for name, symbol in _SYMBOLS.items():
         uses.setdefault(_use_of(group, name), []).append(symbol)
     parts = [f"{' and '.join(symbols)} {how}" for how, symbols in uses.items() if how]
-    if not parts and group.population and len(shots) > 1:
+    if not parts and group.population.line and len(shots) > 1:
         return f"each shot by itself; {group.population.line}"
     why = f": the shots disagree in {' and '.join(disagree)}" if disagree else ""
     return ", ".join(parts) + why if parts else "nothing: no value is known"
@@ -217,14 +217,14 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
 
 def _disagreeing(group: GroupRecord) -> list[str]:
     """Symbols of the parameters in which the shots disagree."""
-    apart = {*group.heaps, *(group.population.wide_scatters if group.population else {})}
+    apart = {*group.population.heaps, *group.population.wide_scatters}
     return [symbol for name, symbol in _SYMBOLS.items() if name in apart]
 
 
 def _use_of(group: GroupRecord, name: str) -> str:
     """How a parameter may be used; "" where nothing is known of it."""
     value = group.viscosity if name == "viscosity" else group.value(name)
-    if name in group.heaps:
+    if name in group.population.heaps:
         return "not"
     if value.is_zero or not value.known:
         return ""
@@ -235,7 +235,7 @@ def _use_of(group: GroupRecord, name: str) -> str:
 
 def _probabilities(group: GroupRecord) -> str:
     """'gel 99 %, gel that stiffens 1 %; real bubble 100 %'; "" for another law."""
-    switches = group.population.switches if group.population and group.has_answer else {}
+    switches = group.population.switches if group.has_answer else {}
     parts = list[dict[str, float]]()
     if "liquid" in switches:
         liquid, stiffens = switches["liquid"], switches.get("stiffening", 0.0)
@@ -276,7 +276,7 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
 
 def _first_heap(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """The files of the shots in the first heap in which a group disagrees, or their numbers in the only file."""
-    names = {name for heap in next(iter(group.heaps.values()), [])[:1] for name in heap.shots}
+    names = {name for heap in next(iter(group.population.heaps.values()), [])[:1] for name in heap.shots}
     heap = [shot for shot in shots if shot.name in names]
     sources = {shot.source for shot in heap}
     if any(shot.source in sources and shot.name not in names for shot in shots):

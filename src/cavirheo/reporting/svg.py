@@ -26,7 +26,7 @@ _ROW = 17 * PX  # height of a line of text
 _TONES = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]])  # dark blue, grey, yellow: grey prints keep the order
 _SYMBOLS = {"dots": "●", "line": "—", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
 _SYMBOLS |= {"outlier": "○", "region": "▰", "region-out": "▱", "material": "▣", "published": "▢"}  # or by look
-_LETTER, _CAPITAL = 6 * PX, 10 * PX  # width and height of a letter of the name of a shot
+_LETTER, _LINE = 7 * PX, 14 * PX  # width of a letter and height of a line of the names of shots
 _AROUND = ((0, 0), (1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))  # places of a name at a point
 
 
@@ -120,8 +120,8 @@ class Frame:
             for across, down, text in zip(*self.place(layer.x, layer.y), layer.texts, strict=True):
                 half = 0.5 * _LETTER * len(text)
                 for aside, below in _AROUND[1:] if "beside" in layer.look else _AROUND:
-                    x, y = across + aside * (half + 2 * PX), down + below * _CAPITAL * 1.2
-                    box = (x - half, y - _CAPITAL / 2, x + half, y + _CAPITAL / 2)
+                    x, y = across + aside * (half + 2 * PX), down + below * _LINE
+                    box = (x - half, y - _LINE / 2, x + half, y + _LINE / 2)
                     within = left < box[0] and box[2] < left + width and top < box[1] and box[3] < top + height
                     free = all(box[2] <= a or c <= box[0] or box[3] <= b or d <= box[1] for a, b, c, d in taken)
                     if within and free:
@@ -153,8 +153,11 @@ def curve_svg(panels: Sequence[Panel], size: tuple[float, float] = SIZE, *, with
 
 
 def group_svg(panels: Sequence[Panel]) -> Markup:
-    """The pictures of a group beside each other: the plane of G and mu, and all curves."""
-    plane, curves = panels
+    """The pictures of a group beside each other: the plane of G and mu, if there is one, and all curves."""
+    *planes, curves = panels
+    if not planes:
+        return all_curves_svg(curves)
+    plane = planes[0]
     label = f"{plane.y.label} over {plane.x.label}: the 90 % region of each shot, and that of the material"
     key = _key(plane)
     if any(layer.shape == "arrows" for layer in plane.layers):
