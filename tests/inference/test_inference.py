@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import fit, simulated
+from answers import NAMES, fit, seen, simulated
 from conftest import BDT, EXAMPLE, ROOT, code_of, rows_of
 
 import cavirheo
@@ -277,6 +277,17 @@ def test_a_modulus_beyond_all_soft_matter_is_a_doubt():
     answer = cavirheo.infer(stiff, medium=deep, material="nhkv", bubble="field")
     assert (answer.checks.verdict, answer.bound("G")) == ("check_input", "lower")
     assert "check_input.stiffness" in [one.code for one in answer.checks.messages]
+
+
+def test_an_answer_that_needs_a_close_wall_asks_for_its_distance():
+    shot, draws = seen([3.8, -1.4], 0.01), np.random.default_rng(0).standard_normal(600)
+    for inertia, warned in ((0.02, False), (0.09, True)):
+        theta = np.column_stack([shot.theta, inertia + 0.01 * draws])
+        found = replace(shot, names=(*NAMES, "confinement_inertia"), units=("Pa", "Pa s", "1"), theta=theta)
+        said = checks.felt_walls(found, 250e-6)
+        assert [one.code for one in said] == ["check_input.walls"] * warned
+        assert ["--wall-distance-um" in one.text for one in said] == [True] * warned
+    assert checks.felt_walls(shot, 250e-6) == []
 
 
 def test_names_are_told_apart_by_folder(tmp_path):

@@ -195,6 +195,22 @@ def test_bounds_count_where_they_tell_something(tmp_path):
     assert rows[3].viscosity_Pa_s.median is None
 
 
+def test_shots_that_scatter_are_a_doubt_and_nothing_with_care_is_ok():
+    """One batch of a gel does not scatter by a factor of two; the parameter in which shots agree is with care, too."""
+    steps = np.random.default_rng(5).standard_normal(7)
+    for size, verdict in ((0.02, "ok"), (0.3, "check_input")):
+        pairs = [
+            (curve, replace(made, theta=made.theta + np.array([0.0, size * step])))
+            for (curve, made), step in zip(growing(), steps, strict=True)
+        ]
+        made = result(pairs, COMMAND)
+        (one,) = made.groups
+        assert one.verdict == verdict
+        assert [message.code for message in one.doubts] == ["group.doubt.scatter"] * (verdict != "ok")
+        use = dict(screen.answer_lines(made, one, made.curves))["use"][0]
+        assert ("with care" in use) == (verdict != "ok")
+
+
 def test_a_viscosity_that_grows_with_the_bubble_is_said():
     """Also of answers whose model does not fit, for there it is looked for; of four shots or of odd ones it is not."""
     for power, count, verdict, trends in (

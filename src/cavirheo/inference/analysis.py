@@ -25,6 +25,7 @@ from cavirheo.inference.checks import (
     ANALYSIS_ERRORS,
     curve_warnings,
     failed_checks,
+    felt_walls,
     smoothing_warnings,
     stiffness_warnings,
     wall_warnings,
@@ -256,7 +257,8 @@ class Analysis:
         medium = self.medium_for(curve)
         shot = Experiment(curve, Family(str(self.material)), medium, self.options)
         found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
-        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot, found), *smoothing_warnings(found.checks)]
+        walls = [*wall_warnings(shot), *felt_walls(found, curve.max_radius)]
+        warnings = [*curve_warnings(curve, medium), *walls, *smoothing_warnings(found.checks)]
         warnings += stiffness_warnings(found)
         return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 

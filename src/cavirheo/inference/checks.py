@@ -167,16 +167,18 @@ def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     return messages
 
 
-def wall_warnings(shot: Experiment, found: Posterior) -> list[Message]:
-    """A message if the answer needs the inertia of a wall, more than vessels have; or if its model has no walls and no
-    counted rebound distinguishes them from the viscosity of a liquid, which also lengthens the first collapse
-    (docs/real-bubbles.md). Laws with an elastic part need none."""
-    bubble, curve = shot.options.bubble, shot.curve
-    if "confinement_inertia" in found.parameters:
-        ends, inertia = found.interval("confinement_inertia"), found.median("confinement_inertia")
-        if ends and inertia and ends[0] > FELT_INERTIA:
-            return [Message("check_input.walls", {"distance": 0.5 * curve.max_radius / inertia})]
+def felt_walls(found: Posterior, max_radius: float) -> list[Message]:
+    """A message if the answer of a bubble of this R_max, m, needs a wall closer than vessels have."""
+    ends = found.interval("confinement_inertia") if "confinement_inertia" in found.parameters else None
+    if not ends or ends[0] <= FELT_INERTIA:
         return []
+    return [Message("check_input.walls", {"distance": 0.5 * max_radius / (found.median("confinement_inertia") or 1.0)})]
+
+
+def wall_warnings(shot: Experiment) -> list[Message]:
+    """A message if the model has no walls and no counted rebound distinguishes them from the viscosity of a liquid,
+    which also lengthens the first collapse (docs/real-bubbles.md). Laws with an elastic part need none."""
+    bubble, curve = shot.options.bubble, shot.curve
     if shot.family.elastic or bubble.confinement_inertia or bubble.confinement_damping or bubble.wall_distance:
         return []
     first = curve.collapse_times()[:1] - curve.time_of_max

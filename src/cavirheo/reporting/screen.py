@@ -34,6 +34,11 @@ def print_result(
 ) -> None:
     """Print the shots and the answer of each group. out: folder of the run, for the next command. every_shot: a row for
     each shot, not for exceptions alone. printed_notes: notes that were already printed on stderr."""
+    notes = [note for note in result.notes if note not in printed_notes]
+    for note in notes[:MOST_NOTES]:
+        _say("note", note)
+    if len(notes) > MOST_NOTES:
+        _say("note", f"{digits.counted(len(notes) - MOST_NOTES, 'more note')} in the report")
     singles = [(group, shots[0]) for group, shots in result.rows_by_group() if len(shots) == 1]
     for group, shots in result.rows_by_group():
         if len(shots) > 1:
@@ -50,11 +55,6 @@ def print_result(
         _print_rows(result, shots, None, every_shot)
         doubtful = [group for group, _ in singles if group.verdict != "ok"]
         _say("next", _next_step(doubtful[0] if doubtful else singles[0][0], shots, out))
-    notes = [note for note in result.notes if note not in printed_notes]
-    for note in notes[:MOST_NOTES]:
-        _say("note", note)
-    if len(notes) > MOST_NOTES:
-        _say("note", f"{digits.counted(len(notes) - MOST_NOTES, 'more note')} in the report")
     if any(group.published for group in result.groups):
         print_comparison(result)
 
