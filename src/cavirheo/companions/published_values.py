@@ -49,9 +49,11 @@ _VOCABULARY = Vocabulary(
 
 @dataclass
 class ReferenceSet:
-    """A set of recordings and its values by method and parameter. files: pattern of the paths of its recordings."""
+    """A set of recordings and its values by method and parameter. files: pattern of the paths of its recordings;
+    source: the file that has it."""
 
     name: str
+    source: str = ""
     files: str = ""
     values: dict[str, dict[str, PublishedValue]] = field(default_factory=dict)
 
@@ -79,11 +81,11 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
             raise InputError(message, "references.head")
         for number, texts in table.rows:
             row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
-            _add_line(row, f"line {number}", sets)
+            _add_line(row, f"line {number}", sets, str(path))
     return list(sets.values())
 
 
-def _add_line(row: Mapping[str, str], where: str, sets: dict[str, ReferenceSet]) -> None:
+def _add_line(row: Mapping[str, str], where: str, sets: dict[str, ReferenceSet], source: str) -> None:
     """Add the content of one line to its set. Raises InputError: it has a mistake."""
 
     def expect(fine: bool, column: str, expected: str) -> None:
@@ -91,7 +93,7 @@ def _add_line(row: Mapping[str, str], where: str, sets: dict[str, ReferenceSet])
         require(fine, message, f"references.{column}")
 
     expect("set" in row, "set", "a name")
-    reference = sets.setdefault(row["set"], ReferenceSet(row["set"]))
+    reference = sets.setdefault(row["set"], ReferenceSet(row["set"], source))
     if files := row.get("files"):
         expect(reference.files in ("", files), "files", f"{reference.files} as above, or an empty cell")
         reference.files = files
@@ -156,8 +158,8 @@ def by_group(names: Iterable[str], sources: Iterable[Sequence[ReferenceSet]]) ->
     for sets in sources:
         values: dict[str, Published] = {reference.name: reference.values for reference in sets}
         if values.keys().isdisjoint(names):
-            message = f"no set has the name of a group (sets {listed(list(values))}; groups {listed(names)}): give "
-            message += "both the same name, or write into the column files what is answered"
+            message = f"{sets[0].source}: no set has the name of a group (sets {listed(list(values))}; groups "
+            message += f"{listed(names)}): give both the same name, or write into the column files what is answered"
             require(len(sets) < 2, message, "references.groups")
             values = {group: reference.values for reference in sets for group in names}
         for group, published in values.items():
