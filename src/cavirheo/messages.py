@@ -289,8 +289,8 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "group.doubt.heaps": _heaps,
     "group.doubt.scatter": _scatter,
     "group.not_given": lambda values: f"{constants_in_words(values)}: assumed, for none is given",
-    "group.trend": lambda trends: (
-        f"{', '.join(trends)} with R_max, which a constant does not: wrong law or bubble? --column R_max measures it"
+    "group.doubt.trend": lambda trends: (
+        f"{', '.join(trends)} with R_max, as no constant does: wrong law or bubble? --column R_max gives the slope"
     ),
     "group.left_out": _left_out,
     "group.outliers": _outliers,

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 MIN_TREND_SHOTS = 5  # least number of shots in which a trend with R_max is looked for
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
-TWO_SIDED_95 = 1.96  # standard deviations
+TWO_SIDED_99 = 2.58  # standard deviations
 MOST = 0.5  # share of the shots of a group, above which they decide its verdict
 _EQUAL = 1e-6  # relative range of values that count as equal
 
@@ -115,7 +115,7 @@ class GroupRecord(Record):
 
 
 def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
-    """Which parameters rise or fall with R_max over these shots, 'µ rises', by more than chance (1 in 20). Shots that
+    """Which parameters rise or fall with R_max over these shots, 'µ rises', by more than chance (1 in 100). Shots that
     the model does not fit are among them. Ranks decide (Spearman's), so that few shots in a false mode hardly count."""
     followed = [shot for shot in shots if shot.trusted or shot.verdict == "does_not_fit"]
     trends = list[str]()
@@ -126,7 +126,7 @@ def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
             continue
         ranks = np.argsort(np.argsort(logs, axis=0), axis=0)
         correlation = np.clip(np.asarray(np.corrcoef(ranks.T))[0, 1], -0.999999, 0.999999)
-        if abs(np.arctanh(correlation)) * np.sqrt((len(logs) - 3) / 1.06) > TWO_SIDED_95:
+        if abs(np.arctanh(correlation)) * np.sqrt((len(logs) - 3) / 1.06) > TWO_SIDED_99:
             trends.append(f"{parameter_of(name).symbol} {'rises' if correlation > 0 else 'falls'}")
     return trends
 
@@ -142,8 +142,6 @@ def group_record(
         population, systematic = _of_one_shot(members[0])
     doubts = _doubts(shots, population)
     facts = [*_facts(shots, systematic), *_of_population(population, members)]
-    if trends := size_trends(shots):
-        facts.append(Message("group.trend", {"trends": trends}))
     if material and population.has_material:
         facts += [Message("group.rough", {"text": warning}) for warning in material.warnings]
     return GroupRecord(
@@ -191,6 +189,8 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
         messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
     for name, scatter in population.wide_scatters.items():
         messages.append(Message("group.doubt.scatter", {"name": name, "scatter": scatter}))
+    if trends := size_trends(shots):
+        messages.append(Message("group.doubt.trend", {"trends": trends}))
     return messages
 
 
@@ -228,12 +228,14 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
         return "failed"
     if len(shots) == 1:
         return shots[0].verdict
-    if any(message.code != "group.doubt.bubble" for message in doubts):
+    codes = {message.code for message in doubts}
+    if codes - {"group.doubt.bubble", "group.doubt.trend"}:
         return "check_input"
-    if doubts:
+    misfits = sum(record.verdict == "does_not_fit" for record in shots)
+    if "group.doubt.bubble" in codes or _most(misfits, len(shots)):
         return "does_not_fit"
-    if _most(sum(record.verdict == "does_not_fit" for record in shots), len(shots)):
-        return "does_not_fit"
+    if codes:
+        return "check_input"
     if not population.has_material:
         return Counter(record.verdict for record in shots).most_common(1)[0][0]
     values = [population.value(name) for name in KEYS]

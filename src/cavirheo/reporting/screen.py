@@ -27,6 +27,7 @@ COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from whi
 _NAME = 28  # most characters of the name of a shot; in a table that is too wide SHORT_NAME
 _LABEL = 6  # columns before the text of a line below the shots
 _SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # parameters of the answer
+_DISAGREEMENTS = ("group.doubt.heaps", "group.doubt.scatter", "group.doubt.trend")  # of shots that may each be right
 
 
 def print_result(
@@ -192,7 +193,7 @@ def _is_liquid(group: GroupRecord) -> bool:
 
 def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """Whether G and mu may be used, in a sentence."""
-    disagree = _disagreeing(group)
+    disagree = [message for message in group.doubts if message.code in _DISAGREEMENTS]
     if len(disagree) < len(group.doubts) or len(group.population.heaps) == len(_SYMBOLS):
         return f"nothing yet: {'; '.join(message.text for message in group.doubts)}"
     if group.verdict == "does_not_fit":
@@ -211,8 +212,16 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     parts = [f"{' and '.join(symbols)} {how}" for how, symbols in uses.items() if how]
     if not parts and group.population.line and len(shots) > 1:
         return f"each shot by itself; {group.population.line}"
-    why = f": the shots disagree in {' and '.join(disagree)}" if disagree else ""
-    return ", ".join(parts) + why if parts else "nothing: no value is known"
+    return ", ".join(parts) + _why(group) if parts else "nothing: no value is known"
+
+
+def _why(group: GroupRecord) -> str:
+    """Why the parameters of a group are to be used with care."""
+    reasons = list[str]()
+    if disagree := _disagreeing(group):
+        reasons.append(f"the shots disagree in {' and '.join(disagree)}")
+    reasons += [message.text for message in group.doubts if message.code == "group.doubt.trend"]
+    return f": {'; '.join(reasons)}" if reasons else ""
 
 
 def _disagreeing(group: GroupRecord) -> list[str]:
@@ -257,11 +266,11 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
     if "group.doubt.ends" in codes:
         return "the same command with the right --um-per-px (or --rmax-um) and --fps"
     if "group.doubt.heaps" in codes:
-        return f"cavirheo infer {_first_heap(group, shots)}   (each part by itself)"
+        return f"cavirheo infer {_first_heap(group, shots)}   (then the others)"
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
     if group.verdict == "does_not_fit" or (misfits and codes):
         return f"cavirheo which-law {_files(misfits or shots, 2)}"
-    if codes and any(message.code == "group.trend" for message in group.facts):
+    if "group.doubt.trend" in codes:
         return f"cavirheo which-law {_files(shots, 2)}"
     if codes:
         return f"look at {out / 'report.html'}   (which shots lie apart)"
