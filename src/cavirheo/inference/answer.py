@@ -148,10 +148,7 @@ def sampled_answer(
     messages += shot.messages
     diagnostics = Diagnostics(
         stretch_source=shot.stretch_source(),
-        at_bound=(
-            *(name for name in pulled if name in CAMERA),
-            *at_ends,
-        ),
+        at_bound=(*(name for name in pulled if name in CAMERA), *at_ends),
         frames_left_out=int(np.count_nonzero(~shot.counted)),
         draws=len(weighed.x),
         effective_sample_size=effective,
@@ -360,7 +357,7 @@ def over_scale(answers: Sequence[Posterior], name: str) -> float | None:
         value, scale = (answer.theta[:, answer.names.index(column)] for column in (LOG10 + name, "radius_scale"))
         log_weight = np.zeros(len(value)) if answer.log_weight is None else answer.log_weight
         pair = weighted_covariance(value, scale, log_weight)
-        if pair is None:
+        if pair is None or pair[0, 0] <= 0.0:  # one place that is drawn many times
             continue
         worth = effective_size(log_weight[np.isfinite(value)]) / pair[0, 0]
         products += worth * pair[0, 1]
