@@ -144,7 +144,8 @@ def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Sequence
     across, up = (_axis(axis.label, k, [*shots, *references]) for k, axis in enumerate(axes))
     layers, labels, key = list[Layer](), list[Layer](), dict(_KEY)
     for place in shots:
-        layers += [replace(layer, name=key.pop(layer.look, "")) for layer in _layers(place, across, up)]
+        drawn = _layers(place, across, up)
+        layers += [replace(layer, name=key.pop(layer.look.removeprefix("limit "), "")) for layer in drawn]
         beside = " beside" if place.corners is None else ""
         look = f"shot-name{beside}{'' if place.look == 'region' else ' outside'}"
         x, y = _limits(place, across, up).mean(axis=1, keepdims=True)

@@ -179,7 +179,7 @@ def _value_line(result: Result, group: GroupRecord, shots: Sequence[CurveRecord]
     if name == "shear_modulus" and (secants := _secant_moduli(group, shots)):
         notes.append(f"at R_max like {digits.ends(secants, factor, 2)} {unit}")
     if not notes and statistics and _width_of(value) > COMMON_SHARE * _width_of(statistics):
-        notes.append(f"{digits.value_parts(statistics, factor)[1]} if scale and rate are exact")
+        notes.append(f"exact scale: {digits.value_parts(statistics, factor)[1]}")
     return [*line, f"({'; '.join(notes)})"] if notes else line
 
 
