@@ -51,7 +51,7 @@ def chromium() -> Iterator[Browser]:
 
 def printed(words: str, folder: Path) -> str:
     """What a command of cavirheo prints in a terminal, without its progress."""
-    surroundings = os.environ | {"FORCE_COLOR": "1", "COLUMNS": str(COLUMNS)}
+    surroundings = os.environ | {"FORCE_COLOR": "1", "COLUMNS": str(COLUMNS), "PYTHONPATH": str(ROOT / "src")}
     call = [sys.executable, "-m", "cavirheo", *words.split()[1:]]
     return subprocess.run(call, cwd=folder, env=surroundings, capture_output=True, text=True, check=True).stdout
 
@@ -81,6 +81,7 @@ def check(browser: Browser, address: str, path: Path) -> None:
     page.click("#to-check:enabled", timeout=400_000)
     page.wait_for_selector("#check-plot svg")
     page.mouse.move(0, 0)  # off the button
+    page.evaluate("window.scrollTo(0, 0)")
     page.wait_for_timeout(1000)
     page.screenshot(path=path)
 
