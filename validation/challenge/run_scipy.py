@@ -2,9 +2,8 @@
 
     python -m validation.challenge.run_scipy RECORDINGS ANSWERS.csv
 
-It is what a laboratory writes in an afternoon, and the control of `cavirheo fit`
-(tests/inference/test_fit.py), of which
-it uses the simulation alone. It takes all frames, and trusts the textbook's covariance.
+It is what a laboratory writes in an afternoon, and the control of `cavirheo fit` (tests/inference/test_fit.py), of
+which it uses the simulation alone. It takes all frames, and trusts the textbook's covariance.
 """
 
 from __future__ import annotations
@@ -31,9 +30,7 @@ def ratio(x: np.ndarray, time: np.ndarray, max_radius: float, medium: Medium) ->
     return done.radius / max_radius if done.ok else np.zeros(len(time))
 
 
-def fit(
-    model: Callable[[np.ndarray], np.ndarray], measured: np.ndarray, starts: list[tuple[float, float, float]] = STARTS
-) -> tuple[np.ndarray, np.ndarray]:
+def fit(model: Callable[..., np.ndarray], measured: np.ndarray, starts: list = STARTS) -> tuple[np.ndarray, np.ndarray]:
     """log10 of G, mu and stretch at the lowest minimum, and their standard deviations: the variance of the residuals
     times (J'J)^-1."""
     ends = [

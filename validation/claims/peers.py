@@ -1,11 +1,11 @@
 """Answers of other programs beside ours, to the same recordings in one run: the field's way, and PyIMR
 (https://github.com/sbryngelson/PyIMR) where it is installed (`pip install pyimr` needs Python 3.12; 0.1.1 was used).
 
-The recordings are those of the challenge's camera, half of them easy, half medium, of gels in the field's bubble: what
-all programs assume. The field's way is run_scipy.py's least squares over field_standard.py with 50 nodes, from two
-starts. PyIMR's is its own, with 25 nodes, from as many starts in the same bounds, with one conductivity for both gases
-and the wall as warm as the liquid (its other constants are ours within a hundredth). Both know R_max and its time as a
-laboratory reads them; all know the density. Times are processor times, with the loading and compiling that they need.
+The recordings are those of the challenge's camera, half easy, half medium, of gels in the field's bubble: what all
+assume. The field's way is run_scipy.py's least squares over field_standard.py with 50 nodes, from two starts; PyIMR's
+is its own, with 25 nodes and as many starts in the same bounds, one conductivity for both gases and the wall as warm as
+the liquid (other constants are ours within a hundredth). R_max and its time are as read; the density is known. Times
+are processor times, with the loading and compiling that they need.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from cavirheo import Medium, Posterior, RadiusCurve, fit_many, infer_many
-from cavirheo.arrays import Floats
 from validation.challenge import answers, camera, make, run_scipy, truth
 from validation.challenge.answers import Answer
 from validation.claims.challenge import judged
@@ -34,8 +33,7 @@ STARTS = run_scipy.STARTS[::3]
 
 def recording(number: int) -> tuple[truth.Truth, answers.Recording]:
     drawn, shown, _ = make.one((number, ("field", "nhkv", ("easy", "medium")[number % 2])), SEED)
-    largest = camera.read_maximum(shown.time, shown.radius)[1]
-    seen = shown.time, shown.radius, largest, shown.exposure, drawn.density
+    seen = shown.time, shown.radius, camera.read_maximum(shown.time, shown.radius)[1], shown.exposure, drawn.density
     return drawn, answers.Recording(str(number), Path(), *seen)
 
 
@@ -56,19 +54,17 @@ def field_answer(shot: answers.Recording, medium: Medium) -> Answer:
     times, radius = shot.from_maximum()
     nodes = np.tanh(truth.STEEPNESS * np.linspace(0, 1, 50)) / np.tanh(truth.STEEPNESS)
 
-    def model(x: Floats) -> Floats:
+    def model(x: np.ndarray) -> np.ndarray:
         try:
             return standard(np.append(10.0**x, shot.max_radius), medium, times, nodes, 1e-4)
         except RuntimeError:
             return np.zeros(len(times))
 
-    best, sigma = run_scipy.fit(model, radius / shot.max_radius, STARTS)
-    return run_scipy.bounded(best, sigma)
+    return run_scipy.bounded(*run_scipy.fit(model, radius / shot.max_radius, STARTS))
 
 
 def pyimr_answer(shot: answers.Recording, medium: Medium) -> Answer:
-    import pyimr
-    from pyimr import inference
+    import pyimr.inference
 
     times, radius = shot.from_maximum()
     R_max = float(shot.max_radius)
@@ -85,12 +81,12 @@ def pyimr_answer(shot: answers.Recording, medium: Medium) -> Answer:
         R0=R_max, Req=R_max / 6.5, material=law, T8=medium.temperature, physics=constants, max_steps=10_000, **how
     )
     asked = [
-        inference.InferenceParameter("material.shear_modulus_pa", G, G_end, "log"),
-        inference.InferenceParameter("material.viscosity_pa_s", mu, mu_end, "log"),
-        inference.InferenceParameter("Req", R_max / stretch_end, R_max / stretch, "log"),
+        pyimr.inference.InferenceParameter("material.shear_modulus_pa", G, G_end, "log"),
+        pyimr.inference.InferenceParameter("material.viscosity_pa_s", mu, mu_end, "log"),
+        pyimr.inference.InferenceParameter("Req", R_max / stretch_end, R_max / stretch, "log"),
     ]
-    seen = inference.RadiusObservation(times, radius, 0.01 * R_max)
-    best = inference.prepare_inference(config, seen, asked).fit_multistart(len(STARTS)).best
+    seen = pyimr.inference.RadiusObservation(times, radius, 0.01 * R_max)
+    best = pyimr.inference.prepare_inference(config, seen, asked).fit_multistart(len(STARTS)).best
     return {} if best is None else dict(zip(("G", "mu"), map(float, best.physical_parameters), strict=False))
 
 
@@ -107,8 +103,8 @@ def one(job: tuple[str, int]) -> Answer:
     drawn, shot = recording(number)
     began = time.process_time()
     found = PROGRAMS[program](shot, Medium(density=shot.density))
-    about = {"name": shot.name, "half": drawn.half, "true": {"G": drawn.G, "mu": drawn.mu}}
-    return {**about, "seconds": time.process_time() - began, **found}
+    found["seconds"] = time.process_time() - began
+    return {"name": shot.name, "half": drawn.half, "true": {"G": drawn.G, "mu": drawn.mu}} | found
 
 
 def measure(run: Run) -> Iterator[Number]:

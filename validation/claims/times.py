@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -45,10 +46,6 @@ def simulation_seconds(curve: RadiusCurve, answer: Posterior) -> float:
     return (time.process_time() - began) / SIMULATED
 
 
-def quantile_95(values: np.ndarray, axis: int = -1) -> np.ndarray:
-    return np.quantile(values, 0.95, axis=axis)
-
-
 def newcomer() -> Iterator[Number]:
     """Seconds of each step from nothing to the first answers, and MB of what is installed."""
     with TemporaryDirectory() as folder:
@@ -77,7 +74,7 @@ def measure(run: Run) -> Iterator[Number]:
         yield statistic(f"{law}.worth", worth, "simulations", seed=STREAM)
         yield statistic(f"{law}.processor_seconds", busy, "s", seed=STREAM)
         yield statistic(f"{law}.seconds", alone, "s", seed=STREAM)
-        yield statistic(f"{law}.seconds.95", alone, "s", quantile_95, STREAM)
+        yield statistic(f"{law}.seconds.95", alone, "s", partial(np.quantile, q=0.95), STREAM)
     together = [seconds(lambda: infer_many(made, trust_input=True)) for _ in range(run.count(1, 5))]
     yield statistic("twenty.seconds", together, "s", seed=STREAM)
     yield statistic("twenty.ratio", np.array(together) / np.sum(alone), "1", seed=STREAM)
