@@ -11,14 +11,15 @@ compared with them. Ways: "infer" (the default family), "nhkv" (`infer` by this 
 and R_max free).
 
 What is printed counts: low <= truth <= high, of a bound its one end, and nothing of a value that is not known. The
-truths of all kinds but "prior" are from narrower ranges
-than the priors.
+truths of all kinds but "prior" are from narrower ranges than the priors, which costs coverage. "within": what is left
+of an answer by "nhkv" if its prior is cut to the ranges and the bubble of the truths, and uniform there.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -32,6 +33,7 @@ from cavirheo.inference.answer import NEEDED
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.emulator import LARGEST_PULL, features
 from cavirheo.inference.experiment import BETA, BOUND_SCALES, ZETA, Experiment
+from cavirheo.parameters import USUAL_STRETCH
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.laws import Fung
@@ -51,6 +53,7 @@ SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS if wa
 SHOTS = 50, 300  # of a setting, in a quick and a full run
 SHOWN = {"G": "shear_modulus", "mu": "viscosity", "stretch": "stretch"}
 FRAMES, EXPOSURE, NOISE, BOUND = 100, 0.3, 0.01, 0.015
+FEWEST = 20  # draws of an interval
 
 
 def shot(seed: int, *, kind: str = "field", as_read: bool = False) -> tuple[dict[str, float], RadiusCurve]:
@@ -147,6 +150,22 @@ def film(
     return camera, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta, maximum=maximum)
 
 
+def like_truths(answer: Posterior, truth: dict[str, float]) -> Posterior | None:
+    """The answer with its draws that have the bubble of the truth and lie in RANGES, where log10 of the stretch is
+    uniform; None if there are few."""
+    draws = {name: answer.draws(name) for name in answer.parameters}
+    inside = np.ones(len(answer.theta), dtype=bool)
+    for name, (low, high) in RANGES.items():
+        inside &= (low <= draws[name]) & (draws[name] <= high)
+    if "accommodation" in draws:  # 1: the field's bubble
+        inside &= (draws["accommodation"] < 1.0) == ("accommodation" in truth)
+    if np.count_nonzero(inside) < FEWEST or answer.log_weight is None:
+        return None
+    middle, factor = USUAL_STRETCH
+    flat = 0.5 * (np.log(draws["stretch"][inside] / middle) / np.log(factor)) ** 2
+    return replace(answer, theta=answer.theta[inside], log_weight=answer.log_weight[inside] + flat)
+
+
 def answered(curve: RadiusCurve, way: str, seed: int) -> Posterior:
     if way == "fit":
         return fit_many([curve], free=("t0", "scale", "rmax"), trust_input=True, seed=seed, workers=1)[0]
@@ -164,6 +183,7 @@ def one(job: tuple[int, str, str]) -> dict[str, Any]:
     asked = [name for name in SHOWN.values() if told and name in answer.parameters]
     if truth["shear_modulus"] == 0.0 and way != "infer":  # a law without the switch has a modulus
         asked = [name for name in asked if name != "shear_modulus"]
+    like = like_truths(answer, truth) if told and way == "nhkv" and kind in ("real", "field") else None
     return {
         "verdict": answer.checks.verdict, "seconds": time.process_time() - began,
         "switches": dict(answer.switches), "effective": answer.diagnostics.effective_sample_size,
@@ -171,6 +191,7 @@ def one(job: tuple[int, str, str]) -> dict[str, Any]:
         "on": {name: truth[name] for name in SWITCHES if name in truth},
         "bounds": {name: answer.bound(name) for name in asked},
         "intervals": {name: [answer.interval(name, level) for level in LEVELS] for name in asked},
+        "within": {name: like.interval(name) for name in asked} if like else {},
     }  # fmt: skip
 
 
@@ -206,6 +227,10 @@ def of_setting(setting: str, rows: list[dict[str, Any]]) -> Iterator[Number]:
         ends = [row["intervals"][name][-1] for row in held if row["bounds"][name] is None]
         widths = [np.log10(high / low) for low, high in ends if low > 0.0]
         yield statistic(f"{setting}.{symbol}.width", widths, "decades", seed=FIRST)
+        within = [(row["truth"][name], row["within"][name]) for row in rows if name in row["within"]]
+        if within:
+            hits = [low <= truth <= high for truth, (low, high) in within]
+            yield coverage(f"{setting}.{symbol}.within", hits, LEVELS[-1], seed=FIRST)
     told = [row["verdict"] != "failed" for row in rows]
     yield share(f"{setting}.interval", told, FIRST)
     yield share(f"{setting}.ok", [row["verdict"] == "ok" for row in rows], FIRST)
