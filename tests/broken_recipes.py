@@ -45,7 +45,7 @@ RECIPES: dict[str, tuple[bytes, str]] = {
     "frames a billion": (instead("frames = 20", "frames = 1000000000"), "frames"),
     "frame interval of an hour": (instead("frames = 20", "frame_interval_us = 3.6e9"), "grid"),
     "radius in m": (instead("frames = 20", "reference_max_radius_um = 245e-6"), "reference_max_radius"),
-    "medium with an unknown constant": (instead("frames = 20", "medium = {densty = 1000.0}"), "density?"),
+    "medium with an unknown constant": (instead("frames = 20", "medium = {densty = 1000.0}"), "densty"),
     "medium that boils": (instead("frames = 20", "medium = {temperature = 400.0}"), "boil"),
     "prior upside down": (instead("stretch = [3.0, 11.0]", "stretch = [11.0, 3.0]"), "stretch"),
     "prior of a stretch below 1": (instead("stretch = [3.0, 11.0]", "stretch = [0.1, 11.0]"), "stretch"),

@@ -426,7 +426,7 @@ def _curve(
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _LEAST_RADIUS
     r[empty], std[~(std > 0)] = np.nan, np.nan
-    order = np.argsort(t, kind="stable")
+    order = np.lexsort((np.isnan(r), t))  # of frames of one time, one with a radius comes first
     if reason := _shared_times(t[order], r[order]):
         return unusable_curve(reason, meta)
     first = order[np.diff(t[order], prepend=-np.inf) > _TIME_TOLERANCE]

@@ -13,9 +13,8 @@ import json
 import os
 import re
 import shutil
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -126,7 +125,6 @@ class GenerateSummary:
     written: int  # files that were written
     skipped: int  # files that were complete already
     failures: dict[str, int]
-    seconds: float
     simulated: int  # curves that were simulated in this call
 
 
@@ -201,7 +199,6 @@ def generate(
     layout = layout_of(problem)
     require(n >= 1, f"at least one curve is needed, got {n}", "dataset.curves")
     head = {"problem": layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
-    began = time.perf_counter()
     with writable_folder(out_dir) as folder:
         complete = [read_shard(path, head) for path in sorted(folder.glob("shard-*.h5"))]
         free = shutil.disk_usage(folder).free
@@ -219,8 +216,7 @@ def generate(
                 advance(len(block))
         statuses = sum((read_shard(path, head).statuses for path in files), Counter[str]())
     failures = {status: count for status, count in statuses.items() if status != "ok"}
-    curves, seconds = sum(map(len, files.values())), time.perf_counter() - began
-    return GenerateSummary(curves, len(todo), len(files) - len(todo), failures, seconds, simulated)
+    return GenerateSummary(n, len(todo), len(files) - len(todo), failures, simulated)
 
 
 def load(data_dir: str | Path) -> Dataset:
@@ -238,7 +234,7 @@ def load(data_dir: str | Path) -> Dataset:
     if hasattr(os, "sysconf"):  # all but Windows
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
         layout.check_space(2 * head["total"], memory, "of memory")  # the parts and the joined arrays
-    shards = list(_shards(paths))
+    shards = [first, *(read_shard(path, {key: head[key] for key in ATTRIBUTES}) for path in paths[1:])]
     columns = {name: np.concatenate([shard.columns[name] for shard in shards]) for name in layout.columns}
     require(bool((columns["status"] == "ok").any()), f"{data_dir}: every simulation of this set failed", "dataset.none")
     problem = _problem_of(json.loads(head["problem"]))
@@ -272,15 +268,6 @@ class Shard(NamedTuple):
     layout: Layout
     columns: Columns
     statuses: Counter[str]
-
-
-def _shards(paths: Sequence[Path]) -> Iterator[Shard]:
-    """Read the files of one set one by one. Raises InputError: a file belongs to another set."""
-    expected: Mapping[str, Any] = {}
-    for path in paths:
-        shard = read_shard(path, expected)
-        expected = {key: shard.head[key] for key in ATTRIBUTES}
-        yield shard
 
 
 def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:

@@ -12,7 +12,6 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from reprlib import repr as short
@@ -110,10 +109,8 @@ class PointRecipe(_Recipe):
         table = self.problem_table
         constants = {"name": table.medium} if isinstance(table.medium, str) else {"name": "water"} | table.medium
         names = [*(field.name for field in fields(Medium)), "unusual"]
-        for key in constants.keys() - {*names}:
-            similar = get_close_matches(key, names, 1)
-            hint = f"did you mean {similar[0]}?" if similar else f"known: {', '.join(names)}"
-            raise InputError(f"[problem] medium: unknown constant {key!r}, {hint}", "recipe.medium")
+        if unknown := ", ".join(constants.keys() - {*names}):
+            raise InputError(f"[problem] medium: no constants {unknown}; there are {', '.join(names)}", "recipe.medium")
         liquid = medium(**constants)
         grid = FrameGrid(table.frame_interval_us / 1e6, table.frames)
         prior, reference = Prior.uniform(self.prior), table.reference_max_radius_um / 1e6
@@ -128,10 +125,6 @@ class PointRecipe(_Recipe):
         return {"problem": self.problem.to_dict(), "outputs": list(self.outputs), **super().settings()}
 
 
-class DomainTable(Section):
-    """It has no keys: what the bubbles are drawn from are constants (training/trajectories.py)."""
-
-
 class EmulatorNetworkTable(Section):
     """width: of the residual blocks, of which there are `depth`. components: principal ones of the trajectories."""
 
@@ -141,7 +134,7 @@ class EmulatorNetworkTable(Section):
 
 
 class EmulatorRecipe(_Recipe):
-    domain: DomainTable = Field(alias="emulator")
+    domain: Section = Field(alias="emulator")  # without keys: what bubbles are drawn from are constants
     network: EmulatorNetworkTable = EmulatorNetworkTable()
     training: TrainingTable = TrainingTable()
 

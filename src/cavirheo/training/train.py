@@ -4,7 +4,6 @@ All random numbers follow from (seed, epoch): a run that is interrupted and cont
 
 Files in the run's folder, each written completely or not at all:
     checkpoint.safetensors  weights (also the best ones) and optimiser at the last epoch; settings and history as JSON
-    history.jsonl           one line per epoch: losses of the training and the validation part, seconds
     NAME.npz, NAME.json     at the end: the best weights, and their card (inference/cards.py)
 """
 
@@ -15,8 +14,7 @@ import math
 import platform
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import version
@@ -125,7 +123,6 @@ def fit(task: Task, table: TrainingTable, folder: Path, identity: Mapping[str, A
                 best = {name: tensor.clone() for name, tensor in task.exported.state_dict().items()}
             done = Progress([*done.history, line | {"seconds": round(time.perf_counter() - began, 3)}], best)
             save(path, task, identity, done)
-            write_text(folder / "history.jsonl", "".join(as_json(entry) + "\n" for entry in done.history))
     return done
 
 
@@ -178,7 +175,7 @@ def resumed(path: Path, task: Task, identity: Mapping[str, Any]) -> Progress:
     """Load the last checkpoint, if there is one, into the task. Raises InputError: it is damaged, or of another run."""
     if not path.exists():
         return Progress([], {})
-    with damaged_as_input_error(path):
+    try:
         if not path.is_file():  # reading a pipe would wait for ever
             raise OSError("no file")
         with safe_open(path, framework="pt") as file:
@@ -201,13 +198,6 @@ def resumed(path: Path, task: Task, identity: Mapping[str, Any]) -> Progress:
         networks_of(task).load_state_dict(tensors)
         losses = ("epoch", "train", "validation", "seconds")
         return Progress([{key: float(line[key]) for key in losses} for line in note["history"]], best)
-
-
-@contextmanager
-def damaged_as_input_error(path: Path) -> Iterator[None]:
-    """Context in which the content of `path` is used; turns any error into an InputError on this file."""
-    try:
-        yield
     except InputError:
         raise
     except Exception as error:  # libraries raise nearly any error for a damaged file
@@ -263,16 +253,11 @@ def export(task: Task, recipe: Recipe, done: Progress, folder: Path, device: str
     text = as_json(about, indent=2)
     # put each list of numbers or words on one line
     text = re.sub(r"\[\s+([^][{}]+?)\s+\]", lambda match: f"[{' '.join(match[1].split())}]", text)
-    write_text(target.with_suffix(".json"), text + "\n")
+    with atomic_file(target.with_suffix(".json")) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
     return target
 
 
 def as_json(content: Mapping[str, Any], indent: int | None = None) -> str:
     """The text of a JSON object, in which numbers that are not finite are null."""
     return to_json(content, indent=indent, inf_nan_mode="null").decode()
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write text into a file, completely or not at all."""
-    with atomic_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

@@ -59,12 +59,9 @@ def generate(
     keywords: dict[str, Any] = {"seed": seed, "workers": workers, "progress": not quiet}
     with connected(scheduler, slurm, run.say) as executor:
         written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **keywords)
-    run.say(f"{written.curves} curves in {out}: {written.written} files written, {written.skipped} already there")
-    if written.simulated:
-        rate = written.simulated / written.seconds
-        run.say(f"{written.simulated} simulated in {written.seconds:.0f} s ({rate:.0f} per s)")
     for status, count in written.failures.items():
         run.say(f"{count} failed: {status}")
+    run.end(f"{written.curves} curves in {out}, {written.simulated} of them simulated now")
 
 
 def train(
