@@ -64,6 +64,7 @@ _WORDS = """' "" --- # % , ; =1+1 <script>alert(1)</script> [/] {{7*7}} $x^2_{ .
 rmax_m px NaN(1) N/A null shot [] {} [nan,1.0] [a.b] &#0; </sheetData>"""
 NUMBERS, WORDS = _NUMBERS.split(), _WORDS.split()
 WORDS += ["", " ", "\t", "\0", "\ufeff", "\x1b[31mred\x1b[0m", "\u202etxt", "a" * 300, "R [mm]", "G' (Pa)"]
+LONGEST = 200_000  # characters of a line that is repeated
 SIZES = (0, 1, 3, 255, 65535, 2**31 - 1, 2**31, 2**32 - 1)
 
 
@@ -114,7 +115,7 @@ def text(content: bytes, chance: random.Random) -> bytes:
         case 5:
             lines = [line.replace(chance.choice(",;\t "), chance.choice(",;\t ")) for line in lines]
         case 6:
-            lines[k] = lines[k] * chance.choice((2, 40, 4000))
+            lines[k] = (lines[k] * chance.choice((2, 40, 4000)))[:LONGEST]
         case 7:
             return said.encode(chance.choice(("utf-16", "utf-16-le", "utf-8-sig", "utf-32", "latin-1")), "replace")
     return "\n".join(lines).encode("utf-8", "surrogateescape")
