@@ -218,7 +218,7 @@ def test_a_group_says_its_material():
         for k, one in enumerate(shots(6, seed=seed, centre=centre)):
             curve = bubble(f"{name}[{k + 1}]", name)
             pairs.append((curve, replace(one, checks=answer(curve).checks, stretch=8.0, evidence=Evidence(10.0, 0.1))))
-    assert result(pairs[:1], "x").groups[0].material is None  # a single shot
+    assert not result(pairs[:1], "x").groups[0].population.has_material  # a single shot
     document = result(pairs, "cavirheo infer")
     soft = document.groups[0].population
     found = population([one for _, one in pairs[:6]], names=[curve.name for curve, _ in pairs[:6]])
