@@ -228,11 +228,10 @@ def _heaps(name: str, heaps: Sequence[Any]) -> str:
     return f"the shots disagree: {parameter_of(name).symbol} {heaps_in_words(name, heaps)}"
 
 
-def _scatter(name: str, scatter: float) -> str:
+def _scatter(name: str, scatter: float, limit: float) -> str:
     symbol = parameter_of(name).symbol
-    return (
-        f"the shots disagree: {symbol} scatters by {digits.percent(scatter)} %, of one batch of gel by less than 40 %"
-    )
+    size, usual = digits.percent(scatter), digits.percent(limit)
+    return f"the shots disagree: {symbol} scatters by {size} %, of one batch of gel by less than {usual} %"
 
 
 _UNCOUNTED = {  # what is said of one shot that does not count, and of several

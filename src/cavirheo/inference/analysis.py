@@ -257,9 +257,8 @@ class Analysis:
         medium = self.medium_for(curve)
         shot = Experiment(curve, Family(str(self.material)), medium, self.options)
         found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
-        walls = [*wall_warnings(shot), *felt_walls(found, curve.max_radius)]
-        warnings = [*curve_warnings(curve, medium), *walls, *smoothing_warnings(found.checks)]
-        warnings += stiffness_warnings(found)
+        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot), *felt_walls(found, curve.max_radius)]
+        warnings += [*smoothing_warnings(found.checks), *stiffness_warnings(found)]
         return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 
     def _read(self, curve: RadiusCurve, empty: Posterior, network: Network) -> Posterior:

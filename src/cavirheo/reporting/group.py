@@ -18,6 +18,7 @@ from cavirheo.reporting.answer import CurveRecord, Sentence
 from cavirheo.reporting.laws import LawsOfGroup
 from cavirheo.reporting.material import (
     KEYS,
+    WIDE_SCATTER,
     PopulationRecord,
     Systematic,
     population_record,
@@ -188,7 +189,7 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
     for name, heaps in population.heaps.items():
         messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
     for name, scatter in population.wide_scatters.items():
-        messages.append(Message("group.doubt.scatter", {"name": name, "scatter": scatter}))
+        messages.append(Message("group.doubt.scatter", {"name": name, "scatter": scatter, "limit": WIDE_SCATTER}))
     if trends := size_trends(shots):
         messages.append(Message("group.doubt.trend", {"trends": trends}))
     return messages
