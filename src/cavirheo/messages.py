@@ -235,7 +235,7 @@ def _scatter(name: str, scatter: float, limit: float) -> str:
 
 
 _UNCOUNTED = {  # what is said of one shot that does not count, and of several
-    "does_not_fit": ("does not fit", "do not fit"),
+    "does_not_fit": ("misses the law by over 3 % of R_max", "miss the law by over 3 % of R_max"),
     "check_input": ("has an input warning", "have an input warning"),
     "failed": ("has no answer", "have no answer"),
     "unverified": ("is by a network alone", "are by a network alone"),
@@ -288,6 +288,9 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "group.doubt.heaps": _heaps,
     "group.doubt.scatter": _scatter,
     "group.not_given": lambda values: f"{constants_in_words(values)}: assumed, for none is given",
+    "group.doubt.misfits": lambda count, total: (
+        f"{count} of {total} recordings {'does' if count == 1 else 'do'} not follow the law"
+    ),
     "group.doubt.trend": lambda trends: (
         f"{', '.join(trends)} with R_max, as no constant does: wrong law or bubble? --column R_max gives the slope"
     ),

@@ -176,6 +176,15 @@ def test_only_what_is_trusted_counts_in_materials_and_pictures(verdict, count):
     assert len(population([made for _, made in pairs], only_trusted=False).shots) == 5
 
 
+def test_a_group_with_many_misfits_is_doubted_and_still_has_its_values():
+    for misfits, verdict in ((1, "ok"), (2, "does_not_fit")):
+        pairs = growing(0.0, count=5)
+        pairs[:misfits] = [(curve, with_verdict(one, "does_not_fit")) for curve, one in pairs[:misfits]]
+        (one,) = result(pairs, COMMAND).groups
+        assert one.verdict == verdict
+        assert one.value("shear_modulus").known
+
+
 def test_bounds_count_where_they_tell_something(tmp_path):
     """Of five shots that count three determine mu: one count for the table, the group and the material."""
     rng, pairs = np.random.default_rng(1), growing(count=5, draws=800)

@@ -36,6 +36,7 @@ MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 TWO_SIDED_99 = 2.58  # standard deviations
 MOST = 0.5  # share of the shots of a group, above which they decide its verdict
+MANY = 0.25  # share of shots that do not fit, above which the others are a choice of those that the law suits
 _EQUAL = 1e-6  # relative range of values that count as equal
 
 
@@ -190,6 +191,9 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
         messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
     for name, scatter in population.wide_scatters.items():
         messages.append(Message("group.doubt.scatter", {"name": name, "scatter": scatter, "limit": WIDE_SCATTER}))
+    misfits = sum(record.verdict == "does_not_fit" for record in shots)
+    if total > 1 and misfits > MANY * total:
+        messages.append(Message("group.doubt.misfits", {"count": misfits, "total": total}))
     if trends := size_trends(shots):
         messages.append(Message("group.doubt.trend", {"trends": trends}))
     return messages
@@ -230,10 +234,10 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
     if len(shots) == 1:
         return shots[0].verdict
     codes = {message.code for message in doubts}
-    if codes - {"group.doubt.bubble", "group.doubt.trend"}:
+    wrong_law = {"group.doubt.bubble", "group.doubt.misfits"}
+    if codes - wrong_law - {"group.doubt.trend"}:
         return "check_input"
-    misfits = sum(record.verdict == "does_not_fit" for record in shots)
-    if "group.doubt.bubble" in codes or _most(misfits, len(shots)):
+    if codes & wrong_law:
         return "does_not_fit"
     if codes:
         return "check_input"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from cavirheo.messages import heaps_in_words
 from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.answer import CurveRecord, parameter_key
 from cavirheo.reporting.comparison import print_comparison
-from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.group import MOST, GroupRecord
 from cavirheo.reporting.laws import LAW_HEADS, LAWS_TITLE
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import curves_by_message, parameters_table, shots_table
@@ -27,7 +27,9 @@ COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from whi
 _NAME = 28  # most characters of the name of a shot; in a table that is too wide SHORT_NAME
 _LABEL = 6  # columns before the text of a line below the shots
 _SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # parameters of the answer
-_DISAGREEMENTS = ("group.doubt.heaps", "group.doubt.scatter", "group.doubt.trend")  # of shots that may each be right
+# doubts about a group of which the values may still be used, with care
+_DISAGREEMENTS = ("group.doubt.heaps", "group.doubt.scatter", "group.doubt.misfits", "group.doubt.trend")
+_SURE = 0.95  # probability of a state of a switch of a group, from which on a shot that says otherwise is named
 
 
 def print_result(
@@ -108,7 +110,18 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord
     if len(visible) < len(shots):
         hidden = Counter(digits.VERDICT_WORDS[shot.verdict] for shot in shots if shot not in visible)
         counts = ", ".join(f"{count} {words}" for words, count in hidden.items())
-        _say("", f"{digits.counted(hidden.total(), 'more shot')}: {counts} (--all)")
+        values = "".join(f"; {words}" for words in _ranges(result, [shot for shot in shots if shot not in visible]))
+        _say("", f"{digits.counted(hidden.total(), 'more shot')}: {counts} (--all){values}")
+
+
+def _ranges(result: Result, shots: Sequence[CurveRecord]) -> Iterator[str]:
+    """'µ of those that count: 0.0042 to 0.035 Pa s'."""
+    for name, symbol in _SYMBOLS.items():
+        factor, unit = result.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
+        values = [shot.value(name) for shot in shots if shot.trusted]
+        medians = [value.median for value in values if value.median is not None and not value.is_zero]
+        if medians:
+            yield f"{symbol} of those that count: {digits.ends(medians, factor, 2)} {unit}"
 
 
 def _table_width(rows: Sequence[Sequence[str]]) -> int:
@@ -117,7 +130,7 @@ def _table_width(rows: Sequence[Sequence[str]]) -> int:
 
 def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
     for label, parts in answer_lines(result, group, shots, out):
-        if label in ("use", "check"):
+        if label in ("use", "check", "model"):
             style = digits.VERDICT_STYLES[group.verdict].terminal if label == "use" else ""
             _say(label, parts[0], style=style, most=3)
         else:
@@ -130,13 +143,15 @@ def answer_lines(
     """(label, parts of a line) of the answer of a group: G and mu, whether to use them, what could be wrong, which
     model, and what to do next. A page has the same lines. out: folder of the documents."""
     lines = list[tuple[str, list[str]]]()
+    refusal = _refusal(group, shots)
     for name, symbol in _SYMBOLS.items():
         if group.has_answer and (line := _value_line(result, group, shots, name)):
-            lines.append((symbol, line))
-    lines.append(("use", [_use(group, shots)]))
-    checks, probabilities = "; ".join(message.text for message in group.facts), _probabilities(group)
-    lines += [("check", [checks])] if checks else []
-    lines += [("model", [probabilities])] if probabilities else []
+            lines.append((symbol, [*line, "(not to be used yet)"] if refusal else line))
+    lines.append(("use", [refusal or _use(group, shots)]))
+    if checks := "; ".join(message.text for message in group.facts):
+        lines.append(("check", [checks]))
+    if probabilities := _probabilities(group):
+        lines.append(("model", [probabilities + _unlike(group, shots)]))
     lines.append(("next", [_next_step(group, shots, out)]))
     return lines
 
@@ -191,19 +206,24 @@ def _is_liquid(group: GroupRecord) -> bool:
     return group.population.switches.get("liquid", 0.0) > 0.5
 
 
-def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """Whether G and mu may be used, in a sentence."""
-    disagree = [message for message in group.doubts if message.code in _DISAGREEMENTS]
-    if len(disagree) < len(group.doubts) or len(group.population.heaps) == len(_SYMBOLS):
+def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
+    """Why no value of a group is to be used, in a sentence; "" if one may be."""
+    serious = [message for message in group.doubts if message.code not in _DISAGREEMENTS]
+    if serious or len(group.population.heaps) == len(_SYMBOLS):
         return f"nothing yet: {'; '.join(message.text for message in group.doubts)}"
-    if group.verdict == "does_not_fit":
-        count = sum(shot.verdict == "does_not_fit" for shot in shots)
-        recordings = "the recording does" if len(shots) == 1 else f"{count} of {len(shots)} recordings do"
+    misfits = sum(shot.verdict == "does_not_fit" for shot in shots)
+    if group.verdict == "does_not_fit" and misfits > MOST * len(shots):
+        recordings = "the recording does" if len(shots) == 1 else f"{misfits} of {len(shots)} recordings do"
         return f"nothing: {recordings} not follow the law"
-    if group.verdict == "check_input" and not disagree:
+    if group.verdict == "check_input" and not group.doubts:
         return f"nothing yet: {'; '.join(message.text for message in shots[0].warnings)}"
     if group.verdict == "failed":
         return f"nothing: {shots[0].message}"
+    return ""
+
+
+def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
+    """How G and mu may be used, in a sentence."""
     if group.verdict == "unverified":
         return "as a first guess: a network gives one value, and no interval says how wrong it may be"
     uses: dict[str, list[str]] = {}
@@ -220,7 +240,8 @@ def _why(group: GroupRecord) -> str:
     reasons = list[str]()
     if disagree := _disagreeing(group):
         reasons.append(f"the shots disagree in {' and '.join(disagree)}")
-    reasons += [message.text for message in group.doubts if message.code == "group.doubt.trend"]
+    named = ("group.doubt.misfits", "group.doubt.trend")
+    reasons += [message.text for message in group.doubts if message.code in named]
     return f": {'; '.join(reasons)}" if reasons else ""
 
 
@@ -253,6 +274,24 @@ def _probabilities(group: GroupRecord) -> str:
         parts.append({"real bubble": 1.0 - switches["field_bubble"], "field's bubble": switches["field_bubble"]})
     words = [[f"{name} {100.0 * share:.0f} %" for name, share in part.items() if share >= 0.005] for part in parts]
     return "; ".join(", ".join(part) for part in words)
+
+
+def _unlike(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
+    """'; alone, [1] and [4] prefer the field's bubble': shots that would have another bubble than their group."""
+    if len(shots) == 1 or "field_bubble" not in group.population.switches:
+        return ""
+    shared = group.population.switches["field_bubble"]
+    counted = {shot.name: shot.switches.get("field_bubble", shared) for shot in shots if shot.trusted}
+    short = digits.distinct_names([shot.name for shot in shots])
+    names = dict(zip((shot.name for shot in shots), short, strict=True))
+    if shared < 1.0 - _SURE:
+        others, bubble = [names[name] for name, alone in counted.items() if alone > 0.5], "field's"
+    elif shared > _SURE:
+        others, bubble = [names[name] for name, alone in counted.items() if alone < 0.5], "real"
+    else:
+        others, bubble = [], ""
+    verb = "prefers" if len(others) == 1 else "prefer"
+    return f"; alone, {' and '.join(others)} {verb} the {bubble} bubble" if others else ""
 
 
 def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> str:

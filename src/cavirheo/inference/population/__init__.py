@@ -480,7 +480,7 @@ def _warnings(shots: Sequence[str], likelihoods: Sequence[Likelihood], effective
     sizes = zip(digits.distinct_names(shots), likelihoods, strict=True)
     rough = [name for name, shot in sizes if shot.effective < FEW]
     if rough:
-        yield f"rough, for it has fewer than {FEW:.0f} effective draws of {', '.join(rough)}"
+        yield f"the answer is rough: fewer than {FEW:.0f} effective draws of {', '.join(rough)}"
     if effective < _LEAST_EFFECTIVE:
         yield f"the intervals of the material are rough: its draws are worth {effective:.0f} independent ones"
 
