@@ -7,16 +7,15 @@ setting would tell; this module averages it, counts the shots that are needed, a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtri
 from scipy.stats.qmc import Halton
 
-from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import expect_whole, require
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.design import (
     MOST_SHOTS,
@@ -28,7 +27,7 @@ from cavirheo.inference.design import (
     shots_wanted,
     variance,
 )
-from cavirheo.parameters import STRETCH_RANGE, require_name
+from cavirheo.parameters import MOST_WIDTH, STRETCH_RANGE, require_name
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.reporting.answer import CurveRecord, StoredMedium
@@ -40,6 +39,7 @@ from cavirheo.writing.document import Document, Finite, Quantity, Record
 
 STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
 LEAST_GAIN = 0.01  # nats; with less a shot tells nothing
+_EVEN = np.array([-1.0, 1.0]) * np.sqrt(3.0)  # ends of an even distribution, in standard deviations
 LEAST_STRETCH_STD = 0.01  # smallest standard deviation of the stretch from shot to shot, decades
 
 
@@ -82,9 +82,9 @@ class Rig:
         require(len(bubbles) == 1, message, "option.bubble")
         Options(bubble=bubbles[0])
         message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
-        require(len(radii) == 2 and 0 < radii[0] <= radii[1] < np.inf, message, "design.max_radius")
+        require(len(radii) == 2 and 0 < radii[0] <= radii[1], message, "design.max_radius")
         message = f"frame rates must be positive, got {tuple(rates)}"
-        require(len(rates) > 0 and all(rate > 0 for rate in rates), message, "design.frame_rate")
+        require(len(rates) > 0 and min(rates) > 0, message, "design.frame_rate")
         message = f"noise must not be negative, got {self.noise} m and {self.relative_noise:g} of R_max"
         require(min(self.noise, self.relative_noise) >= 0.0, message, "design.noise")
         expect_whole(self.sizes, "sizes", 1, "design.sizes")
@@ -144,8 +144,7 @@ class Design(Document):
         medium: constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older
             version.
         wanted_percent: wanted half of the 90 % interval, % of the value.
-        spread_decades: standard deviation from shot to shot, decades (log10); root mean square over the parameters.
-        spreads_decades: standard deviation from shot to shot in each parameter, decades.
+        spreads_decades: standard deviation from shot to shot in each parameter, decades (log10).
         known: quantiles of the parameters and the stretch before the next shot, SI.
         shots_before: number of answers of the result.json on which this is based.
         settings: expected result at each frame rate and R_max.
@@ -158,7 +157,6 @@ class Design(Document):
     bubble: Bubble = FIELD
     medium: StoredMedium | None = None
     wanted_percent: float
-    spread_decades: float
     spreads_decades: dict[str, float] = {}
     known: dict[str, Quantity]
     shots_before: int = 0
@@ -188,24 +186,32 @@ class Design(Document):
         return [f"next: {digits.counted(setting.shots, 'shot')}{more} at {setting.words}, for {goal} of {law}"]
 
 
-def rounded(percent: float | None) -> str:
-    """Text of a number in percent, for a table."""
-    return digits.MISSING if percent is None else "> 300" if percent > 300 else digits.significant(percent, 2)
+def half_width(percent: float | None) -> str:
+    """Text of half of an interval in percent; that of a bound, whose ends are a factor of more than 10 apart, is no
+    number."""
+    if percent is None:
+        return digits.MISSING
+    return "bound" if percent > 100.0 * (np.sqrt(MOST_WIDTH) - 1.0) else digits.significant(percent, 2)
 
 
 def print_table(document: Design) -> None:
     """Print a line per setting, then the recommended setting and the number of shots."""
-    console, names = terminal.console(), list(document.settings[0].half_width_percent)
+    names = list(document.settings[0].half_width_percent)
     symbols = [digits.symbol_and_unit(name)[0] for name in names]
     heads = ["frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots", "gain\nnats"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
     table = terminal.table("R_max\nµm", heads, title=title)
     for k, setting in enumerate(document.settings):
-        shots = digits.MISSING if setting.shots is None else str(setting.shots)
-        row = [f"{setting.frame_rate_hz:,.0f}", *(rounded(setting.half_width_percent[name]) for name in names)]
-        row += [f"{100 * setting.readable:.0f}", shots, f"{setting.gain_nats:.2f}"]
-        style = "bold" if k == document.next else ""
-        table.add_row(digits.micrometres(setting.max_radius_m), *row, style=style)
+        table.add_row(
+            digits.micrometres(setting.max_radius_m),
+            f"{setting.frame_rate_hz:,.0f}",
+            *(half_width(setting.half_width_percent[name]) for name in names),
+            f"{100 * setting.readable:.0f}",
+            digits.MISSING if setting.shots is None else str(setting.shots),
+            f"{setting.gain_nats:.2f}",
+            style="bold" if k == document.next else "",
+        )
+    console = terminal.console()
     console.print(table)
     for line in document.sentences:
         console.print(line, style="bold")
@@ -246,16 +252,30 @@ def design(
 
     Method: the information of emulated recordings, docs/how-to/design.md; accuracy: docs/validation.md.
     """
+    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
+    expect_whole(draws, "draws", 2, "design.draws")
     rig = rig or Rig()
-    _check_numbers(wanted, spread, draws)
-    family, half_width = Family(rig.material), float(np.log10(1.0 + wanted))
-    prior = _prior_of(known, group, family, _prior(family, ranges or {}, spread or 0.0), spread)
-    logs, settings = prior.draw(draws, seed), rig.settings()
+    family = Family(rig.material)
+    names = (*family.parameters, "stretch")
+    ranges = {require_name(text, names, family.name, "design.range"): pair for text, pair in (ranges or {}).items()}
+    scatter, before = (spread or 0.0) ** 2 * np.eye(len(family.parameters)), 0
+    ends = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
+    if known is not None:
+        found, scatter, before = _material(known, group, family, spread)
+        ends |= found
+        ranges = {name: pair for name, pair in ranges.items() if name == "stretch"}
+    ends |= {name: _range(name, pair) for name, pair in ranges.items()}
+    low, high = np.transpose(list(ends.values()))
+    logs = low + (high - low) * Halton(len(names), seed=seed).random(draws)  # few of its points cover the ranges
     (bubble,) = bubbles_of(rig.bubble)
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
-    expected = shots.expectations(settings, done)
-    rows = [_row(prior, half_width, *columns) for columns in zip(settings, expected, strict=True)]
-    scatter = np.sqrt(np.diag(prior.scatter))
+    settings, covariance = rig.settings(), np.diag((high - low)[:-1] ** 2 / 12.0)
+    rows = [
+        _row(setting, expected, covariance, scatter, family.parameters, np.log10(1.0 + wanted))
+        for setting, expected in zip(settings, shots.expectations(settings, done), strict=True)
+    ]
+    require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     quantiles = [Quantity.from_interval(*ends) for ends in 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0).T]
     return Design(
         command="cavirheo.design",
@@ -263,108 +283,85 @@ def design(
         bubble=bubble,
         medium=medium(rig.medium),
         wanted_percent=100.0 * wanted,
-        spread_decades=float(np.sqrt(np.mean(scatter**2))),
-        spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
-        known=dict(zip((*family.parameters, "stretch"), quantiles, strict=True)),
-        shots_before=prior.shots,
+        spreads_decades=dict(zip(family.parameters, np.sqrt(np.diag(scatter)).tolist(), strict=True)),
+        known=dict(zip(names, quantiles, strict=True)),
+        shots_before=before,
         settings=rows,
-        next=_best_setting(rows),
+        next=min(
+            range(len(rows)), key=lambda i: (np.inf if rows[i].shots is None else rows[i].shots, -rows[i].gain_nats)
+        ),
     )
 
 
-def _check_numbers(wanted: float, spread: float | None, draws: int) -> None:
-    """Raises InputError for an argument of `design` that is out of its domain."""
-    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
-    require(draws >= 2, f"two draws are the least, got {draws}", "design.draws")
+def _range(name: str, pair: Sequence[float]) -> Floats:
+    """log10 of the ends of a range. Raises InputError: an impossible range."""
+    low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
+    message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"
+    require(len(pair) == 2 and low < pair[0] < pair[1] < high, message, "design.range")
+    return np.log10(pair)
 
 
-def _best_setting(rows: Sequence[DesignedSetting]) -> int:
-    """`Design.next`. Raises InputError: no row is readable."""
-    require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
-    return min(range(len(rows)), key=lambda i: (np.inf if rows[i].shots is None else rows[i].shots, -rows[i].gain_nats))
-
-
-def _row(prior: _Prior, half_width: float, setting: Setting, expected: Sequence[Expectation | None]) -> DesignedSetting:
-    """The row of a setting, for an interval of so many decades; a recording that cannot be read tells nothing."""
+def _row(
+    setting: Setting,
+    expected: Sequence[Expectation | None],
+    covariance: Floats,
+    scatter: Floats,
+    names: Sequence[str],
+    wanted: float,
+) -> DesignedSetting:
+    """The row of a setting. covariance: (l, l) of what is known of the material, and scatter of its shots about it.
+    wanted: decades, half of the interval. A recording that cannot be read tells nothing."""
     read = [shot for shot in expected if shot is not None]
     share = len(read) / len(expected)
-    material = [material_information(shot.information, prior.scatter) for shot in read]
-    counts = [shots_wanted(share * one, prior.covariance, half_width) for one in material]
-    middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
-    decades = np.median([shot.half_width for shot in read] or [np.full(len(prior.covariance), np.nan)], axis=0)
+    material = [material_information(shot.information, scatter) for shot in read]
+    counts = sorted(shots_wanted(share * one, covariance, wanted) for one in material)
+    shots = counts[len(counts) // 2] if counts else np.inf
+    decades = np.median([shot.half_width for shot in read] or [np.full(len(names), np.nan)], axis=0)
     return DesignedSetting(
         max_radius_m=setting.max_radius,
         frame_rate_hz=setting.frame_rate,
         frames=setting.frames,
         noise_m=setting.noise,
         readable=share,
-        half_width_percent=dict(zip(prior.family.parameters, 100.0 * (10.0**decades - 1.0), strict=True)),
-        shots=int(middle) if np.isfinite(middle) else None,
-        gain_nats=sum(gain(one, prior.covariance) for one in material) / len(expected),
+        half_width_percent=dict(zip(names, 100.0 * (10.0**decades - 1.0), strict=True)),
+        shots=int(shots) if np.isfinite(shots) else None,
+        gain_nats=sum(gain(one, covariance) for one in material) / len(expected),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Prior:
-    """What is known before the next shot, in log10: `mean` (l + 1,) and `deviation` (l + 1,) of the parameters of a law
-    and of the stretch, `normal` (l + 1,) or even; `covariance` (l, l) of the material, and `scatter` (l, l), the
-    covariance of its shots about it. shots: number of shots behind both. stretch_given: by a range."""
+def _material(
+    known: Result | str | Path, group: str | None, family: Family, spread: float | None
+) -> tuple[dict[str, Floats], Floats, int]:
+    """What a result says: log10 of the ends of an even distribution with the mean and deviation of each parameter of
+    the law, and of the stretch; covariance (l, l) of the shots about the material, of `spread` decades if that is
+    given; and number of shots.
 
-    family: Family
-    mean: Floats
-    deviation: Floats
-    normal: Bools
-    covariance: Floats
-    scatter: Floats
-    shots: int = 0
-    stretch_given: bool = False
-
-    def draw(self, count: int, seed: int) -> Floats:
-        """log10 of the law's parameters and of the stretch (count, l + 1): points of a Halton sequence, so that few of
-        them cover the distribution."""
-        cube = Halton(len(self.mean), seed=seed).random(count)
-        logs = self.mean + self.deviation * np.where(self.normal, ndtri(cube), np.sqrt(12.0) * (cube - 0.5))
-        logs[:, -1] = np.clip(logs[:, -1], *np.log10([STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999]))
-        return logs
-
-
-def _prior(family: Family, ranges: Mapping[str, Sequence[float]], spread: float) -> _Prior:
-    """What ranges say. Raises InputError: no such parameter, or an impossible range."""
-    names = (*family.parameters, "stretch")
-    ends = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
-    ranges = {require_name(name, names, family.name, "design.range"): pair for name, pair in ranges.items()}
-    for name, pair in ranges.items():
-        low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
-        message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"
-        require(len(pair) == 2 and low < pair[0] < pair[1] < high, message, "design.range")
-        ends[name] = np.log10(pair)
-    logs = np.array(list(ends.values()))
-    deviation, size = np.ptp(logs, axis=1) / np.sqrt(12.0), len(family.parameters)
-    even = np.zeros(len(names), dtype=bool)
-    covariance, scatter = np.diag(deviation[:-1] ** 2), spread**2 * np.eye(size)
-    return _Prior(family, logs.mean(axis=1), deviation, even, covariance, scatter, stretch_given="stretch" in ranges)
-
-
-def _prior_of(
-    known: Result | str | Path | None, group: str | None, family: Family, prior: _Prior, spread: float | None
-) -> _Prior:
-    """`prior` with what a result says of the material, and of the stretch unless a range of it is given."""
-    if known is None:
-        return prior
+    With fewer than three shots there is no population. The default scatter is then that of the parameter which scatters
+    most, beyond the widths of the intervals."""
     if not isinstance(known, Result):
         known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
-    chosen, rows = _answers(known, group, family)
-    material, covariance, scatter, shots = _material(chosen, rows, family, None if spread is None else prior.scatter)
-    mean = np.append(material, prior.mean[-1])
-    deviation = np.append(np.sqrt(np.diag(covariance)), prior.deviation[-1])
-    normal = np.append(np.ones(len(material), dtype=bool), False)
-    measured = np.log10([row.stretch.median for row in rows if row.stretch.median])
-    if not prior.stretch_given and len(measured):
-        mean[-1], deviation[-1], normal[-1] = np.mean(measured), max(np.std(measured), LEAST_STRETCH_STD), True
-    return replace(
-        prior, mean=mean, deviation=deviation, normal=normal, covariance=covariance, scatter=scatter, shots=shots
-    )
+    record, rows = _answers(known, group, family)
+    scatter = None if spread is None else spread**2 * np.eye(len(family.parameters))
+    pooled = record.population
+    of_law = pooled is not None and pooled.has_material and pooled.model.startswith(f"{family.name},")
+    if pooled and of_law and np.all(np.isfinite(log_ends(map(pooled.value, family.parameters)))):
+        mean, covariance, between = pooled.log_moments(family.parameters)
+        scatter = between if scatter is None else scatter
+        deviation, shots = np.sqrt(np.diag(covariance)), pooled.n - len(pooled.outliers)
+    else:
+        logs = np.array([log_ends(map(row.value, family.parameters)) for row in rows])  # (shots, l, 3)
+        middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])
+        if scatter is None:
+            excess = np.var(middle, axis=0, ddof=1) - variances.mean(axis=0) if len(rows) > 1 else np.zeros(1)
+            scatter = max(float(np.max(excess)), 0.0) * np.eye(middle.shape[1])
+        weight = 1.0 / (variances + np.diag(scatter))
+        mean = np.average(middle, axis=0, weights=weight)
+        deviation, shots = np.sqrt(1.0 / weight.sum(axis=0)), len(rows)
+    ends = dict(zip(family.parameters, np.transpose([mean, mean]) + _EVEN * deviation[:, None], strict=True))
+    if len(stretches := np.log10([row.stretch.median for row in rows if row.stretch.median])):
+        middle = np.mean(stretches) + _EVEN * max(np.std(stretches), LEAST_STRETCH_STD)
+        ends["stretch"] = np.clip(middle, *np.log10([STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999]))
+    return ends, scatter, shots
 
 
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:
@@ -375,34 +372,13 @@ def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRe
         rows = [row for row in shots if row.trusted and row.material in (family.name, AUTO)]
         rows = [row for row in rows if np.all(np.isfinite(log_ends(map(row.value, family.parameters))))]
         candidates += [(record, rows)] if rows and group in (None, record.name, rows[0].group) else []
-    groups = ", ".join(record.name for record in result.groups)
-    message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
-    message += f" in the group {group!r} (groups: {groups})" if group else ""
-    require(bool(candidates), message + ": give ranges instead", "design.no_answer")
+    if not candidates:
+        of_group = (
+            f" in the group {group!r} (groups: {', '.join(each.name for each in result.groups)})" if group else ""
+        )
+        message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
+        raise InputError(f"{message}{of_group}: give ranges instead", "design.no_answer")
     names = ", ".join(record.name for record, _ in candidates)
     message = f"the result has several materials ({names}): name the group of one with --group NAME"
     require(len(candidates) < 2, message, "design.groups")
     return candidates[0]
-
-
-def _material(
-    group: GroupRecord, rows: Sequence[CurveRecord], family: Family, scatter: Floats | None
-) -> tuple[Floats, Floats, Floats, int]:
-    """Mean (l,) and covariance (l, l) of the material, covariance (l, l) of its shots about it, and number of shots,
-    from the population of the group.
-
-    Without a population (two shots) they come from the answers. The default scatter is then that of the parameter which
-    scatters most, beyond the widths of the intervals."""
-    pooled = group.population
-    known = pooled and np.all(np.isfinite(log_ends(map(pooled.value, family.parameters))))
-    if pooled and known and pooled.has_material and pooled.model.startswith(f"{family.name},"):
-        mean, covariance, between = pooled.log_moments(family.parameters)
-        return mean, covariance, between if scatter is None else scatter, pooled.n - len(pooled.outliers)
-    logs = np.array([log_ends(map(row.value, family.parameters)) for row in rows])  # (shots, l, 3)
-    middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])
-    if scatter is None:
-        excess = np.var(middle, axis=0, ddof=1) - variances.mean(axis=0) if len(rows) > 1 else np.zeros(1)
-        scatter = max(float(np.max(excess)), 0.0) * np.eye(middle.shape[1])
-    weight = 1.0 / (variances + np.diag(scatter))
-    mean = np.average(middle, axis=0, weights=weight)
-    return mean, np.diag(1.0 / weight.sum(axis=0)), scatter, len(rows)

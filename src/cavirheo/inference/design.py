@@ -33,7 +33,7 @@ from cavirheo.inference.experiment import (
 )
 from cavirheo.inference.sample import expand
 from cavirheo.parallel import run_jobs
-from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
+from cavirheo.parameters import FRAME_RATE, PARAMETERS, RADIUS
 from cavirheo.physics.bubble import FREE as INFERRED
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
@@ -58,8 +58,7 @@ class Setting:
 
     def __post_init__(self) -> None:
         RADIUS.check("the R_max of a setting", self.max_radius, "design.max_radius")
-        require(self.frame_rate > 0, f"a frame rate must be positive, got {self.frame_rate}", "design.frame_rate")
-        INTERVAL.check("the time between two frames", 1.0 / self.frame_rate, "design.frame_rate")
+        FRAME_RATE.check("the frame rate of a setting", self.frame_rate, "design.frame_rate")
         expect_whole(self.frames, "frames", 10, "design.frames")
         message = f"the noise must be positive and below half of R_max, got {self.noise:g} m"
         require(0 < self.noise < 0.5 * self.max_radius, message, "design.noise")
@@ -216,9 +215,9 @@ def material_information(information: Floats, scatter: Floats) -> Floats:
     return np.asarray(np.linalg.solve(np.eye(len(information)) + information @ scatter, information))
 
 
-def shots_wanted(information: Floats, covariance: Floats, half_width: float) -> int | None:
-    """Number of shots that bring each parameter's 90 % interval to `half_width` decades about the median; None if it is
-    more than MOST_SHOTS. information: (l, l) of one shot on the material. covariance: (l, l) of what is known."""
+def shots_wanted(information: Floats, covariance: Floats, half_width: float) -> float:
+    """Number of shots that bring each parameter's 90 % interval to `half_width` decades about the median; infinite if
+    it is more than MOST_SHOTS. information: (l, l) of one shot on the material. covariance: (l, l) of what is known."""
     before = np.linalg.inv(covariance)
 
     def enough(count: int) -> bool:
@@ -226,4 +225,4 @@ def shots_wanted(information: Floats, covariance: Floats, half_width: float) -> 
         return bool(np.max(NORMAL_90 * np.sqrt(np.diag(left))) <= half_width)
 
     count = bisect_left(range(MOST_SHOTS + 1), True, key=enough)
-    return count if count <= MOST_SHOTS else None
+    return count if count <= MOST_SHOTS else np.inf
