@@ -104,7 +104,7 @@ PLANTED = (
     Planted("collapse time's change with scale, sign", "inference/collapse_time.py",
             "100.0 * (longer - G)", "100.0 * (G - longer)", ("test_collapse_time",)),
     Planted("interval of a collapse time with half of its probability outside", "inference/collapse_time.py",
-            "student.ppf(0.95, free)", "student.ppf(0.75, free)", ("test_collapse_time",)),
+            "stdtrit(free, 0.95)", "stdtrit(free, 0.75)", ("test_collapse_time",)),
     Planted("scale's factors upside down", "inference/checks.py",
             "if ratio < 1.0 else (1.0", "if ratio > 1.0 else (1.0", ("test_inference",)),
     Planted("prior counted once for each shot", "inference/population/hierarchy.py",

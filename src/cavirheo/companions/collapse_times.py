@@ -14,7 +14,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
-from cavirheo.inference import checks
+from cavirheo.inference.checks import curve_warnings
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
 from cavirheo.io.files import guarded
 from cavirheo.io.matlab import opened
@@ -141,12 +141,6 @@ class CollapseTimes(Document):
     medium: dict[str, Any]
     groups: list[CollapseGroup]
 
-    @property
-    def modulus_unit(self) -> tuple[float, str]:
-        """(factor from Pa, name of the unit) of G in all tables and pictures of this document."""
-        estimates = [group.estimate for group in self.groups if group.estimate]
-        return digits.modulus_unit(each.shear_modulus_Pa.largest for each in estimates)
-
 
 def read_groups(
     files: Sequence[str | Path], medium: Medium, stretch: float | None = None, group: str = "auto", shots: Chosen = None
@@ -161,9 +155,11 @@ def read_groups(
             table = read_table(path, stretch, shots)
         except InputError as error:
             problems.append(str(error))
+            continue
+        if table is None:
+            curves.append(path)
         else:
-            groups += [table] if table else []
-            curves += [] if table else [path]
+            groups.append(table)
     constants: Any = {"density": medium.density, "pressure": medium.pressure}
     read, unread, repeated, hints = read_shots(curves, group=group, shots=shots, **constants)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
@@ -171,8 +167,7 @@ def read_groups(
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), group_curves in members.items():
         digest = group_curves[0].source_sha256 or "" if source == group_curves[0].source else ""
-        messages = [(curve.name, message) for curve in group_curves for message in checks.curve_warnings(curve, medium)]
-        warnings = [f"{curve_name}: {message.text}" for curve_name, message in messages]
+        warnings = [f"{each.name}: {warning.text}" for each in group_curves for warning in curve_warnings(each, medium)]
         for curve in group_curves:
             other = {key: value for key, value in curve.medium.items() if getattr(medium, key) != value}
             words = [f"{key.replace('_', ' ')} {value:.6g} {CONSTANTS[key].unit}" for key, value in other.items()]
@@ -184,16 +179,16 @@ def read_groups(
 
 def _curve_shot(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
-        shots, origin = shot(curve, stretch)
+        read, origin = shot(curve, stretch)
     except InputError as error:
         return CollapseShot(name=curve.name, message=error.message)
-    return _shot(curve.name, origin, shots.max_radius[0], shots.stretch[0], shots.time[0])
+    return _shot(curve.name, origin, "", read.max_radius[0], read.stretch[0], read.time[0])
 
 
-def _shot(name: str, origin: str, R: float, stretch: float, t: float) -> CollapseShot:
-    """A shot from R_max, lambda and t_1 in SI. origin: where lambda comes from."""
+def _shot(name: str, origin: str, message: str, R: float, stretch: float, t: float) -> CollapseShot:
+    """A shot from R_max, lambda and t_1 in SI. origin: where lambda comes from. message: why it cannot be used."""
     values = {"max_radius_m": R, "stretch": stretch, "collapse_time_s": t}
-    return CollapseShot(name=name, stretch_from=origin, message=unusable(R, stretch, t), **values)
+    return CollapseShot(name=name, stretch_from=origin, message=message, **values)
 
 
 def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) -> CollapseGroup | None:
@@ -206,11 +201,11 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             leaf = arrays.get(VARIABLE)
             array: Any = leaf.read() if isinstance(leaf, Numbers) else None
         if leaf is not None:
-            shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
-            expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
-            got = f"the shape {shape}" if shape else "a cell array"
-            fine = len(shape) == 2 and 3 in shape and 0 not in shape
-            require(fine, f"{expected}; got {got}", "collapse_time.variable")
+            shape = np.shape(array)
+            if len(shape) != 2 or 3 not in shape or 0 in shape:
+                expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
+                got = f"the shape {shape}" if shape else "a cell array"
+                raise InputError(f"{expected}; got {got}", "collapse_time.variable")
             radius, stretches, time = array.T if shape[1] == 3 else array
             name, notes = None, [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
         else:
@@ -231,9 +226,9 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             notes = [*notes, "lambda of the table used, not the one given"]
         rows = np.column_stack([radius, stretches, time]).tolist()
         names = name.text if name else map(str, range(1, len(rows) + 1))
-        shots = selected([_shot(text, origin, *row) for text, row in zip(names, rows, strict=True)], chosen)
+        shots = [_shot(text, origin, unusable(*row), *row) for text, row in zip(names, rows, strict=True)]
         head: Any = {"source": printable(str(path)), "source_sha256": source.sha256, "notes": notes}
-        return CollapseGroup(name=printable(path.stem), shots=shots, **head)
+        return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
 
 
 def write_csv(path: Path, document: CollapseTimes) -> None:
@@ -245,7 +240,8 @@ def write_csv(path: Path, document: CollapseTimes) -> None:
 def print_table(document: CollapseTimes) -> None:
     """Print a row per group, then remarks on the groups."""
     console = terminal.console()
-    factor, unit = document.modulus_unit
+    estimates = [group.estimate for group in document.groups if group.estimate]
+    factor, unit = digits.modulus_unit(found.shear_modulus_Pa.largest for found in estimates)
     heads = ("n", "model", f"G (90 %)\n{unit}", "µ (90 %)\nPa s", "scatter\n% of t₁")
     table = terminal.table("material", heads, left=("model",))
     names = digits.distinct_names([group.name for group in document.groups])
@@ -258,8 +254,8 @@ def print_table(document: CollapseTimes) -> None:
     console.print(table)
     remarks = terminal.names_by_text(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
-    changes = [group.estimate.modulus_per_percent_Pa for group in document.groups if group.estimate]
-    if moves := digits.ends([abs(change) for change in changes if change], factor, 2):
+    changes = [abs(change) for found in estimates if (change := found.modulus_per_percent_Pa)]
+    if moves := digits.ends(changes, factor, 2):
         common = f"t₁ of all shots 1 % longer (R_max, frame rate, density) lowers G by {moves} {unit}"
         console.print(f"intervals: from the scatter of the shots alone; {common}", style="dim")
     terminal.print_remarks(console, {}, document.notes)

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import Field
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, printable, require
+from cavirheo.errors import InputError, printable
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Column, Row, Table, Term, Vocabulary, read_columns
 from cavirheo.reporting.group import PublishedValue
@@ -30,8 +30,9 @@ from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
 from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of
 
+_LINEAR = 0.05  # largest relative deviation of G' from its plateau in a strain sweep
+_FLAT = 0.12  # the same in a frequency sweep: a power of 0.1 over a decade
 _LEAST_STRAINS, _LEAST_FREQUENCIES = 4.0, 9.9  # smallest ratio of the ends of a plateau; instruments are off by 1 %
-_FLAT = 0.12  # largest relative deviation of G' from its plateau in a frequency sweep: a power of 0.1 over a decade
 _OUTLIER_SHARE = 0.2  # largest share of outliers among the points of a plateau
 _WIDEST_GAP = 10.0  # ratio of two frequencies between which nothing is interpolated
 _SWEPT_RATIO = 2.0  # largest over smallest value from which a column counts as swept
@@ -133,21 +134,21 @@ class Sweep(Record):
         return self.plateau_to == self.x_to
 
 
-def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
+def strain_sweep(sweep: Sweep) -> Sweep:
     """The same sweep with its linear range: the longest range (at least a factor of 4 in strain) in which G' stays
-    within `tolerance` of its median. It may begin above the smallest strain, where the torque is low, and ends where
-    G', interpolated between two points, leaves the band, if it does."""
+    within 5 % of its median. It may begin above the smallest strain, where the torque is low, and ends where G',
+    interpolated between two points, leaves the band, if it does."""
     gamma, storage = sweep.x, sweep.storage
-    flat = _plateau(gamma, storage, tolerance, _LEAST_STRAINS)
+    flat = _plateau(gamma, storage, _LINEAR, _LEAST_STRAINS)
     if flat is None:
-        band = f"within {100 * tolerance:g} % over a factor of {_LEAST_STRAINS:g} in strain"
+        band = f"within {100 * _LINEAR:g} % over a factor of {_LEAST_STRAINS:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
         return sweep
     first, last, level = flat
     sweep.plateau_from, sweep.plateau_to = gamma[first], gamma[last]
     if last + 1 < len(gamma):
         softens = storage[last + 1] < level
-        edge = level * (1 - tolerance if softens else 1 + tolerance)
+        edge = level * (1 - _LINEAR if softens else 1 + _LINEAR)
         ends = [last + 1, last] if softens else [last, last + 1]
         sweep.plateau_to = math.exp(np.interp(math.log(edge), np.log(storage[ends]), np.log(gamma[ends])))
     loss = float(np.median(sweep.loss[first : last + 1]))
@@ -207,7 +208,9 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     Raises:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
     """
-    path, sweeps, refusals = Path(path), list[Sweep](), list[str]()
+    path = Path(path)
+    sweeps: list[Sweep] = []
+    refusals: dict[str, None] = {}
     with guarded(path) as source:
         parts = [part for table in read_columns(source, VOCABULARY) for part in _intervals(table)]
         for number, (label, table) in enumerate(parts, 1):
@@ -216,14 +219,14 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
             except InputError as error:
                 if error.code != _NO_SWEEP:
                     raise
-                refusals.append(str(error))
-        require(bool(sweeps), "; ".join(refusals), _NO_SWEEP)
-        digest = source.sha256
-    for sweep in sweeps:
-        stem = printable(path.stem)
-        sweep.name = f"{stem}[{sweep.name}]" if len(sweeps) > 1 and sweep.name else stem
-        sweep.source, sweep.source_sha256 = printable(str(path)), digest
-        sweep.notes += [f"left out of the file: {'; '.join(dict.fromkeys(refusals))}"] if refusals else []
+                refusals[str(error)] = None
+        if not sweeps:
+            raise InputError("; ".join(refusals), _NO_SWEEP)
+        stem, origin = printable(path.stem), printable(str(path))
+        for sweep in sweeps:
+            sweep.name = f"{stem}[{sweep.name}]" if len(sweeps) > 1 and sweep.name else stem
+            sweep.source, sweep.source_sha256 = origin, source.sha256
+            sweep.notes += [f"left out of the file: {'; '.join(refusals)}"] if refusals else []
     return sweeps
 
 
@@ -245,12 +248,13 @@ def _sweep(table: Table, label: str) -> Sweep:
     kind, swept, second = _settings(table, label)
     columns = [swept, table.column("storage"), table.column("loss")]
     numbers = np.stack([column.numbers for column in columns])  # in units of the file
-    usable = np.asarray(np.all(np.isfinite(numbers) & (numbers > 0), axis=0))
-    notes, left = list(table.notes), count - int(np.sum(usable))
+    usable = np.all(np.isfinite(numbers) & (numbers > 0), axis=0)
+    left, notes = count - int(np.sum(usable)), [*table.notes]
     if left:
         notes.append(f"{counted(left, 'row')} left out: marked invalid, or without three positive numbers")
-    few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
-    require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
+    if count - left < 3:
+        few = f"{count - left} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
+        raise InputError(few, _NO_SWEEP)
     assumed = [column for column in columns if column.name.unit is None and column.term.unit]
     notes += [f"{column.title!r} has no unit: taken to be in {column.term.unit}" for column in assumed]
     if swept.unit in _HERTZ:
@@ -262,8 +266,11 @@ def _sweep(table: Table, label: str) -> Sweep:
     held = None
     if second:
         values = second.numbers[usable][order]
-        if kind == "frequency":
-            _check_one_sweep([values[setting == k] for k in range(len(rows))])
+        for k in np.flatnonzero(rows > 2) if kind == "frequency" else ():
+            if _ratio(values[setting == k]) > _SWEPT_RATIO:
+                strains = f"{rows[k]} rows of one frequency with strains that differ by more than a factor of"
+                remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
+                raise InputError(f"{strains} {_SWEPT_RATIO:g}: {remedy}", "rheometer.two_sweeps")
         try:
             held = float(np.nanmedian(values) * second.factor) if np.isfinite(values).any() else None
         except InputError:
@@ -276,27 +283,20 @@ def _sweep(table: Table, label: str) -> Sweep:
 
 def _settings(table: Table, label: str) -> tuple[Any, Column, Column | None]:
     """(kind of the sweep, column of what is swept, column of what is held). Raises InputError: nothing is swept."""
-    terms = {"frequency": ("omega", "frequency"), "strain": ("strain", "shear strain")}
-    columns = {kind: [*table.all(first), *table.all(second)] for kind, (first, second) in terms.items()}
-    settings = {kind: candidates[0] for kind, candidates in columns.items() if candidates}
-    titles = ", ".join(map(repr, table.titles[:8]))
-    message = f"no column for frequency or strain among {titles}; {VOCABULARY.expected}"
-    require(bool(settings), message, _NO_SWEEP)
+    settings = {  # frequency before strain, which varies with it at a constant stress
+        kind: columns[0]
+        for kind, terms in (("frequency", ("omega", "frequency")), ("strain", ("strain", "shear strain")))
+        if (columns := [column for term in terms for column in table.all(term)])
+    }
+    if not settings:
+        titles = ", ".join(map(repr, table.titles[:8]))
+        raise InputError(f"no column for frequency or strain among {titles}; {VOCABULARY.expected}", _NO_SWEEP)
     positive = table.column("storage").numbers > 0
     swept = [kind for kind, column in settings.items() if _ratio(column.numbers[positive]) >= _SWEPT_RATIO]
-    where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
-    require(bool(swept), f"no sweep of {' and '.join(settings)} in the {where}", _NO_SWEEP)
-    kind = swept[0]  # frequency before strain, which varies with it at a constant stress
-    return kind, settings.pop(kind), next(iter(settings.values()), None)
-
-
-def _check_one_sweep(strains: Sequence[Floats]) -> None:
-    """Raises InputError: the strains at one of the frequencies are a sweep of their own."""
-    for each in strains:
-        if len(each) > 2 and _ratio(each) > _SWEPT_RATIO:
-            rows = f"{len(each)} rows of one frequency with strains that differ by more than a factor of"
-            remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
-            raise InputError(f"{rows} {_SWEPT_RATIO:g}: {remedy}", "rheometer.two_sweeps")
+    if not swept:
+        where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
+        raise InputError(f"no sweep of {' and '.join(settings)} in the {where}", _NO_SWEEP)
+    return swept[0], settings.pop(swept[0]), next(iter(settings.values()), None)
 
 
 def _ratio(values: Floats) -> float:
@@ -310,7 +310,6 @@ class Rheometry(Document):
 
     Attributes:
         material: name of the material.
-        tolerance: largest relative deviation of G' from its plateau in the linear range of a strain sweep.
         at_rad_per_s: angular frequency at which mu is taken, rad/s.
         shear_modulus_Pa: G, Pa, over the plateaus of the frequency sweeps; without one, over those of the strain
             sweeps.
@@ -321,7 +320,6 @@ class Rheometry(Document):
 
     kind: Literal["rheometer"] = "rheometer"
     material: str
-    tolerance: float
     at_rad_per_s: float
     shear_modulus_Pa: Spread
     shear_modulus_from: str
@@ -341,11 +339,9 @@ class Rheometry(Document):
         return {f"rheometer, {digits.ends(omegas, count=2)} rad/s, {deformation}": published}
 
 
-def rheometry(
-    sweeps: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
-) -> Rheometry:
+def rheometry(sweeps: Sequence[Sweep], material: str, at: float = 1.0, **head: Any) -> Rheometry:
     """The document of sweeps from `read_sweeps`, which are analysed here. head: command, date, notes."""
-    strain = [strain_sweep(sweep, tolerance) for sweep in sweeps if sweep.kind == "strain"]
+    strain = [strain_sweep(sweep) for sweep in sweeps if sweep.kind == "strain"]
     frequency = [frequency_sweep(sweep, at) for sweep in sweeps if sweep.kind == "frequency"]
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
     if modulus.mean is None:
@@ -354,7 +350,6 @@ def rheometry(
         origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
     document = Rheometry(
         material=material,
-        tolerance=tolerance,
         at_rad_per_s=at,
         shear_modulus_Pa=modulus,
         shear_modulus_from="no plateau" if modulus.mean is None else origin,
@@ -388,7 +383,7 @@ def print_rheometry(document: Rheometry) -> None:
     console = terminal.console()
     factor, unit = digits.modulus_unit(sweep.plateau_storage_Pa for sweep in document.sweeps)
     heads = [f"plateau G'\n{unit}", "over", "µ = G''/ω\nPa s"]
-    table = terminal.table("sweep", heads, title=f"linear range: G' within {100 * document.tolerance:g} %")
+    table = terminal.table("sweep", heads, title=f"linear range: G' within {100 * _LINEAR:g} %")
     for sweep in document.sweeps:
         modulus, viscosity = digits.number(sweep.plateau_storage_Pa, factor), digits.number(sweep.viscosity_Pa_s)
         table.add_row(sweep.name, modulus, _range(sweep), viscosity)

@@ -17,6 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
+from scipy.optimize import brentq
+from scipy.special import stdtrit
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
@@ -125,18 +127,17 @@ def shot(curve: RadiusCurve, stretch: float | None = None) -> tuple[Shots, str]:
     else the value in the file. Raises InputError: no maximum, no collapse, or no lambda."""
     times, name = curve.collapse_times(), curve.name
     require(len(times) > 0, "the curve shows no collapse", "collapse_time.no_collapse", name)
-    plateau = curve.stretch_from_tail() if stretch is None else None
-    sources: dict[str, float | None] = {
-        "given": stretch,
-        "late plateau": plateau and plateau[0],
-        "stated in the file": float(curve.stretch) if curve.stretch else None,
-    }
-    origin = next((source for source, value in sources.items() if value is not None), "")
-    advice = "no late plateau to read lambda = R_max/R_0 from; give it (--stretch)"
-    require(origin != "", advice, "collapse_time.no_stretch", name)
+    if stretch is not None:
+        origin = "given"
+    elif plateau := curve.stretch_from_tail():
+        origin, stretch = "late plateau", plateau[0]
+    elif curve.stretch:
+        origin, stretch = "stated in the file", float(curve.stretch)
+    else:
+        advice = "no late plateau to read lambda = R_max/R_0 from; give it (--stretch)"
+        raise InputError(advice, "collapse_time.no_stretch", name)
     try:
-        values = np.array([curve.max_radius]), np.array([sources[origin]], dtype=float)
-        return Shots(*values, times[:1] - curve.time_of_max), origin
+        return Shots(np.array([curve.max_radius]), np.array([stretch]), times[:1] - curve.time_of_max), origin
     except InputError as error:
         raise error.within(name) from None
 
@@ -252,15 +253,13 @@ class _Problem:
     def edge(self, inside: float, outside: float, limit: float) -> float:
         """The mu between one with a sum of squares below a limit, and another, at which the limit is reached; the other
         where it is not."""
+
+        def above(mu: float) -> float:
+            return float(self.profile(np.array([mu]))[1][0] - limit)
+
         if self.viscosity is not None:
             return inside
-        if self.profile(np.array([outside]))[1][0] <= limit:
-            return outside
-        for _ in range(40):
-            middle = 0.5 * (inside + outside)
-            below = self.profile(np.array([middle]))[1][0] <= limit
-            inside, outside = (middle, outside) if below else (inside, middle)
-        return inside
+        return outside if above(outside) <= 0.0 else float(brentq(above, inside, outside))
 
 
 def _corrected(problem: _Problem) -> _Problem:
@@ -279,15 +278,13 @@ def _corrected(problem: _Problem) -> _Problem:
 
 
 def _answer(problem: _Problem) -> CollapseEstimate:
-    from scipy.stats import t as student  # a third of a second to import
-
     n, free = len(problem.shots), len(problem.shots) - problem.unknowns
     G, mu, squares = problem.best()
     residual = problem.residuals(np.array([G]), np.array([mu]))[:, 0]
     scatter, reach = None, _EQUAL_TIME
     if free > 0:
         scatter = float(np.sqrt(np.sum((problem.weight * residual) ** 2) / free) / np.mean(problem.weight == 1.0))
-        reach = float(student.ppf(0.95, free)) * max(scatter, _FLOOR)
+        reach = float(stdtrit(free, 0.95)) * max(scatter, _FLOOR)
     limit = squares + reach**2
     line = np.linspace(problem.edge(mu, 0.0, limit), problem.edge(mu, LARGEST_VISCOSITY, limit), _LINE)
     at, height = problem.profile(line)
