@@ -132,13 +132,7 @@ def _relu(x: Floats) -> Floats:
     return np.maximum(x, 0.0)
 
 
-def _gelu(x: Floats) -> Floats:
-    from scipy.special import ndtr
-
-    return np.asarray(x * ndtr(x))
-
-
-_ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {"relu": _relu, "softplus": _softplus, "gelu": _gelu}
+_ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {"relu": _relu, "softplus": _softplus}
 
 
 def network_of(name: str) -> Network:

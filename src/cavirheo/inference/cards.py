@@ -59,7 +59,7 @@ class Layers(BaseModel):
 
     heads: Size
     layers: Annotated[int, Field(gt=0, le=100)]
-    activation: Literal["relu", "softplus", "gelu"]
+    activation: Literal["relu", "softplus"]
     norm_epsilon: Annotated[float, Field(gt=0)]
 
 

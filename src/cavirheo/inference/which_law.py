@@ -52,16 +52,6 @@ class Ranking:
     sizes: Mapping[str, int] = field(default_factory=dict)
 
     @property
-    def log_evidence(self) -> dict[str, float | None]:
-        """Log evidence by law."""
-        return {law: evidence.log if evidence else None for law, evidence in self.evidence.items()}
-
-    @property
-    def error(self) -> dict[str, float | None]:
-        """Standard error of the log evidence, by law."""
-        return {law: evidence.error if evidence else None for law, evidence in self.evidence.items()}
-
-    @property
     def probability(self) -> dict[str, float]:
         """Probability of the laws that have an evidence, if all are equally likely a priori."""
         logs = {law: evidence.log for law, evidence in self.evidence.items() if evidence}

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import shutil
 from collections import Counter
@@ -57,12 +56,6 @@ class Layout:
     columns: Mapping[str, tuple[Any, tuple[int, ...]]]  # dtype and shape of a row; texts in "status"
     simulate: Callable[[int, range], Columns]  # from (seed, block)
     summary: Sequence[str]  # lines that describe what is simulated
-
-    def check_space(self, n: int, free: int, place: str) -> None:
-        """Raises InputError: n uncompressed curves need more bytes than are free."""
-        need = n * sum((np.dtype(kind).itemsize * prod(shape) for kind, shape in self.columns.values()), 8)
-        message = f"the set ({n} curves) needs {need / 1e9:.3g} GB {place}, and there are {free / 1e9:.3g} GB"
-        require(need <= free, f"{message}: ask for fewer curves or frames", "dataset.size")
 
     def write(self, path: Path, attributes: Mapping[str, Any], columns: Columns) -> None:
         """Write a file, completely or not at all.
@@ -201,8 +194,11 @@ def generate(
     head = {"problem": layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
     with writable_folder(out_dir) as folder:
         complete = [read_shard(path, head) for path in sorted(folder.glob("shard-*.h5"))]
-        free = shutil.disk_usage(folder).free
-        layout.check_space(n - PER_FILE * len(complete), free, f"on the disk of {folder}")
+        row = 8 + sum(np.dtype(kind).itemsize * prod(shape) for kind, shape in layout.columns.values())  # bytes
+        need, free = row * (n - PER_FILE * len(complete)), shutil.disk_usage(folder).free
+        if need > free:
+            message = f"{n} curves need {need / 1e9:.3g} GB on the disk of {folder}, and there are {free / 1e9:.3g} GB"
+            raise InputError(f"{message}: ask for fewer curves or frames", "dataset.size")
         files = {folder / _name(start): range(n)[start : start + PER_FILE] for start in range(0, n, PER_FILE)}
         todo = [(path, block) for path, block in files.items() if not path.exists()]
         simulated = sum(len(block) for _, block in todo)
@@ -222,18 +218,16 @@ def generate(
 def load(data_dir: str | Path) -> Dataset:
     """Load the training set in a folder.
 
-    Raises InputError: no files, a missing or damaged file, files of different sets, or too little memory.
+    Raises InputError: no files, a missing or damaged file, or files of different sets.
     """
     paths = _paths(data_dir)
     first = read_shard(paths[0], {})
     layout, head, present = first.layout, first.head, {path.name for path in paths}
     count = -(-head["total"] // PER_FILE)
     missing = list(islice((_name(k * PER_FILE) for k in range(count) if _name(k * PER_FILE) not in present), 3))
-    lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
-    require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
-    if hasattr(os, "sysconf"):  # all but Windows
-        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        layout.check_space(2 * head["total"], memory, "of memory")  # the parts and the joined arrays
+    if missing:
+        lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
+        raise InputError(f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
     shards = [first, *(read_shard(path, {key: head[key] for key in ATTRIBUTES}) for path in paths[1:])]
     columns = {name: np.concatenate([shard.columns[name] for shard in shards]) for name in layout.columns}
     require(bool((columns["status"] == "ok").any()), f"{data_dir}: every simulation of this set failed", "dataset.none")

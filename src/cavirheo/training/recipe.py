@@ -55,7 +55,7 @@ class NetworkTable(Section):
     heads: Size = 8
     head_width: Size = 8  # left open: 64 shared by 8 heads; the alternative is 64 per head
     feed_forward: Size = 128
-    activation: Literal["relu", "softplus", "gelu"] = "relu"  # of the feed-forward layers; the paper: softplus
+    activation: Literal["relu", "softplus"] = "relu"  # of the feed-forward layers; the paper: softplus
     layers: Annotated[int, Field(gt=0, le=100)] = 2
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.1
     norm_epsilon: PositiveFloat = 1e-6

@@ -56,15 +56,9 @@ class Progress(NamedTuple):
     best: Tensors
 
     @property
-    def best_epoch(self) -> int:
-        """Its number, from 1; 0 before the first."""
-        losses = [line["validation"] for line in self.history]
-        return 1 + losses.index(min(losses)) if losses else 0
-
-    @property
     def lowest(self) -> float:
-        """Its validation loss."""
-        return self.history[self.best_epoch - 1]["validation"] if self.history else math.inf
+        """The lowest validation loss."""
+        return min((line["validation"] for line in self.history), default=math.inf)
 
 
 def train(
@@ -116,8 +110,9 @@ def fit(task: Task, table: TrainingTable, folder: Path, identity: Mapping[str, A
             began = time.perf_counter()
             loss = train_epoch(task, table, epoch, advance)
             line = {"epoch": epoch + 1, "train": loss, "validation": task.validation_loss()}
-            message = f"the loss is not finite in epoch {epoch + 1}: lower lr or lengthen the warm-up"
-            require(all(map(math.isfinite, line.values())), message, "training.diverged")
+            if not all(map(math.isfinite, line.values())):
+                message = f"the loss is not finite in epoch {epoch + 1}: lower lr or lengthen the warm-up"
+                raise InputError(message, "training.diverged")
             best = done.best
             if line["validation"] < done.lowest:
                 best = {name: tensor.clone() for name, tensor in task.exported.state_dict().items()}
@@ -225,7 +220,7 @@ def export(task: Task, recipe: Recipe, done: Progress, folder: Path, device: str
         raise RuntimeError(f"exported and trained network differ by {deviation:.2g}, more than {TOLERANCE:g}")
     settings, target = recipe.settings(), folder / f"{recipe.export.name}.npz"
     training = {
-        "best_epoch": done.best_epoch,
+        "best_epoch": 1 + [line["validation"] for line in done.history].index(done.lowest),
         "best_validation_loss": done.lowest,
         "seconds": round(sum(line["seconds"] for line in done.history), 1),
         "device": device,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -144,9 +145,8 @@ def draw(rng: np.random.Generator) -> Drawn:
 
 
 def solve(
-    material: Material, model: Bubble, medium: Medium, max_radius: float, stretch: float, unit: float,
-    accuracy: Accuracy = DEFAULT,
-) -> tuple[Floats, Floats] | None:  # fmt: skip
+    material: Material, model: Bubble, medium: Medium, max_radius: float, stretch: float, unit: float
+) -> tuple[Floats, Floats] | None:
     """(NODES,) t/T and R/R_max at equal steps of s, of one bubble with T = `unit`, s; None if it was not solved.
 
     A rough simulation at equal times tells s; the accurate one is then made at times that lie evenly in s, so that a
@@ -163,7 +163,7 @@ def solve(
     s = _stretched(tau, rough.radius / max_radius, rough.velocity * unit / max_radius)
     fine = np.interp(np.linspace(0.0, 1.04 * S_END, FINE_INSTANTS), s, tau)
     fine = np.unique(np.append(fine[fine < tau[-1]], min(fine[-1] * 1.02, tau[-1])))
-    exact = run(fine, accuracy)
+    exact = run(fine, DEFAULT)
     if not exact.ok:
         return None
     R, U = exact.radius / max_radius, exact.velocity * unit / max_radius
@@ -208,11 +208,9 @@ def block(seed: int, number: int) -> dict[str, Any]:
     made["status"] = np.full(BLOCK, "not solved", dtype=object)
     bubbles, materials, models, inputs, unit = draw(rng)
     for i, (material, model) in enumerate(zip(materials, models, strict=True)):
-        radius, stretch = float(bubbles.max_radius[i]), float(bubbles.stretch[i])
-        try:
+        radius, stretch, solved = float(bubbles.max_radius[i]), float(bubbles.stretch[i]), None
+        with suppress(InputError):
             solved = solve(material, model, bubbles.medium, radius, stretch, float(unit[i]))
-        except InputError:
-            continue
         if solved is not None:
             made["inputs"][i], made["status"][i] = inputs[i], "ok"
             made["time"][i], made["radius"][i] = solved
