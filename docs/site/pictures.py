@@ -25,7 +25,7 @@ from rich.text import Text
 
 from cavirheo import infer, read_curves
 from cavirheo.reporting.panels import curve_panels
-from cavirheo.reporting.svg import curve_svg
+from cavirheo.reporting.svg import picture
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -91,7 +91,7 @@ def main() -> None:
 
     curve = read_curves(ROOT / "examples" / SHOT)[0]
     answer = infer(curve)
-    ANSWER.write_text(curve_svg(curve_panels(curve, answer.checks, answer.method)), encoding="utf-8")
+    ANSWER.write_text(picture(curve_panels(curve, answer.checks, answer.method)), encoding="utf-8")
     with TemporaryDirectory() as name, chromium() as browser:
         folder = Path(name)
         shutil.copytree(ROOT / "examples", folder / "examples")

@@ -77,8 +77,8 @@ def test_an_answer_draws_its_curve(posterior, tmp_path):
     drawn = replace(posterior, curve=curve, checks=replace(checks, predicted_over_rmax=ends))
     assert (drawn.name, posterior.name) == ("gel[2]", "")
     radius, residual = drawn.plot().axes
-    assert (len(radius.collections), len(residual.collections)) == (1, 1)  # the bands
-    corners = residual.collections[0].get_paths()[0].vertices[:, 1]
+    assert (len(radius.patches), len(residual.patches)) == (1, 1)  # the bands
+    corners = residual.patches[0].get_xy()[:, 1]
     assert (corners.min(), corners.max()) == pytest.approx((100 * ends.min(), 100 * ends.max()))
     drawn.plot().savefig(tmp_path / "a.png")
     replace(drawn, theta=posterior.theta[:0], checks=Checks("failed")).plot().savefig(tmp_path / "b.png")

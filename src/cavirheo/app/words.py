@@ -19,7 +19,7 @@ from cavirheo.reporting.answer import parameter_key
 from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.panels import all_curves_panel, curve_panels, preview_panels
 from cavirheo.reporting.record import result_of
-from cavirheo.reporting.svg import all_curves_svg, curve_svg
+from cavirheo.reporting.svg import GROUP_SIZE, picture
 from cavirheo.reporting.table import curve_warnings, curves_by_message, curves_by_note, summary_cells
 from cavirheo.writing import digits
 
@@ -109,26 +109,26 @@ def overview(session: Session) -> str:
         with suppress(InputError):
             medium = session.settings.analysis.medium_for(curve)
             usable.append((curve, Checks("ok", time_scale=medium.time_scale(curve.max_radius))))
-    return render("pictures", [all_curves_svg(all_curves_panel(usable))] if usable else [])
+    return render("pictures", [picture([all_curves_panel(usable)], GROUP_SIZE)] if usable else [])
 
 
 def check_plot(session: Session, name: str) -> str:
     """Picture of the answer over the measurement, with its band and the sliders' simulation."""
     answers, curve, posterior, _ = session.find_answer(name)
     panels = curve_panels(curve, posterior.checks, posterior.method, answers.trials.get(name))
-    return render("pictures", [curve_svg(panels, (840, 460))])
+    return render("pictures", [picture(panels, (840, 460))])
 
 
 def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
     """The picture of a curve with its compared frames, or the error; its warnings, and remarks on how it was read."""
-    picture = ""
+    drawn = ""
     remarks = curve_warnings([curve])
     try:
-        picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
+        drawn = picture(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
         remarks = {str(error): [curve.name]}
     sheet = curve.meta.get("contact_sheet", "")
-    return render("prepared_curve", picture, remarks, curves_by_note([curve]), sheet)
+    return render("prepared_curve", drawn, remarks, curves_by_note([curve]), sheet)
 
 
 def answers(session: Session) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from contextlib import nullcontext
 from pathlib import Path
 
+from markupsafe import Markup
+
 from cavirheo.posterior import TRUSTED, Checks
 from cavirheo.reporting import html, svg
 from cavirheo.reporting.group import GroupRecord
@@ -71,7 +73,7 @@ def _curve_pictures(pairs: CurveAnswers, document: Result, *, draw: bool) -> dic
     def curve_picture(number: int) -> str:
         curve, answer = pairs[number]
         panels = curve_panels(curve, answer.checks if rows[number].has_answer else Checks("failed"), answer.method)
-        return svg.curve_svg(panels, size, with_key=len(pairs) == 1)
+        return svg.picture(panels, size, with_key=len(pairs) == 1)
 
     pictures = dict[int, str]()
     for number in sorted(exceptions_first[:MAX_PICTURES]):
@@ -88,6 +90,7 @@ def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> dict[str
     members = [(group, indices) for group, indices in document.indices_by_group() if group.n > 1][:MAX_PICTURES]
 
     def draw(group: GroupRecord, indices: list[int]) -> str:
-        return svg.group_svg(group_panels(pairs, document, group, indices))
+        panels = group_panels(pairs, document, group, indices)
+        return Markup().join(svg.picture([panel], svg.GROUP_SIZE) for panel in panels)
 
     return {of[0].name: try_to_draw(f"picture of {of[0].name}", notes, draw, *of) or notes[-1] for of in members}

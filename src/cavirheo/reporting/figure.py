@@ -42,7 +42,7 @@ def answer_figure(answer: Posterior) -> Figure:
         for layer in panel.layers:
             style = {"label": layer.name or "_", **_STYLES[layer.look]}
             if layer.shape == "area":
-                axes.fill_between(layer.x, layer.y[:, 0], layer.y[:, 1], **style)
+                axes.fill(layer.x, layer.y, **style)
             else:
                 axes.plot(layer.x, layer.y, **style)
     rows[-1, 0].set_xlabel(panels[0].x.label, fontsize=7)

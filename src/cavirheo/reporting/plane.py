@@ -25,23 +25,21 @@ _ARROW = 0.09  # length of an arrow, of that of its axis
 _MARGIN = 0.07  # margin of an axis, of its length
 _LEAST_DECADES = 0.4  # least length of an axis
 _NAME = 14  # most letters of a name in a picture
-_KEY = {"region": "shot", "region-out": "not counted", "estimate": "shot"}  # name of the first of each look
+_KEY = {"region": "shot", "region-out": "not counted", "estimate": "shot", "arrow": "bound"}  # name of the first one
+_HEAD = np.array([[0.0, 0.0], [1.0, 0.0], [0.8, 0.12], [1.0, 0.0], [0.8, -0.12]])  # an arrow: along it, and across
 
 
-class _Quantity(NamedTuple):
+class _Parameter(NamedTuple):
     """What an axis of the plane shows: a parameter, its factor from SI, and its label."""
 
     name: str
     factor: float
     label: str
 
-    def ends(self, value: Quantity) -> tuple[float, float]:
-        """log10 of the ends of a value; infinite where there is no limit."""
-        if value.is_zero:
-            return -np.inf, -np.inf
-        low = None if value.bound in ("upper", "undetermined") else value.q05 or value.median
-        high = None if value.bound in ("lower", "undetermined") else value.q95 or value.median
-        return (np.log10(self.factor * low) if low else -np.inf), (np.log10(self.factor * high) if high else np.inf)
+    def ends(self, value: Quantity) -> Floats:
+        """(2,) log10 of the ends of a value; infinite where there is no limit."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log10(self.factor * np.array(value.limits)))
 
 
 class _Place(NamedTuple):
@@ -90,18 +88,18 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
     return [_plane([shot for shot in shots if shot.known.all()], _references(group, axes), axes), curves]
 
 
-def _axes(rows: Sequence[CurveRecord], unit: Unit) -> list[_Quantity]:
+def _axes(rows: Sequence[CurveRecord], unit: Unit) -> list[_Parameter]:
     known = parameters_of(rows)
     upper = next((name for name in MATERIAL_CONSTANTS[:2] if name in known), "")
     axes = []
     for name in ("shear_modulus", upper):
         if name in known:
             symbol, factor, written = display_unit(name, unit)
-            axes.append(_Quantity(name, factor, f"{symbol} ({written})"))
+            axes.append(_Parameter(name, factor, f"{symbol} ({written})"))
     return axes
 
 
-def _region(answer: Posterior, axes: Sequence[_Quantity]) -> Floats | None:
+def _region(answer: Posterior, axes: Sequence[_Parameter]) -> Floats | None:
     """(n, 2) corners of the ellipse that holds 90 % of the draws; None of a point answer, or of a value that is not
     among the draws."""
     if not {axis.name for axis in axes} <= set(answer.parameters):
@@ -120,7 +118,7 @@ def _region(answer: Posterior, axes: Sequence[_Quantity]) -> Floats | None:
     return np.asarray(middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ root.T)
 
 
-def _references(group: GroupRecord, axes: Sequence[_Quantity]) -> list[_Place]:
+def _references(group: GroupRecord, axes: Sequence[_Parameter]) -> list[_Place]:
     """The material and the values of other methods, where one of two values is known."""
     places = list[_Place]()
     if group.population.has_material and not group.population.heaps:
@@ -140,19 +138,23 @@ def _within_deviation(value: Spread) -> Quantity:
     return Quantity(median=value.mean, q05=max(value.mean - std, 0.1 * value.mean), q95=value.mean + std)
 
 
-def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Sequence[_Quantity]) -> Panel:
+def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Sequence[_Parameter]) -> Panel:
     across, up = (_axis(axis.label, k, [*shots, *references]) for k, axis in enumerate(axes))
-    layers, labels, key = list[Layer](), list[Layer](), dict(_KEY)
+    low, high = np.array([[across.low, up.low], [across.high, up.high]])
+    layers, labels = list[Layer](), list[Layer]()
     for place in shots:
-        drawn = _layers(place, across, up)
-        layers += [replace(layer, name=key.pop(layer.look.removeprefix("limit "), "")) for layer in drawn]
+        layers += _layers(place, low, high)
         beside = " beside" if place.corners is None else ""
-        look = f"shot-name{beside}{'' if place.look == 'region' else ' outside'}"
-        x, y = _limits(place, across, up).mean(axis=1, keepdims=True)
-        labels.append(Layer("labels", look, x, y, texts=(place.name,)))
+        outside = "" if place.look == "region" else " outside"
+        x, y = _limits(place, low, high).mean(axis=1, keepdims=True)
+        labels.append(Layer("labels", f"shot-name{beside}{outside}", x, y, texts=(place.name,)))
+    names = dict(_KEY)
+    layers = [replace(layer, name=names.pop(layer.look.split()[0], "")) for layer in layers]
     for place in references:
-        layers += _layers(place, across, up)
-    return Panel(across, up, (*layers, *labels))
+        first, *arrows = _layers(place, low, high)
+        layers += [replace(first, name=place.name), *arrows]
+    title = f"{up.label} over {across.label}: the 90 % region of each shot, and that of the material"
+    return Panel(across, up, (*layers, *labels), title)
 
 
 def _axis(label: str, k: int, places: Sequence[_Place]) -> Axis:
@@ -167,28 +169,26 @@ def _axis(label: str, k: int, places: Sequence[_Place]) -> Axis:
     return Axis(label, low - margin, high + margin, log=True)
 
 
-def _limits(place: _Place, across: Axis, up: Axis) -> Floats:
-    """(2, 2) ends of what is drawn of a place: of a bound its limit, of an unknown value the whole axis."""
-    low, high = np.clip(place.ends, [[across.low], [up.low]], [[across.high], [up.high]]).T
-    return np.column_stack([np.where(place.sides < 0, high, low), np.where(place.sides > 0, low, high)])
+def _limits(place: _Place, low: Floats, high: Floats) -> Floats:
+    """(2, 2) ends of what is drawn of a place on axes with these ends (2,): of a bound its limit; of an unknown value
+    the whole axis."""
+    lower, upper = np.clip(place.ends, low[:, None], high[:, None]).T
+    return np.column_stack([np.where(place.sides < 0, upper, lower), np.where(place.sides > 0, lower, upper)])
 
 
-def _layers(place: _Place, across: Axis, up: Axis) -> list[Layer]:
+def _layers(place: _Place, low: Floats, high: Floats) -> list[Layer]:
     """The region of a place; a point of one without intervals; of a bound an arrow from its limit into what it allows,
     and the interval of the other value at the limit."""
     tone = None if place.look == "region-out" else place.tone
-    limits = _limits(place, across, up)
-    (left, right), (low, high) = limits
+    x, y = _limits(place, low, high)
     if place.sides.any():
-        begin = limits.mean(axis=1)
-        lengths = _ARROW * np.array([across.high - across.low, up.high - up.low])
-        steps = np.diag(place.sides * lengths)[np.flatnonzero(place.sides)]  # an arrow for each bound
-        x, y = (np.column_stack([0.0 * steps[:, k], steps[:, k]]) + begin[k] for k in (0, 1))
-        look = f"limit {place.look}" if place.look.startswith("region") else place.look
-        limit = Layer("line", look, limits[0], limits[1], place.name, tone)
-        return [limit, Layer("arrows", f"arrow {place.look}", x, y, "", tone)]
-    if place.corners is None and left == right and low == high:
-        return [Layer("dots", "estimate", limits[0, :1], limits[1, :1], tone=place.tone)]
-    rectangle = np.array([[left, low], [right, low], [right, high], [left, high]])
-    corners = rectangle if place.corners is None else place.corners
-    return [Layer("region", place.look, corners[:, 0], corners[:, 1], place.name, tone)]
+        layers = [Layer("line", f"limit {place.look}", x, y, tone=tone)]
+        for k in np.flatnonzero(place.sides):
+            along, up = (place.sides[k] * _ARROW * np.roll(_HEAD, k, axis=1) * (high - low)).T
+            layers.append(Layer("line", f"arrow {place.look}", x.mean() + along, y.mean() + up, tone=tone))
+        return layers
+    if place.corners is not None:
+        return [Layer("area", place.look, place.corners[:, 0], place.corners[:, 1], tone=tone)]
+    if x[0] == x[1] and y[0] == y[1]:
+        return [Layer("dots", "estimate", x[:1], y[:1], tone=place.tone)]
+    return [Layer("area", place.look, x[[0, 1, 1, 0]], y[[0, 0, 1, 1]], tone=tone)]

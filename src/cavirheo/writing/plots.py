@@ -83,7 +83,7 @@ def interval_plot(
     for axes, (name, shot_values) in zip(grid[0], values.items(), strict=True):
         whole = material[name]
         factor, label = _axis(name, whole.largest)
-        ends = [factor * end for end in _limits(whole) if end is not None]
+        ends = [factor * end for end in whole.limits if 0.0 < end < np.inf]
         if len(ends) == 2:
             axes.axvspan(*ends, color=BLUE, alpha=0.2, lw=0)
         for end in ends:
@@ -91,7 +91,7 @@ def interval_plot(
         if whole.median is not None:
             axes.axvline(factor * whole.median, color=BLUE, lw=0.8)
         for row, value in enumerate(shot_values):
-            ends = [factor * end for end in _limits(value) if end is not None]
+            ends = [factor * end for end in value.limits if 0.0 < end < np.inf]
             axes.plot(ends, [row] * len(ends), color=INK, lw=1.2)
             if value.bound in _MARKERS and value.largest is not None:
                 axes.plot(factor * value.largest, row, _MARKERS[value.bound], color=INK, ms=4)
@@ -107,10 +107,3 @@ def _axis(name: str, value: float | None) -> tuple[float, str]:
     symbol, unit = digits.symbol_and_unit(name)
     factor, unit = digits.unit_for(unit or "1", value)
     return factor, f"{symbol} ({unit})" if unit else symbol
-
-
-def _limits(value: Quantity) -> tuple[float | None, float | None]:
-    """(low, high) ends of an interval that the recording gives; None for one that the range gives."""
-    low = value.q05 if value.bound in (None, "lower", "wide") else None
-    high = value.q95 if value.bound in (None, "upper", "wide") else None
-    return low, high
