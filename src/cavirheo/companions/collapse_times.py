@@ -242,16 +242,15 @@ def print_table(document: CollapseTimes) -> None:
     console = terminal.console()
     estimates = [group.estimate for group in document.groups if group.estimate]
     factor, unit = digits.modulus_unit(found.shear_modulus_Pa.largest for found in estimates)
-    heads = ("n", "model", f"G (90 %)\n{unit}", "µ (90 %)\nPa s", "scatter\n% of t₁")
-    table = terminal.table("material", heads, left=("model",))
-    names = digits.distinct_names([group.name for group in document.groups])
-    for who, group in zip(names, document.groups, strict=True):
+    heads = ["material", "n", "model", f"G (90 %)\n{unit}", "µ (90 %)\nPa s", "scatter\n% of t₁"]
+    rows = []
+    for who, group in zip(digits.distinct_names([each.name for each in document.groups]), document.groups, strict=True):
         n = f"{group.n - group.unusable}/{group.n}" if group.unusable else f"{group.n}"
         value = group.estimate or CollapseEstimate()
         G = digits.quantity(value.shear_modulus_Pa, factor, joint="\n")
         mu = digits.quantity(value.viscosity_Pa_s, joint="\n")
-        table.add_row(who, n, group.model, G, mu, digits.percent(value.scatter))
-    console.print(table)
+        rows.append([who, n, group.model, G, mu, digits.percent(value.scatter)])
+    terminal.print_table(console, heads, rows, left=("model",))
     remarks = terminal.names_by_text(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
     changes = [abs(change) for found in estimates if (change := found.modulus_per_percent_Pa)]

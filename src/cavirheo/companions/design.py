@@ -164,16 +164,11 @@ class Design(Document):
     next: int
 
     @property
-    def teaches_nothing(self) -> bool:
-        """Whether even the setting to take next has no gain."""
-        return self.settings[self.next].gain_nats < LEAST_GAIN
-
-    @property
     def sentences(self) -> list[str]:
         """Lines of text on the next setting, and the number of shots."""
         setting, goal = self.settings[self.next], f"± {self.wanted_percent:g} % (90 %)"
         law = " and ".join(digits.symbol_and_unit(name)[0] for name in setting.half_width_percent)
-        if self.teaches_nothing:
+        if setting.gain_nats < LEAST_GAIN:
             line = f"next: nothing: this rig cannot tell {law}, not even at its best, {setting.words}"
             return [line, f"{setting.readable:.0%} of the recordings there can be read"]
         if setting.shots is None:

@@ -1,15 +1,5 @@
-"""Values of materials by other methods beside our answers: published values, and sweeps of a rheometer.
-
-Published values are a CSV file that is written by hand (docs/how-to/compare.md). One line per set, method and quantity,
-so that a method is added by adding lines:
-
-    set,files,method,quantity,mean,std,source
-    gel 1 %,gel_1/*.mat,IMR,G_kPa,6.44,1.64,doi:...
-    gel 1 %,,IMR,mu_Pa_s,0.020,0.009,
-    gel 1 %,,rheometer,G_kPa,1.30,,
-
-A line without method, quantity, mean and std only names a set. Empty lines and lines that begin with # are left out.
-"""
+"""Values of materials by other methods beside our answers: published values, in a CSV file that is written by hand
+(docs/how-to/compare.md), and sweeps of a rheometer."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 """Oscillatory rheometry: exports of rheometers -> sweeps in SI -> linear range, plateau modulus and viscosity, in
-rheometer.json (`Rheometry`) and beside the values of bubbles.
-
-A table is recognised by the header over it (what is read: docs/how-to/rheometer.md): one column for G', one for G'',
-and the frequency or the strain. Units are read, never guessed. Without a unit, a modulus is in Pa and an angular
-frequency in rad/s, with a note in the sweep; a strain or plain frequency is an error. Nothing is extrapolated.
+rheometer.json (`Rheometry`) and beside the values of bubbles. What is read: docs/how-to/rheometer.md.
 
 Numbers are SI (a strain of 1 is 100 %) and finite, or null if not found; `message` of a sweep then gives the reason.
 """

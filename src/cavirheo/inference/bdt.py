@@ -128,11 +128,7 @@ def _softplus(x: Floats) -> Floats:
     return np.logaddexp(x, 0.0)
 
 
-def _relu(x: Floats) -> Floats:
-    return np.maximum(x, 0.0)
-
-
-_ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {"relu": _relu, "softplus": _softplus}
+_ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {"relu": lambda x: np.maximum(x, 0.0), "softplus": _softplus}
 
 
 def network_of(name: str) -> Network:

@@ -126,16 +126,12 @@ class Draws:
         camera = Camera(time, *exposure_nodes(setting.exposure, QUICK_INSTANTS), -late)
         radius = setting.max_radius * emulator().radius(bubbles, camera) / scale[:, None] + errors
         meta = {"name": "designed", "frame_rate_hz": setting.frame_rate, "exposure_s": setting.exposure}
-        films: list[Film | None] = []
-        for i, row in enumerate(radius):
-            if not np.isfinite(row).all():
-                films.append(None)
-                continue
-            truth = dict(zip(self.family.parameters, 10.0 ** self.law[i], strict=True))
-            truth |= {"stretch": self.stretch[i], "accommodation": accommodation[i]}
-            truth |= {name: values[i] for name, values in walls.items()}
-            truth |= {"time_origin": -late[i], "radius_scale": scale[i]}
-            films.append(Film(RadiusCurve(time, np.maximum(row, 1e-3 * setting.max_radius), meta=meta), truth))
+        truths = dict(zip(self.family.parameters, 10.0**self.law.T, strict=True)) | walls
+        truths |= {"stretch": self.stretch, "accommodation": accommodation, "time_origin": -late, "radius_scale": scale}
+        films: list[Film | None] = [None] * k
+        for i in np.flatnonzero(np.isfinite(radius).all(axis=1)):
+            curve = RadiusCurve(time, np.maximum(radius[i], 1e-3 * setting.max_radius), meta=meta)
+            films[i] = Film(curve, {name: values[i] for name, values in truths.items()})
         return films
 
     def expectation(self, setting: Setting, film: Film | None) -> Expectation | None:

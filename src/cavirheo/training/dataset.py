@@ -232,17 +232,13 @@ def load(data_dir: str | Path) -> Dataset:
     columns = {name: np.concatenate([shard.columns[name] for shard in shards]) for name in layout.columns}
     require(bool((columns["status"] == "ok").any()), f"{data_dir}: every simulation of this set failed", "dataset.none")
     problem = _problem_of(json.loads(head["problem"]))
-    return Dataset(problem, head["seed"], head["made_by"], columns, _digest(paths))
+    digest = hashlib.sha256(b"".join(bytes.fromhex(sha256(path)) for path in paths)).hexdigest()
+    return Dataset(problem, head["seed"], head["made_by"], columns, digest)
 
 
 def _name(start: int) -> str:
     """Name of the file that begins with curve `start`."""
     return f"shard-{start // PER_FILE:05d}.h5"
-
-
-def _digest(paths: Sequence[Path]) -> str:
-    """SHA-256 of the SHA-256 digests of files, in their order."""
-    return hashlib.sha256(b"".join(bytes.fromhex(sha256(path)) for path in paths)).hexdigest()
 
 
 def _paths(data_dir: str | Path) -> list[Path]:

@@ -1,18 +1,10 @@
 """The two kinds of networks, as torch trains them; inference computes them in numpy from files of weights alone.
 
-The Bubble Dynamics Transformer (Bu et al. 2025, arXiv:2506.11936) gives one value per output:
-
-    radius (batch, 100)
-      -> tokens: each radius beside a learned embedding of its place      (batch, 100, 1 + 64)
-      -> dense, softplus, layer norm, dropout                             (batch, 100, 64)
-      -> for each output its own branch:
-           two encoder layers, normalised after each residual sum         (batch, 100, 64)
-           mean over the tokens, dense, softplus, one linear unit         (batch, 1)
-
-The paper's feed-forward layers have softplus, too; those of the shipped networks have ReLU (`activation` of a recipe).
-The paper leaves some choices open. Those of this module: eight numbers per attention head (64 = 8 x 8), dropout on both
-residual paths but not on the attention weights, and Keras' initial weights (Glorot uniform, zero biases, embeddings
-uniform within 0.05). Outputs are in the prior's scale: SI values or their log10. In numpy: inference/bdt.py.
+The Bubble Dynamics Transformer (Bu et al. 2025, arXiv:2506.11936) gives one value per output. The paper's feed-forward
+layers have softplus, too; those of the shipped networks have ReLU (`activation` of a recipe). The paper leaves some
+choices open. Those of this module: eight numbers per attention head (64 = 8 x 8), dropout on both residual paths but
+not on the attention weights, and Keras' initial weights (Glorot uniform, zero biases, embeddings uniform within 0.05).
+Outputs are in the prior's scale: SI values or their log10. In numpy: inference/bdt.py.
 
 The emulator gives the trajectory of a bubble. In numpy: inference/emulator.py.
 """

@@ -81,18 +81,14 @@ class Measurement:
         notes += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in self.counts.items() if flag not in usual]
         if listed := self.options.get("exclude"):
             notes.append(f"excluded by hand: frames {listed}")
-        notes += [self.cut_note] if self.cut_note else []
+        share = self.track.arc[int(np.nanargmax(self.track.radius))]
+        if share < _LEAST_ARC:
+            notes.append(f"at R_max {100 * share:.0f} % of the outline is within the frame")
         hint = self.track.exposure_hint
         if self.exposure.value is None and hint and isfinite(hint):
             share = f"{min(hint, 1.0):.2g} of the time between frames"
             notes.append(f"exposure not known; the blur of fast frames suggests {share}")
         return tuple(notes)
-
-    @property
-    def cut_note(self) -> str:
-        """A note if only a part of the largest outline is within the frame; else empty."""
-        share = self.track.arc[int(np.nanargmax(self.track.radius))]
-        return f"at R_max {100 * share:.0f} % of the outline is within the frame" if share < _LEAST_ARC else ""
 
     def excluding(self, frames: str | Iterable[int]) -> Measurement:
         """Return the measurement without these frames ("12,40-45" or numbers, from 1 in the recording); the others stay
@@ -116,10 +112,6 @@ class Measurement:
         largest = f"the radius is in pixels (largest {np.nanmax(self.track.radius):.4g})"
         unscaled = "" if self.um_per_px.value else f"{largest} without um per pixel (--um-per-px)"
         return RadiusCurve(self.time, radius, sigma, labels, unscaled=unscaled, warnings=self.warnings)
-
-
-def _no_progress(_: int) -> Callable[[], None]:
-    return lambda: None
 
 
 class MeasureOptions(TypedDict, total=False):
@@ -178,7 +170,8 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     longer = f"{1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * interval:.4g} us between frames"
     require(not exposed_share or exposed_share <= 1.001, f"an exposure of {longer}", "video.exposure")
     stage = set_stage(footage, options.get("polarity", "auto"), reference_frame and reference_frame - first + 1)
-    track = follow(stage, exposed_share, options.get("begin", _no_progress)(len(footage.frames)))
+    begin = options.get("begin", lambda _: lambda: None)
+    track = follow(stage, exposed_share, begin(len(footage.frames)))
     settings = {
         "polarity": "dark" if stage.depth > 0 else "bright",
         "roi": options.get("roi"),
