@@ -141,8 +141,8 @@ def answers(session: Session) -> str:
     if current is None:
         return render("hint", NO_ANSWERS)
     document = current.document
-    sections = [html.render_macro("group_answer", *answer) for answer in html.group_answers(document, current.pictures)]
-    groups = "\n".join([*sections, html.render_macro("comparisons", document)])
+    groups = html.render_macro("group_answers", document, current.pictures)
+    groups += html.render_macro("comparisons", document)
     rows = document.curves
     models = {f"{row.material}, {row.bubble.title}" for row in document.curves if row.has_answer}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
