@@ -37,10 +37,10 @@ print(material.line)
 print(f"G {low:.0f} to {high:.0f} Pa")
 
 # %% [markdown]
-# Each shot with its 90 % interval, over that of the material:
+# Each shot with its 90 % interval, in Pa:
 
 # %%
-material.plot()
+cavirheo.table(answers)[["name", "shear_modulus_Pa_q05", "shear_modulus_Pa_q95"]]
 
 # %% [markdown]
 # ## Look at a shot

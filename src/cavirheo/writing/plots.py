@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +15,7 @@ from cavirheo.writing import digits
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from cavirheo.writing.document import Quantity
-
 BLUE, VERMILLION, INK = "#0072b2", "#d55e00", "#444444"  # of Okabe and Ito, distinct also for colour-blind readers
-_MARKERS = {None: "o", "upper": "<", "lower": ">"}  # of a value, and of the limit of a bound
 
 
 def subplots(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
@@ -54,7 +51,9 @@ def corner_plot(draws: Mapping[str, Floats], weights: Floats) -> Figure:
     for row, (name, values) in enumerate(draws.items()):
         levels = [0.002, 0.05, 0.5, 0.95, 0.998]
         least, *ends, most = np.quantile(values, levels, weights=weights, method="inverted_cdf").tolist()
-        factor, label = _axis(name, ends[1])
+        symbol, unit = digits.symbol_and_unit(name)
+        factor, unit = digits.unit_for(unit, ends[1])
+        label = f"{symbol} ({unit})" if unit else symbol
         scaled.append(factor * values)
         labels.append(label)
         for column, others in enumerate(scaled[:-1]):
@@ -65,45 +64,10 @@ def corner_plot(draws: Mapping[str, Floats], weights: Floats) -> Figure:
         for end in ends:
             axes.axvline(factor * end, color=INK, lw=0.8, ls="--")
         words = digits.quantity(Quantity.from_interval(*ends), factor)
-        axes.set_title(f"{label.split()[0]} {words}", fontsize=9)
+        axes.set_title(f"{symbol} {words}", fontsize=9)
         axes.set_yticks([])
         grid[row, 0].set_ylabel(label if row else "")
     for axes, label in zip(grid[-1], labels, strict=True):
         axes.set_xlabel(label)
         axes.locator_params(axis="x", nbins=3)
     return figure
-
-
-def interval_plot(
-    shots: Sequence[str], values: Mapping[str, Sequence[Quantity]], material: Mapping[str, Quantity]
-) -> Figure:
-    """Figure of the 90 % interval of each shot, over that of the material, a panel for each parameter, by natural name
-    in SI; of a bound the limit, as an arrow. Raises InputError without matplotlib."""
-    figure, grid = subplots(1, len(values), 1.5 + 2.6 * len(values), 0.22 * len(shots) + 0.9, sharey=True)
-    for axes, (name, shot_values) in zip(grid[0], values.items(), strict=True):
-        whole = material[name]
-        factor, label = _axis(name, whole.largest)
-        ends = [factor * end for end in whole.limits if 0.0 < end < np.inf]
-        if len(ends) == 2:
-            axes.axvspan(*ends, color=BLUE, alpha=0.2, lw=0)
-        for end in ends:
-            axes.axvline(end, color=BLUE, lw=0.8, ls="--")
-        if whole.median is not None:
-            axes.axvline(factor * whole.median, color=BLUE, lw=0.8)
-        for row, value in enumerate(shot_values):
-            ends = [factor * end for end in value.limits if 0.0 < end < np.inf]
-            axes.plot(ends, [row] * len(ends), color=INK, lw=1.2)
-            if value.bound in _MARKERS and value.largest is not None:
-                axes.plot(factor * value.largest, row, _MARKERS[value.bound], color=INK, ms=4)
-        axes.set_xlabel(label)
-        axes.locator_params(axis="x", nbins=4)
-    grid[0, 0].set_yticks(range(len(shots)), [digits.elide(name, 24) for name in shots], parse_math=False)
-    grid[0, 0].set_ylim(len(shots) - 0.5, -0.5)
-    return figure
-
-
-def _axis(name: str, value: float | None) -> tuple[float, str]:
-    """(factor from SI to the unit of an axis, its label 'G (kPa)') for values of a parameter of this size, SI."""
-    symbol, unit = digits.symbol_and_unit(name)
-    factor, unit = digits.unit_for(unit or "1", value)
-    return factor, f"{symbol} ({unit})" if unit else symbol

@@ -94,7 +94,6 @@ class Population:
         along_at: value of the column to which the centre belongs, if there is a slope.
         prior: (low, high) of the centre, log10 of SI, by name.
         shots_bound: the bound that most shots give of a parameter that too few shots determine, by name.
-        shot_values: of each shot that counts: its own median, interval and bound of each parameter, by name.
         heaps: the two heaps, the lower one first, into which the shots fall in a parameter in which they disagree.
         switches: probability of each switch of the default family, by all shots together.
         modulus_limit: 95 % limit of G, Pa, where the material may be a liquid but need not be one: G is then a bound.
@@ -119,7 +118,6 @@ class Population:
     along_at: float | None = None
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     shots_bound: Mapping[str, Bound] = field(default_factory=dict)
-    shot_values: tuple[Mapping[str, Quantity], ...] = ()
     heaps: Mapping[str, tuple[Heap, Heap]] = field(default_factory=dict)
     switches: Mapping[str, float] = field(default_factory=dict)
     modulus_limit: float | None = None
@@ -318,14 +316,6 @@ class Population:
         units = {name: parameter_of(name).unit for name in self.names}
         return export.inference_data({"posterior": self._draws}, units, self._metadata)
 
-    def plot(self) -> Figure:
-        """Figure of the 90 % interval of each shot that counts, over that of the material; a bound is an arrow.
-
-        Raises InputError: no draws, or matplotlib is missing."""
-        material = {name: self.quantity(name) for name in self.names}
-        values = {name: [shot[name] for shot in self.shot_values] for name in self.names}
-        return plots.interval_plot(self.shots, values, material)
-
     def corner(self, *names: str) -> Figure:
         """Figure of the draws of each of the material's parameters, with the median and the central 90 %, and of each
         pair of them. names: of the parameters; default: all.
@@ -471,7 +461,6 @@ def _with_material(
         shot_evidence=tuple(answer.evidence for answer in answers),
         prior={name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)},
         shots_bound=_shots_bound(answers, names),
-        shot_values=tuple({name: answer.quantity(name) for name in names} for answer in answers),
     )
 
 
