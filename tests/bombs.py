@@ -103,7 +103,7 @@ BOMBS: dict[str, tuple[str, Make | str | bytes]] = {  # a name begins with the f
     "csv_of_many_columns": ("limits.columns", HEAD + "1,2\n" + "," * 20_000 + "1\n"),
     "csv_of_many_cells": ("limits.cells", HEAD + ("1," * 999 + "1\n") * 5_100),
     "csv_of_as_many_shots_as_lines": ("limits.curves", f"shot,{HEAD}" + "".join(MANY)),
-    "txt_of_separators": ("limits.curves", "1,2\n-1000,-1000\n" * 6_000),
+    "txt_of_shots": ("limits.curves", "1,2\n2,3\n3,3\n4,2\n5,1\n" * 6_000),
     "csv_of_a_title_of_spaces": ("table.columns", "time" + " " * 90_000 + "us,radius_um\n1,2\n"),
     "mat_that_unpacks_to_gigabytes": ("limits.unpacked", mat(zeros("R", 10**6), deflated(zeros("t", 3 * 10**7, 2)))),
     "mat_that_unpacks_to_more": ("limits.unpacked", mat(ALL_THAT_IS_READ, deflated(zeros("t", 3 * 10**6)))),

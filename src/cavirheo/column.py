@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, listed, require
+from cavirheo.errors import InputError, listed
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
 
@@ -31,8 +31,9 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
     """
     labelled = list(curves)
     if str(path) == R_MAX:
-        message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename it (to {R_MAX}.csv)"
-        require(not Path(path).is_file(), message, "column.size")
+        if Path(path).is_file():
+            message = f"{R_MAX} stands for the R_max of each shot, but a file has this name: rename it (to {R_MAX}.csv)"
+            raise InputError(message, "column.size")
         for k, curve in enumerate(curves):
             with suppress(InputError):  # no scale, or no maximum
                 labelled[k] = curve.labelled(column={LOG_R_MAX: float(np.log10(1e6 * curve.max_radius))})
@@ -45,12 +46,11 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
             known.update(names)
             if name := next((name for name in names if name in values), None):
                 labelled[k] = curve.labelled(column={title: values[name]})
-        message = f"{path}: no line below the titles, the second of which is {title}"
-        require(bool(values), message, "column.empty")
+        if not values:
+            raise InputError(f"{path}: no line below the titles, the second of which is {title}", "column.empty")
         if unknown := [name for name in values if name not in known]:
             there = listed([curve.name for curve in curves])
-            message = f"{path}: nothing here is called {listed(unknown)}; there is {there}"
-            raise InputError(message, "column.unknown")
+            raise InputError(f"{path}: nothing here is called {listed(unknown)}; there is {there}", "column.unknown")
         if without := [curve.name for curve in labelled if not curve.column]:
             message = f"{path}: no value of {title} for {listed(without)}"
             raise InputError(f"{message}: add a line for the shot, its file or its group", "column.missing")
@@ -72,16 +72,18 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
 
     A name is that of a curve, a file (with or without its ending) or a group. Raises InputError: no such table.
     """
-    path = Path(path)
-    with guarded(path) as source:
+    with guarded(Path(path)) as source:
         (table,) = read_columns(source, _COLUMN_TABLE)
-        two = len(table.titles) == 2 and len(table.columns) == 2
-        require(two, f"the titles are {', '.join(table.titles[:3])}; {_COLUMN_TABLE.expected}", "column.head")
+        if not len(table.titles) == len(table.columns) == 2:
+            titles = ", ".join(table.titles[:3])
+            raise InputError(f"the titles are {titles}; {_COLUMN_TABLE.expected}", "column.head")
         names, numbers = table.columns
         values: dict[str, float] = {}
         for (line, texts), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
-            message = f"line {line}: expected a name and a number, found {listed(texts)}"
-            require(len(texts) == 2 and bool(np.isfinite(value)), message, "column.number")
-            require(name not in values, f"line {line}: {name} is there twice", "column.twice")
+            if len(texts) != 2 or not np.isfinite(value):
+                message = f"line {line}: expected a name and a number, found {listed(texts)}"
+                raise InputError(message, "column.number")
+            if name in values:
+                raise InputError(f"line {line}: {name} is there twice", "column.twice")
             values[name] = float(value)
     return numbers.title, values

@@ -15,7 +15,7 @@ import numpy as np
 
 from cavirheo import landmarks
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, brief, expect, printable, require
+from cavirheo.errors import InputError, brief, expect, printable
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.messages import Message
 from cavirheo.parameters import INTERVAL, RADIUS
@@ -125,15 +125,15 @@ class RadiusCurve:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
         time, radius, std = (as_numbers(name, getattr(self, name)) for name in ("time", "radius", "radius_std"))
         std = std if std.size else np.full(radius.shape, np.nan)
-        fine = time.ndim == 1 and time.shape == radius.shape == std.shape
-        message = "time, radius and radius_std must be one-dimensional and of one length, got shapes "
-        require(fine, f"{message}{time.shape}, {radius.shape}, {std.shape}", "curve.shape")
+        if time.ndim != 1 or not time.shape == radius.shape == std.shape:
+            message = "time, radius and radius_std must be one-dimensional and of one length, got shapes "
+            raise InputError(f"{message}{time.shape}, {radius.shape}, {std.shape}", "curve.shape")
         for at in np.flatnonzero(~np.isfinite(time)):
             raise InputError(f"time must be finite; sample {at} is not", "curve.time")
         for at in np.flatnonzero(np.diff(time) <= 0) + 1:
             raise InputError(f"time must increase; sample {at} ({time[at]:.6g} s) does not", "curve.time")
-        good = not np.any((radius <= 0) | np.isinf(radius))
-        require(good, "radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
+        if np.any((radius <= 0) | np.isinf(radius)):
+            raise InputError("radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
         if np.isfinite(radius).any() and not self.unscaled:
             RADIUS.check("radius", float(np.nanmedian(radius)), "curve.radius_unit")
         if len(time) > 1 and not self.time_unscaled:
@@ -163,7 +163,8 @@ class RadiusCurve:
     def max_radius(self) -> float:
         """R_max in m: `maximum`, else by the local fit (landmarks.py). Raises InputError: the curve is `unusable` or
         `unscaled`, has fewer than 5 measured frames, no fall after the maximum, or too much scatter near it."""
-        self._require(not self.unscaled, f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
+        if self.unscaled:
+            raise self._error(f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
         return self._maximum[1]
 
     @property
@@ -175,10 +176,12 @@ class RadiusCurve:
     def _maximum(self) -> tuple[float, float]:
         if self.maximum is not None:
             return self.maximum
-        self._require(not self.unusable, self.unusable, "unusable")
+        if self.unusable:
+            raise self._error(self.unusable, "unusable")
         time, radius = self._measured
-        few = f"{len(time)} of {len(self.time)} frames have a radius; at least {_FEWEST_FRAMES} are needed"
-        self._require(len(time) >= _FEWEST_FRAMES, few, "few_frames")
+        if len(time) < _FEWEST_FRAMES:
+            few = f"{len(time)} of {len(self.time)} frames have a radius"
+            raise self._error(f"{few}; at least {_FEWEST_FRAMES} are needed", "few_frames")
         try:
             return fit_maximum(time, radius, self.stated_time_of_max)
         except InputError as error:
@@ -211,8 +214,8 @@ class RadiusCurve:
         fewer than 8 frames), but at least the standard deviation of the rounding of the radii."""
         return max(landmarks.noise_std(self._after_max[1][1:]), landmarks.rounding_step(self._measured[1]) / sqrt(12.0))
 
-    def _require(self, condition: bool, message: str, code: str) -> None:
-        require(condition, message, f"curve.{code}", self.name)
+    def _error(self, message: str, code: str) -> InputError:
+        return InputError(message, f"curve.{code}", self.name)
 
     def labelled(self, *, warnings: tuple[Message, ...] | None = None, **meta: Any) -> RadiusCurve:
         """A copy of the curve with these entries of `meta` or these warnings; computed properties are kept."""
@@ -234,8 +237,9 @@ class RadiusCurve:
 
         Times do not change, unless the curve is `time_unscaled`.
         """
-        why = f"the maximum radius must be a positive number of metres, got {max_radius!r}"
-        require(isinstance(max_radius, Real) and 0 < max_radius < np.inf, why, "curve.max_radius")
+        if not isinstance(max_radius, Real) or not 0 < max_radius < np.inf:
+            message = f"the maximum radius must be a positive number of metres, got {max_radius!r}"
+            raise InputError(message, "curve.max_radius")
         RADIUS.check("the maximum radius", max_radius, "curve.max_radius")
         start, top = self._maximum
         scale, unit = max_radius / top, max_radius if self.time_unscaled else 1.0
@@ -258,17 +262,19 @@ class RadiusCurve:
         """
         from scipy.interpolate import PchipInterpolator
 
-        why = f"step must be positive and count at least 1, got {step!r} s and {count!r}"
-        require(step > 0 and count >= 1, why, "curve.step")
+        if not (step > 0 and count >= 1):
+            raise InputError(f"step must be positive and count at least 1, got {step!r} s, {count!r}", "curve.step")
         top = self.max_radius
         time, radius = self._after_max
-        since_max, times = time - time[0], step * np.arange(count)
-        missing = times > since_max[-1] * (1.0 + 1e-9)
-        ends = f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max"
-        needed = f"{times[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
-        self._require(bool(allow_short or not missing.any()), f"{ends}; {needed}", "short")
+        times = step * np.arange(count)
+        missing = times > (time[-1] - time[0]) * (1.0 + 1e-9)
+        if missing.any() and not allow_short:
+            ends = f"the recording ends {(time[-1] - time[0]) * 1e6:.4g} us after R_max"
+            needed = f"{times[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
+            raise self._error(f"{ends}; {needed}", "short")
         result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + times, time[-1])))
-        result[missing], result[0] = np.nan, top
+        result[missing] = np.nan
+        result[0] = top
         return result
 
     def spikes(self) -> list[int]:
@@ -295,8 +301,9 @@ class RadiusCurve:
         stop = time[-1] if end is None else start + end
         if collapses is not None:
             minima, maxima = self._turning_points
-            message = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
-            self._require(1 <= collapses <= len(minima), message, "collapses")
+            if not 1 <= collapses <= len(minima):
+                message = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
+                raise self._error(message, "collapses")
             times, tops = self.collapse_times(), [top, *radius[maxima]]
             last = times[collapses - 1]
             period = last - (times[collapses - 2] if collapses > 1 else 2.0 * start - last)
@@ -305,8 +312,9 @@ class RadiusCurve:
             following = times[collapses] if collapses < len(times) else last + period
             stop = min(stop, 0.5 * (last + following))
         inside = (self.time >= start) & (self.time <= stop)
-        few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
-        self._require(bool(np.count_nonzero(inside & np.isfinite(self.radius)) > 1), few, "window")
+        if np.count_nonzero(inside & np.isfinite(self.radius)) < 2:
+            few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
+            raise self._error(few, "window")
         parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
         return replace(self, **parts, maximum=(start, top))
 
@@ -328,7 +336,8 @@ class RadiusCurve:
         """
         time, radius = self._after_max
         minima = self._turning_points[0]
-        self._require(bool(minima), "the curve shows no collapse, so there is no strain rate up to it", "collapses")
+        if not minima:
+            raise self._error("the curve shows no collapse, so there is no strain rate up to it", "collapses")
         return 2.0 * log(self.max_radius / radius[minima[0]]) / (float(self.collapse_times()[0]) - time[0])
 
     def stretch_from_tail(self) -> tuple[float, float] | None:
@@ -349,7 +358,6 @@ class RadiusCurve:
         return not self._shows_growth()
 
     def _shows_growth(self) -> bool:
-        """Whether frames before R_max show the growth."""
         (time, radius), (start, top) = self._measured, self._maximum
         return bool(radius[time < start].min(initial=np.inf) <= AT_MAXIMUM * top)
 

@@ -20,7 +20,7 @@ from math import gamma, pi, sqrt
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
 _LEAST_JUMP, _TOLERATED_REPEATS = 0.01, 2  # least jump of a moving radius, over the largest radius; tolerated repeats
@@ -40,8 +40,8 @@ AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growt
 
 def _median_of_three(values: Floats) -> Floats:
     """Running median of three samples, mirrored at the ends: removes a single bad frame."""
-    padded = np.concatenate([values[1:2], values, values[-2:-1]])
-    return np.asarray(np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0))
+    padded = np.pad(values, 1, mode="reflect")
+    return np.asarray(np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0))
 
 
 def _range_near_maximum(smooth: Floats, peak: int, top: float) -> tuple[int, int]:
@@ -87,8 +87,8 @@ def fit_maximum(time: Floats, radius: Floats, stated_time: float | None) -> tupl
             centre, top, _ = free
     if not (x[0] - 2.0 * frame <= centre <= x[-1] and 0.9 < top < 1.15):  # noise spoiled the fit: keep the time
         centre, top, _ = _fit_series(x, y, centre=0.0)
-    why = "no maximum can be fitted to the samples round the largest; they scatter too much"
-    require(0.9 < top < 1.15, why, "curve.scatters")
+    if not 0.9 < top < 1.15:
+        raise InputError("no maximum can be fitted to the samples round the largest: they scatter", "curve.scatters")
     return float(time[peak] + centre * unit), float(top * smooth[peak])
 
 

@@ -314,7 +314,7 @@ SEVERAL = {  # two curves, their names, and what each says
     "words": (f"Time (us),Radius 1 (um),Radius 2 (um)\n{RADII}", "Radius 1", "Radius 2", "2 columns of radii"),
     "German": (f"Zeit_us,Schuss 1 [µm],Schuss 2 [µm]\n{RADII}", "Schuss 1", "Schuss 2", "2 columns of radii"),
     "unit row": (f"Time,shot 1,shot 2\nus,um,um\n{RADII}", "shot 1", "shot 2", "2 columns of radii"),
-    "blocks": (BLOCKS, "1", "2", "1 blocks of the file hold no radius"),
+    "blocks": (BLOCKS, "1", "2", "rows with radius <= 0 left out"),
     "separators in quotes": (f'shot,time_us,radius_um,"note, if any"\n{QUOTED}', "gel, 1", "gel, 2", ""),
     "HDF5 groups": (hdf5(GROUPS | {"first@stretch": 7.0}), "first", "series/second", ""),
     "pairs": (f"t1_us,R1_um,t2_us,R2_um\n{PAIRS}", "R1_um", "R2_um", "2 columns of radii"),
@@ -469,7 +469,7 @@ BAD = {  # content, or what writes it; code; what is named
     "three.npy": (array(np.stack([US, UM, UM])), "tabular.array", "(3, 180)"),
     "underscore.csv": (b"time_us,radius_um\n1_0,100\n", "tabular.number", "1_0"),
     "odd scale.csv": (lines(",", US, 0.36 * UM).encode(), "table.header", ""),  # the collapse time contradicts it
-    "hollow.txt": (b"-1000,-1000\n1,0\n-1000,-1000\n", "table.empty", "-1000"),
+    "hollow.txt": (b"-1000,-1000\n1,0\n-1000,-1000\n", "table.header", ""),
     "noise.bin": (bytes(range(256)) * 20, "reading.binary", ""),
     "other.mat": (saved(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
     "sparse.mat": (saved(R=csc_matrix(RADIUS), t=TIME), "matlab.variables", "full("),

@@ -119,7 +119,7 @@ PLANTED = (
     Planted("diameters taken for radii", "io/curves.py",
             'lambda diameter: 0.5 * diameter', 'lambda diameter: 1.0 * diameter', ("test_reading",)),
     Planted("rows of -1000 are frames", "io/curves.py",
-            "block[np.any(block != _SEPARATOR, axis=1)]", "block", ("test_reading",)),
+            "column[~empty]", "column", ("test_reading",)),
     Planted("declared shapes without a limit", "io/hdf5.py",
             "require(size <= limits.SAMPLES,", "require(size <= limits.SAMPLES or True,", ("test_hostile",)),
     Planted("numbers from other files are read", "io/hdf5.py",

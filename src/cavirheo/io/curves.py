@@ -1,12 +1,6 @@
 """Read tables of radius histories with a header, or in one of two recognisable layouts without a header; write them.
 
-A header names the columns, as in `time_us,radius_um`, in lower or upper case and in several languages. The units (s,
-ms, us, ns; m, mm, um, px) are part of the titles (`time_s`, `t [us]`, `R (microns)`) or stand in the row below. Frame
-numbers with a frame rate may replace the times; diameters, half-axes or areas may replace the radii, in pixels with a
-scale, too. A file of several curves has a column `curve` or `shot`, one column of radii per curve (`R1_um,R2_um`,
-`Shot 1 (um)`), a column of times for each of them (`t1,R1,t2,R2`), or the shots below each other. Optional columns are
-`radius_std_um`, and for each curve `rmax_um` (the true R_max) and `stretch` with `stretch_std` (R_max/R_0 and its
-standard deviation). The notes name the columns that are not used.
+Layouts and titles: docs/how-to/your-shots.md. The notes name the columns that are not used.
 """
 
 from __future__ import annotations
@@ -23,7 +17,7 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, listed
 from cavirheo.io import limits
 from cavirheo.io.files import Source
 from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, RADIUS_UNITS, WITHOUT_TIMES
@@ -43,7 +37,6 @@ _FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier tim
 _LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
-_SEPARATOR = -1000.0
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 
 
@@ -110,8 +103,8 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
     radii = _radii(table, camera, several=len(clocks) > 1)
     if shot and len(radii) > 1:
-        message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other"
-        raise InputError(message, "table.twice")
+        both = f"a column {shot.title!r} and {len(radii)} columns of radii"
+        raise InputError(f"{both}; expected one or the other", "table.twice")
     clock_of: list[Column | None] = [*_partners(radii, clocks)] or [table.at_most_one(clocks)] * len(radii)
     _ask_for(camera, clock_of[0], radii[0], scaled=max_radius is not None and max_radius.unit in LENGTH_UNITS)
     deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
@@ -142,9 +135,9 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
                 chosen = [rows[at] for at in part]
                 meta = _stretch_meta(stretches, chosen, [*table.notes, *lost])
                 seconds, unit = _times(time[chosen], clock, camera, meta["notes"])
-                units = f"{table.titles} give time in {unit} and radius in {radius.unit}"
-                fine = unit in (None, *TIME_UNITS) and radius.unit in (None, *RADIUS_UNITS)
-                require(fine, f"{units}; expected units of time and of length", "table.units")
+                if unit not in (None, *TIME_UNITS) or radius.unit not in (None, *RADIUS_UNITS):
+                    units = f"{table.titles} give time in {unit} and radius in {radius.unit}"
+                    raise InputError(f"{units}; expected units of time and of length", "table.units")
                 name = [label] if shot else [names[k]] if len(radii) > 1 else []
                 if len(parts) > 1:
                     meta["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
@@ -199,8 +192,8 @@ def _note_columns(table: Table, used: Sequence[Column]) -> None:
 
 
 def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str]) -> tuple[Floats, str | None]:
-    """Return ((n,) times, their unit) of the frames of one shot, from its times, or its numbers of frames and the frame
-    rate; that counts the frames, too, where the digits of the times are too few."""
+    """Return ((n,) times, their unit) of the frames of one shot; by the frame rate if they are numbered, or if their
+    times have too few digits."""
     rate = camera.frame_rate
     if clock is None or _counts_frames(clock):
         assert rate is not None  # it was asked for
@@ -220,11 +213,13 @@ def _deviations(column: Column, radius: _Radius, um_per_px: float | None) -> Flo
     """Return the (rows,) standard deviations in the unit of the radius. Raises InputError: their units do not agree."""
     column.table.notes.append(f"{column.title!r} is taken as the standard deviation of the radius in each frame")
     of_radius = radius.columns[0].unit or next(iter(_units_by_size(_largest(radius.numbers))), None)
-    unit, factor = column.unit or of_radius, radius.form.deviation
+    unit = column.unit or of_radius
+    factor = radius.form.deviation
     if unit != of_radius:
-        message = f"{column.title!r} is in {unit} and the radius in {of_radius}: give both in one unit"
-        require(unit in LENGTH_UNITS and of_radius in LENGTH_UNITS, message, "table.units")
-        factor *= LENGTH_UNITS[str(unit)] / LENGTH_UNITS[str(of_radius)]
+        if unit not in LENGTH_UNITS or of_radius not in LENGTH_UNITS:
+            message = f"{column.title!r} is in {unit} and the radius in {of_radius}: give both in one unit"
+            raise InputError(message, "table.units")
+        factor *= LENGTH_UNITS[unit] / LENGTH_UNITS[of_radius]
     elif radius.unit != of_radius:
         factor *= um_per_px or 1.0
     return factor * column.numbers
@@ -257,12 +252,14 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> Ra
     """Scale a curve to the R_max in these rows of a column, if any. Raises InputError: several, or implausible."""
     if column.unit not in RADIUS_UNITS or column.unit == "px":
         return curve.with_notes(f"the column {column.title!r} is not used: it names no unit of length, as rmax_um does")
-    sizes = sorted({float(value) for value in column.numbers[rows] if np.isfinite(value)})
-    message = f"{column.title!r} has {len(sizes)} values for one curve, {sizes[:2]}: expected its R_max in every row"
-    require(len(sizes) < 2, message, "table.several_sizes")
-    if not sizes:
+    sizes = np.unique(column.numbers[rows][np.isfinite(column.numbers[rows])])
+    if len(sizes) > 1:
+        values = f"{len(sizes)} values for one curve, {sizes[:2].tolist()}"
+        raise InputError(f"{column.title!r} has {values}: expected its R_max in every row", "table.several_sizes")
+    if not len(sizes):
         return curve
-    RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
+    size = float(sizes[0]) * RADIUS_UNITS[column.unit]
+    RADIUS.check(column.title, size, "curve.max_radius")
     hint = f"R_max of each shot as the column {column.title!r} has it"
     notes = [note for note in curve.notes if note != curve.unscaled]  # it asks for a scale
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
@@ -278,10 +275,10 @@ def _stretch_meta(columns: list[Column | None], rows: list[int], notes: list[str
     """Return the `meta` of one curve: the stretch that the columns state for its rows, and the notes."""
     meta: dict[str, Any] = {"notes": [*notes]}
     for column in filter(None, columns):
-        values = {float(value) for value in column.numbers[rows] if np.isfinite(value)}
+        values = np.unique(column.numbers[rows][np.isfinite(column.numbers[rows])])
         if len(values) == 1:
-            meta[column.name.kind] = values.pop()
-        elif values:  # it varies, so it is another quantity
+            meta[column.name.kind] = float(values[0])
+        elif len(values):  # it varies, so it is another quantity
             meta["notes"].append(f"the column {column.title!r} is not used: it changes from frame to frame")
     if "stretch" in meta:
         spread = meta.get("stretch_std", np.nan)
@@ -290,12 +287,10 @@ def _stretch_meta(columns: list[Column | None], rows: list[int], notes: list[str
 
 
 def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
-    """Return the radii of each curve. several: each has its own times. Raises InputError: it is unclear which columns
-    to use."""
+    """Return the radii of each curve; `several`: each has its own times. Raises InputError: unclear columns."""
     form = next((form for form in FORMS if all(map(table.all, form.kinds))), None)
     if form is None:
-        message = f"one of two axes among {table.titles}: expected both, as in a_um and b_um"
-        raise InputError(message, "table.columns")
+        raise InputError(f"one of two axes among {table.titles}: expected both, as in a_um and b_um", "table.columns")
     of_curves = list(zip(*map(table.all, form.kinds), strict=False))
     of_curves = [columns for columns in of_curves if columns[0].unit not in ("px", "px2")] or of_curves
     firsts = [columns[0] for columns in of_curves]
@@ -311,7 +306,7 @@ def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
     if form.note:
         table.notes.append(form.note)
     if len(of_curves) > 1:
-        titles = ", ".join(column.title for column in firsts[:6]) + (", ..." if len(firsts) > 6 else "")
+        titles = listed([column.title for column in firsts])
         table.notes.append(f"{len(of_curves)} columns of radii, a curve each: {titles}")
     return [_radius(table, form, columns, camera) for columns in of_curves]
 
@@ -352,34 +347,24 @@ def _partners(radii: list[_Radius], columns: list[Column]) -> list[Column]:
 
 
 def _read_without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
-    """Read curves separated by rows of -1000, or a column of times and one of radii whose sizes prove their units."""
+    """Read a column of times and one of radii whose sizes prove their units."""
     width = max(len(row.texts) for row in table.rows)
     values = [Column(table, index, "", Name()).numbers for index in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # an empty column: each line ends with a separator
         values.pop()
     if len(values) != 2:
         raise InputError(f"{len(values)} columns and no header; {HEADER_ADVICE}", "table.header")
-    numbers = np.column_stack(values)
-    separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
-    limits.check(len(separators), limits.CURVES, "curves")
-    blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
-    blocks = [block for block in blocks if len(block)]
-    filled = [block for block in blocks if (block[:, 1] > 1e-9).any()] if len(separators) else blocks
-    require(bool(filled), "no curve between the rows of -1000 holds a radius", "table.empty")
-    note = "no header: columns taken as time and radius"
-    if len(separators):
-        note = "curves separated by rows of -1000, no header"
-        left = len(blocks) - len(filled)
-        note += f"; {left} blocks of the file hold no radius and were left out" if left else ""
-    curves = []
-    for block in filled:
-        titles = ["time", "radius"]
-        of_block = Table(CURVES, [], [note, *table.notes], "", titles, 1, list(map(Name, titles)), list(block.T))
-        curves += read_table(of_block, Camera())
-    for curve in [] if len(separators) else curves:
-        ratio = curve.rayleigh_ratio(density, pressure)
-        proven = ratio is not None and _RATIOS[0] <= ratio <= _RATIOS[1]
-        require(proven, f"no header, and the numbers do not prove their units; {HEADER_ADVICE}", "table.header")
+    titles = ["time", "radius"]
+    names = list(map(Name, titles))
+    empty = values[1] < _LEAST_RADIUS  # lost frames, or rows of -1000 between shots
+    arrays = [column[~empty] for column in values]
+    notes = ["no header: columns taken as time and radius", *table.notes]
+    if empty.any():
+        notes.append(f"{np.count_nonzero(empty)} rows with radius <= 0 left out")
+    curves = read_table(Table(CURVES, [], notes, titles=titles, names=names, arrays=arrays), Camera())
+    ratios = [ratio for curve in curves if (ratio := curve.rayleigh_ratio(density, pressure))]
+    if not ratios or not all(_RATIOS[0] <= ratio <= _RATIOS[1] for ratio in ratios):
+        raise InputError(f"no header, and the numbers do not prove their units; {HEADER_ADVICE}", "table.header")
     return curves
 
 
@@ -406,15 +391,8 @@ def _curve(
     t: Floats, r: Floats, std: Floats, time_unit: str | None, radius_unit: str | None, meta: Mapping[str, Any]
 ) -> RadiusCurve:
     """Clean one curve: (n,) finite times and radii (and their deviations) in their units; None: infer the unit from the
-    size.
-
-    Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames are sorted by time, and the first
-    of a few frames of one time is kept; if many share times, the curve is unusable. The notes count each of these
-    cases, after the notes in `meta`; times out of order are also among the curve's `warnings`. If the size contradicts
-    the unit of the radius, the curve is unscaled.
-
-    Raises InputError: the unit of time is not given and cannot be inferred.
-    """
+    size. If the size contradicts the unit of the radius, the curve is unscaled; if many frames share times, unusable.
+    The notes count what is left out. Raises InputError: the unit of time is not given and cannot be inferred."""
     meta = dict(meta)
     r = np.where(np.abs(r) < _LARGEST_NUMBER, r, np.nan)
     n, missing, backwards = len(t), np.count_nonzero(np.isnan(r)), np.count_nonzero(np.diff(t) < 0)
@@ -466,11 +444,11 @@ def _shared_times(t: Floats, r: Floats) -> str:
     shared = np.count_nonzero((np.diff(t) <= _TIME_TOLERANCE) & (np.abs(np.diff(r)) > 0.0))
     if shared <= _SHARED_TIMES * len(t):
         return ""
-    why = (
-        f"{shared} of {len(t)} frames have the time of another one: times have too few digits, or are of several shots"
+    return (
+        f"{shared} of {len(t)} frames have the time of another one: too few digits, or several shots: "
+        "write more digits, or give the frame rate (--fps) of a table; give each shot a file, or name the column of "
+        'their labels "shot"'
     )
-    advice = "write more digits, or of a table give the frame rate (--fps)"
-    return f'{why}; {advice}; of several shots give each a file, or name the column of their labels "shot"'
 
 
 def _rounding(t: Floats) -> float:
@@ -520,6 +498,7 @@ def _time_scale(t: Floats, unit: str | None) -> tuple[float, str]:
         return TIME_UNITS[unit], ""
     span = float(np.ptp(t)) if len(t) else 0.0
     unit = "s" if len(t) < 2 or 5e-7 <= span <= 5e-3 else "us"
-    message = f"the unit of time cannot be told from its span ({span:.4g}): name it, as in time_us"
-    require(unit == "s" or 1.0 <= span <= 5e3, message, "table.time")
+    if unit == "us" and not 1.0 <= span <= 5e3:
+        message = f"the unit of time cannot be told from its span ({span:.4g}): name it, as in time_us"
+        raise InputError(message, "table.time")
     return TIME_UNITS[unit], f"no unit given for time: taken as {unit} from its span"

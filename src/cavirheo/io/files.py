@@ -1,5 +1,4 @@
-"""Select the files to read: those that the command line names, if they are regular files that can be opened; and decide
-what a file is (`Source`)."""
+"""The files that the command line names; and what a file is, opened once (`Source`)."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, printable, require
+from cavirheo.errors import InputError, printable
 from cavirheo.io import limits
 from cavirheo.video.frames import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
 from cavirheo.writing import digits
@@ -52,17 +51,14 @@ class Source:
 
     @cached_property
     def file(self) -> BufferedReader:
-        """The open file."""
         return self.path.open("rb")
 
     @property
     def size(self) -> int:
-        """Number of bytes."""
         return self.file.seek(0, 2)
 
     @cached_property
     def head(self) -> bytes:
-        """Its first bytes."""
         self.file.seek(0)
         return self.file.read(1024)
 
@@ -125,12 +121,10 @@ def _check(path: Path, name: str, *, folder: bool) -> None:
         raise InputError(f"{name} does not exist", "reading.missing") from None
     except OSError as error:
         raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
-    kind = stat.S_IFMT(status.st_mode)
-    if kind == stat.S_IFDIR and not folder:
+    if stat.S_ISDIR(status.st_mode) and not folder:
         raise InputError(f"{name} is a directory; give the files in it, e.g. {name}/*.mat", "reading.folder")
-    if kind not in (stat.S_IFDIR, stat.S_IFREG):
-        what = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}.get(kind, "a device")
-        raise InputError(f"{name} is {what}; give a file", "reading.special")
+    if not (stat.S_ISDIR(status.st_mode) or stat.S_ISREG(status.st_mode)):
+        raise InputError(f"{name} is a pipe, a socket or a device; give a file", "reading.special")
     limits.check(status.st_size, limits.FILE, f"bytes in {name}")
 
 
@@ -151,8 +145,9 @@ def expand(arguments: Iterable[str | Path], notify: Callable[[str], None] = lamb
             paths += _files_of_folder(path, notify)
         elif not exists(path) and glob.has_magic(str(path)):
             matches = [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if not isdir(name)]
-            message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
-            require(bool(matches), message, "files.no_match")
+            if not matches:
+                message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
+                raise InputError(message, "files.no_match")
             paths += matches
         else:
             paths.append(path)
@@ -193,7 +188,8 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
         return [folder]  # it cannot be listed: the reader reports the error
     if is_video(folder) and {path.suffix.lower() for path in taken} <= {*STACK_ENDINGS}:
         return [folder]  # its images are the frames of one recording
-    kinds = ", ".join(sorted(FILE_ENDINGS))
-    require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
+    if not taken:
+        kinds = ", ".join(sorted(FILE_ENDINGS))
+        raise InputError(f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
     notify(f"{folder}: {digits.counted(len(taken), 'file')}" + (f"; {left} others left out" if left else ""))
     return taken

@@ -6,8 +6,7 @@ references.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from functools import partial
 from math import prod
 from typing import Any
@@ -18,7 +17,6 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.files import Source
 from cavirheo.io.named_arrays import Leaf, NoNumbers, Numbers
 
 _REAL = "fiub"  # numpy's dtype kinds of real numbers
@@ -27,22 +25,16 @@ _HELD = ("#refs#", "#subsystem#")  # groups in which MATLAB holds what its varia
 _ELSEWHERE = NoNumbers("in another file: copy it into this one", "limits.elsewhere")
 
 
-@contextmanager
-def opened(source: Source) -> Iterator[dict[str, Leaf]]:
-    """Give the datasets and attributes of a file by their paths, while it is open.
-
-    Raises InputError: there are too many, or, where one is read, it exceeds a limit.
-    """
-    with h5py.File(source.path, "r") as file:
-        yield _Walk(file).arrays
-
-
-class _Walk:
-    """One walk through a file; `arrays`: by path. Links to other files and to groups are not followed."""
+class Walk:
+    """One walk through an open file; `arrays`: its datasets and attributes by their paths. Links to other files and to
+    groups are not followed. Raises InputError: there are too many, or, where one is read, it exceeds a limit."""
 
     def __init__(self, file: Any) -> None:
-        self.file, self.arrays, self.numbers_read = file, dict[str, Leaf](), 0
-        visited, waiting = set[int](), [("", file)]
+        self.file = file
+        self.arrays: dict[str, Leaf] = {}
+        self.numbers_read = 0
+        visited = set[int]()
+        waiting = [("", file)]
         while waiting:
             path, group = waiting.pop(0)
             if (place := h5py.h5o.get_info(group.id).addr) in visited:
@@ -70,11 +62,11 @@ class _Walk:
             text = as_text(name)
             if not text.startswith(_INTERNAL):
                 stored = item.attrs.get_id(name)
-                single = stored.dtype.kind in _REAL and prod(stored.shape or ()) == 1
-                value = np.asarray(item.attrs[name], dtype=np.float64).reshape(1) if single else None
-                self.arrays[f"{path}@{text}"] = (
-                    NoNumbers("no number") if value is None else Numbers((1,), partial(np.array, value))
-                )
+                leaf: Leaf = NoNumbers("no number")
+                if stored.dtype.kind in _REAL and prod(stored.shape or ()) == 1:
+                    value = np.asarray(item.attrs[name], dtype=np.float64).reshape(1)
+                    leaf = Numbers((1,), partial(np.array, value))
+                self.arrays[f"{path}@{text}"] = leaf
 
     def _dataset(self, path: str, item: Any, *, is_element: bool = False, depth: int = 0) -> None:
         """Add a dataset, the columns of one, its cells, or with `is_element` the same field of each of many structs."""
@@ -86,13 +78,11 @@ class _Walk:
             self.arrays[path] = NoNumbers(f"too many references: {item.shape}", "limits.curves")
         elif path.endswith("}"):
             self.arrays[path] = NoNumbers("cells within cells")
-        elif is_element and "MATLAB_class" not in item.attrs:
+        else:
+            of_structs = is_element and "MATLAB_class" not in item.attrs
             folder, _, name = path.rpartition("/")
             for k, reference in enumerate(np.ravel(item[()]), 1):
-                self._referred(f"{folder}({k})/{name}", reference, depth)
-        else:
-            for k, reference in enumerate(np.ravel(item[()]), 1):
-                self._referred(f"{path}{{{k}}}", reference, depth)
+                self._referred(f"{folder}({k})/{name}" if of_structs else f"{path}{{{k}}}", reference, depth)
 
     def _referred(self, path: str, reference: Any, depth: int) -> None:
         """Add what a reference of MATLAB names: an array, or a struct."""
@@ -108,7 +98,8 @@ class _Walk:
 
     def _leaf(self, item: Any, column: str) -> Leaf:
         """Return the array of a dataset, or of its column, which is not read yet."""
-        kind, attributes = item.dtype[column] if column else item.dtype, item.attrs
+        kind = (item.dtype[column] if column else item.dtype).kind
+        attributes = item.attrs
         if item.shape is None:
             return NoNumbers("without a shape: it holds nothing", "limits.no_shape")
         empty = np.asarray(attributes.get("MATLAB_empty", 0))
@@ -116,15 +107,14 @@ class _Walk:
             return Numbers((0,), lambda: np.empty(0))
         if "MATLAB_object_decode" in attributes:
             return NoNumbers("an object: of a table or timetable T save table2struct(T, 'ToScalar', true)")
-        if kind.kind not in _REAL or attributes.get("MATLAB_class") == b"char":
-            return NoNumbers(
-                "complex numbers: save real(...) of it" if kind.kind == "c" else "no array of numbers: save it as one"
-            )
+        if kind == "c":
+            return NoNumbers("complex numbers: save real(...) of it")
+        if kind not in _REAL or attributes.get("MATLAB_class") == b"char":
+            return NoNumbers("no array of numbers: save it as one")
         unit = np.asarray(attributes.get("units", attributes.get("unit", "")))
         text = unit.item() if unit.size == 1 else ""
-        return Numbers(
-            item.shape[::-1], partial(self._read, item, column), as_text(text) if isinstance(text, str | bytes) else ""
-        )
+        unit_text = as_text(text) if isinstance(text, str | bytes) else ""
+        return Numbers(item.shape[::-1], partial(self._read, item, column), unit_text)
 
     def _read(self, item: Any, column: str) -> Floats:
         check_sizes([item], self.numbers_read)
@@ -142,9 +132,8 @@ def check_sizes(items: Iterable[Any], total: int = 0) -> None:
         require(not (item.external or item.is_virtual), elsewhere, "limits.elsewhere")
         total += prod(item.shape)
         for attribute, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
-            declared = f"{name} declares the {attribute} {getattr(item, attribute)}"
-            many = f"{declared}: more than {limits.SAMPLES} samples are not read"
-            require(size <= limits.SAMPLES, many, f"limits.{attribute}")
+            message = f"{name} declares the {attribute} {getattr(item, attribute)}: more than {limits.SAMPLES} samples"
+            require(size <= limits.SAMPLES, message, f"limits.{attribute}")
 
 
 def as_text(name: str | bytes) -> str:

@@ -18,7 +18,7 @@ from math import prod
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.files import Source
 from cavirheo.io.named_arrays import Leaf, NoNumbers, Numbers
@@ -47,12 +47,14 @@ def opened(source: Source) -> Iterator[dict[str, Leaf]]:
     Raises InputError: the file violates its format, or exceeds a limit.
     """
     if source.kind in ("matlab73", "hdf5"):
-        from cavirheo.io import hdf5  # imports h5py, which takes a quarter of a second
+        import h5py  # takes a quarter of a second
 
-        with hdf5.opened(source) as arrays:
-            yield arrays
-        return
-    yield _Version5(source).arrays() if source.kind == "matlab" else {}
+        from cavirheo.io.hdf5 import Walk
+
+        with h5py.File(source.path, "r") as file:
+            yield Walk(file).arrays
+    else:
+        yield _Version5(source).arrays() if source.kind == "matlab" else {}
 
 
 class _Version5:
@@ -60,7 +62,8 @@ class _Version5:
 
     def __init__(self, source: Source) -> None:
         limits.check(source.size, limits.INFLATED, "bytes")
-        self.content, self.left = source.content, limits.INFLATED
+        self.content = source.content
+        self.left = limits.INFLATED
         self.order = {b"IM": "<", b"MI": ">"}.get(self.content[126:128], "")
         require(self.order != "", "not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged", _DAMAGED)
 
@@ -79,14 +82,13 @@ class _Version5:
         return arrays
 
     def _unpacked(self, name: str, kind: int, data: bytes) -> bytes:
-        """Return the content of an array that may be compressed."""
         if kind == _MATRIX:
             return data
         inflate = zlib.decompressobj()
         data = inflate.decompress(data, max(self.left, 1))  # 0 would mean no limit
         self.left -= len(data)
-        most = f"{name} unpacks to more than {limits.INFLATED} bytes in all"
-        require(self.left >= 0 and not inflate.unconsumed_tail, most, "limits.unpacked")
+        if self.left < 0 or inflate.unconsumed_tail:
+            raise InputError(f"{name} unpacks to more than {limits.INFLATED} bytes in all", "limits.unpacked")
         require(inflate.eof, f"{name} is cut off", _CUT_OFF)
         return next(_elements(data, self.order), _NO_ELEMENT)[1]
 
@@ -117,7 +119,6 @@ class _Version5:
             arrays[name] = NoNumbers(_WORDS.get(array_class, "an array within many others"))
 
     def _numbers(self, name: str, kind: int, data: bytes) -> Floats:
-        """Return the numbers of an array."""
         data = self._unpacked(name, kind, data)
         require(bool(data), f"{name} is cut off", _CUT_OFF)
         _, shape, _, parts = _header(data, self.order)
@@ -126,8 +127,8 @@ class _Version5:
         item = np.dtype(self.order + _NUMBER_TYPES[kind])
         count = len(numbers) // item.itemsize
         limits.check(count, limits.SAMPLES, f"numbers in {name}")
-        fits = min(shape, default=0) >= 0 and prod(shape) == count
-        require(fits, f"{name}: {count} numbers for an array of the shape {shape}", _DAMAGED)
+        if min(shape, default=0) < 0 or prod(shape) != count:
+            raise InputError(f"{name}: {count} numbers for an array of the shape {shape}", _DAMAGED)
         return np.frombuffer(numbers, item, count).astype(np.float64).reshape(shape, order="F")
 
 

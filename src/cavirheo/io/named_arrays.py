@@ -1,14 +1,8 @@
 """Recognise radius histories among named arrays: the variables of a .mat file, the datasets of an HDF5 file, or the
 fields of an array of numpy.
 
-| names | content |
-|---|---|
-| R_nondim_All, t_nondim_All, RmaxList m, lambda_max_mean | BDT: cells of R/R_max and t/(R_max sqrt(rho/p)) |
-| shift_normRnew, Rmax um, t s | R/R_max over common frame times, one shot per row |
-| times and radii, named like columns of tables (`Rnew`, `t_us`, `R_exp`) | a shot, or one per row, cell or number |
-| deltat s, deltax m; fps, um_per_px | replace times; scale radii in pixels |
-| rho, Pinf, c, gamma, T; R_eq, R1_eq, lambda_max | constants of the medium, SI; radius at rest, stretch |
-| pIMR_array | collapse times, no radius histories: refused with advice |
+Names and layouts: docs/how-to/your-shots.md. Besides, BDT's cells (R_nondim_All, t_nondim_All, RmaxList m) hold R/R_max
+and t/(R_max sqrt(rho/p)); shift_normRnew, Rmax (um) and t (s) R/R_max over common frame times, one shot per row.
 
 A folder may be a shot: a group, a struct, the arrays of one number (R2, t2) or of one cell (R{2}, t{2}). What is stated
 outside the shots counts for each. What is not used is named in a note.
@@ -27,7 +21,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, listed, require
+from cavirheo.errors import InputError, listed
 from cavirheo.io.curves import FORMS, Camera, Form, read_table, unusable_curve
 from cavirheo.io.names import CURVES, OF_CAMERA, RANGES, STATED
 from cavirheo.io.tables import Name, Table
@@ -65,6 +59,7 @@ class NoNumbers(NamedTuple):
 
     what: str
     code: str = "matlab.variables"
+    size: int = 0
 
 
 Leaf = Numbers | NoNumbers
@@ -110,11 +105,13 @@ def _shots(arrays: Arrays, camera: Camera, notes: Sequence[str] = (), only: Cont
     for series in sorted(filter(None, map(_series, arrays, arrays.values())), key=lambda series: series.number):
         if not only or _CELL.sub("", series.path) in only:
             folders.setdefault(series.folder, []).append(series)
-    with_radii = {folder: None for folder, members in folders.items() if _form(members)}
-    for folder in [folder for folder in with_radii if _NUMBERED in folder and _around(folder) in with_radii]:
-        del with_radii[folder]  # R counts before R2
-    with_times = [folder for folder in with_radii if _add_times(folders, folder, with_radii) or folder.endswith("}")]
-    shots = with_times or list(with_radii)
+    with_radii = {folder for folder, members in folders.items() if _form(members)}
+    with_radii -= {
+        folder for folder in with_radii if _NUMBERED in folder and _around(folder) in with_radii
+    }  # R, not R2
+    candidates = [folder for folder in folders if folder in with_radii]
+    shots = [folder for folder in candidates if _add_times(folders, folder, with_radii) or folder.endswith("}")]
+    shots = shots or candidates
     if not shots:
         raise _no_history(arrays)
     inside: dict[str, list[str]] = {folder: [] for folder in ["", *shots]}  # "": outside all others
@@ -126,9 +123,7 @@ def _shots(arrays: Arrays, camera: Camera, notes: Sequence[str] = (), only: Cont
         while folder not in inside:
             folder = _around(folder)
         inside[folder].append(path)
-    outside = inside[""]
-    if "" in shots:
-        outside = [path for path in outside if path not in folder_of]
+    outside = [path for path in inside[""] if "" not in shots or path not in folder_of]
     read: list[RadiusCurve] = []
     problems: list[InputError] = []
     for folder in shots:
@@ -178,8 +173,7 @@ def _label(folder: str, members: Sequence[_Series]) -> str:
 
 
 def _series(path: str, leaf: Leaf) -> _Series | None:
-    """Return what an array is, if it may be a column of a table: several numbers, a cell, or times or radii that cannot
-    be read."""
+    """Return an array that may be a column of a table: several numbers, a cell, times or radii that cannot be read."""
     name = _CELL.sub("", re.split("[/@]", path)[-1])
     word = _EXPERIMENT.sub("", name)
     kind, unit, number = CURVES.name(word)
@@ -199,21 +193,19 @@ def _series(path: str, leaf: Leaf) -> _Series | None:
 
 
 def _form(members: Iterable[_Series]) -> Form | None:
-    """Return how these arrays give radii, if they do."""
     kinds = {series.kind for series in members}
     return next((form for form in FORMS if kinds >= {*form.kinds}), None)
 
 
 def _no_history(arrays: Arrays) -> InputError:
     if "pIMR_array" in arrays:
-        message = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): there is no "
-        message += "curve in it to infer from; use cavirheo collapse-time"
-        return InputError(message, "matlab.collapse_times")
+        message = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t)"
+        return InputError(f"{message}: use cavirheo collapse-time", "matlab.collapse_times")
     kinds = {path: f" ({leaf.what})" if isinstance(leaf, NoNumbers) else "" for path, leaf in arrays.items()}
     words = [_CELL.sub("", path) + kind for path, kind in kinds.items()]
-    expected = "expected R and t (m, s), or radius_um and time_us, alone or in a group per shot; in MATLAB: "
-    expected += "save('shot.mat', 'R', 't')"
-    return InputError(f"no radius history; found: {listed(words, _LISTED)}; {expected}", "matlab.variables")
+    expected = "R and t (m, s), or radius_um and time_us, alone or in a group per shot; MATLAB: save('a.mat', 'R', 't')"
+    found = listed(words, _LISTED)
+    return InputError(f"no radius history; found: {found}; expected {expected}", "matlab.variables")
 
 
 def _pick(members: Iterable[_Series], kind: str) -> _Series | None:
@@ -222,12 +214,13 @@ def _pick(members: Iterable[_Series], kind: str) -> _Series | None:
     if not candidates:
         return None
     best = candidates[0]
-    equal = [series.path for series in candidates[1:] if series.rank == best.rank]
-    twice = f"two arrays for {kind}: {best.path} and {', '.join(equal)}; keep the one that counts"
-    require(not equal, twice, "hdf5.twice")
+    paths = [series.path for series in candidates if series.rank == best.rank]
+    if len(paths) > 1:
+        raise InputError(f"two arrays for {kind}: {' and '.join(paths)}; keep the one that counts", "hdf5.twice")
     if isinstance(best.leaf, NoNumbers):
         raise InputError(f"{best.path} is {best.leaf.what}", best.leaf.code)
-    require(best.leaf.size > 0, f"{best.path} is empty", "matlab.cells")
+    if not best.leaf.size:
+        raise InputError(f"{best.path} is empty", "matlab.cells")
     return best
 
 
@@ -261,8 +254,7 @@ def _shot(
     assert form is not None  # it makes the folder a shot
     picked = [series for kind in (*form.kinds, "time") if (series := _pick(members, kind))]
     first = picked[0]
-    size = first.leaf.size if isinstance(first.leaf, Numbers) else 0
-    same = [series for series in members if isinstance(series.leaf, Numbers) and series.leaf.size == size]
+    same = [series for series in members if series.leaf.size == first.leaf.size]
     kinds = _PER_RADIUS if picked[-1].kind == "time" else ("frame", *_PER_RADIUS)
     picked += [series for kind in kinds if (series := _pick(same, kind))]
     stated = _read_stated(arrays, paths)
@@ -284,8 +276,9 @@ def _shot(
         except InputError as error:
             raise InputError("; ".join([str(error), *_note_on(not_used)]), error.code) from None
         for curve in of_row:
-            labels = [text for text in (name, curve.meta.get("label", "")) if text]
-            entries = {**meta, "notes": curve.notes} | ({"label": ", ".join(labels)} if labels else {})
+            entries = {**meta, "notes": curve.notes}
+            if labels := [text for text in (name, curve.meta.get("label")) if text]:
+                entries["label"] = ", ".join(labels)
             curve, at_rest = _with_stretch(curve.labelled(**entries), stated.get("radius at rest"), first, row[0])
             shots.append(curve.with_notes(*_note_on([path for path in not_used if path not in at_rest])))
     return shots
@@ -340,8 +333,9 @@ def _rows(picked: Sequence[_Series]) -> list[list[Floats]]:
     values = [series.leaf.read() for series in picked if isinstance(series.leaf, Numbers)]
     radius = values[0]
     if radius.ndim != 2 or min(radius.shape) <= 1:
-        sizes = " and ".join(f"{numbers.size} of {series.path}" for numbers, series in zip(values, picked, strict=True))
-        require(len({numbers.size for numbers in values}) == 1, f"arrays of different lengths: {sizes}", "matlab.cells")
+        if len({numbers.size for numbers in values}) > 1:
+            sizes = " and ".join(f"{series.leaf.size} of {series.path}" for series in picked)
+            raise InputError(f"arrays of different lengths: {sizes}", "matlab.cells")
         return [[numbers.ravel(order="F") for numbers in values]]
     values = [numbers.T if numbers.shape != radius.shape == numbers.shape[::-1] else numbers for numbers in values]
     time = next((numbers for series, numbers in zip(picked, values, strict=True) if series.kind == "time"), None)
@@ -351,13 +345,15 @@ def _rows(picked: Sequence[_Series]) -> list[list[Floats]]:
     else:
         length = max(radius.shape) if time is None else time.size
         shapes = f"{picked[0].path} has the shape {radius.shape}" + ("" if time is None else f", and {length} times")
-        require(length in radius.shape, f"{shapes}: expected as many times as rows or columns", "matlab.cells")
-        advice = "are the shots in rows or in columns? give times of the same shape, as repmat(t(:), 1, n) makes them"
-        require(radius.shape[0] != radius.shape[1], f"{shapes}: {advice}", "matlab.cells")
+        if length not in radius.shape:
+            raise InputError(f"{shapes}: expected as many times as rows or columns", "matlab.cells")
+        if radius.shape[0] == radius.shape[1]:
+            advice = "give times of the same shape, as repmat(t(:), 1, n) makes them"
+            raise InputError(f"{shapes}: are the shots in rows or in columns? {advice}", "matlab.cells")
         in_rows = radius.shape[1] == length
-    count = radius.shape[0] if in_rows else radius.shape[1]
     matrices = [numbers if in_rows else numbers.T for numbers in values]
-    return [[matrix[k] if matrix.size == radius.size else matrix.ravel() for matrix in matrices] for k in range(count)]
+    shots = range(len(matrices[0]))
+    return [[matrix[k] if matrix.size == radius.size else matrix.ravel() for matrix in matrices] for k in shots]
 
 
 def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
@@ -366,8 +362,8 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
     density = stated["density"].value if "density" in stated else density
     pressure = stated["pressure"].value if "pressure" in stated else pressure
     factors = {_BDT[0]: ("m", 1.0), _BDT[1]: ("s", float(np.sqrt(density / pressure)))}  # of one metre of R_max
-    listed_maxima = arrays.get(_BDT[2])
-    maxima = listed_maxima.read().ravel() if isinstance(listed_maxima, Numbers) else np.empty(0)
+    stated_maxima = arrays.get(_BDT[2])
+    maxima = stated_maxima.read().ravel() if isinstance(stated_maxima, Numbers) else np.empty(0)
     note = f"seconds from t* with R_max of RmaxList, density {density:.6g} kg/m3, {pressure:.6g} Pa"
     unscaled = ""
     if not len(maxima):
@@ -376,8 +372,8 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
     for path, leaf in arrays.items():
         name, _, cell = path.partition("{")
         if name in factors:
-            number = cell.rstrip("}")
-            require(number.isdigit(), f"{_BDT[0]} and {_BDT[1]} are no cells of arrays", "matlab.cells")
+            if not (number := cell.rstrip("}")).isdigit():
+                raise InputError(f"{_BDT[0]} and {_BDT[1]} are no cells of arrays", "matlab.cells")
             at = int(number) - 1
             largest = _UNIT if unscaled else maxima[at] if at < len(maxima) else np.nan
             if isinstance(leaf, Numbers) and leaf.size and not largest > 0:
@@ -420,7 +416,7 @@ def _with_radii_of_rows(arrays: Arrays) -> Arrays:
     normal, largest = arrays[_ROWS[0]], arrays[_ROWS[1]]
     if isinstance(normal, NoNumbers) or isinstance(largest, NoNumbers):
         raise InputError(f"{', '.join(_ROWS)} are no arrays of numbers", "matlab.variables")
-    fits = len(normal.shape) == 2 and normal.shape[0] == largest.size
-    require(fits, f"Rmax has {largest.size} values but shift_normRnew the shape {normal.shape}")
+    if len(normal.shape) != 2 or normal.shape[0] != largest.size:
+        raise InputError(f"Rmax has {largest.size} values but shift_normRnew the shape {normal.shape}")
     radii = Numbers(normal.shape, _product(normal, largest.read().reshape(-1, 1)))
     return {_ROWS[0]: radii} | {path: leaf for path, leaf in arrays.items() if path not in _ROWS[:2]}

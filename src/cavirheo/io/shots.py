@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number_list, printable, require
+from cavirheo.errors import InputError, as_path, parse_number_list, printable
 from cavirheo.io.curves import SCALE_TOLERANCE, Camera
 from cavirheo.io.files import Source, guarded
 from cavirheo.parameters import FRAME_RATE, RADIUS
@@ -74,12 +74,12 @@ def read_curves(
         camera: dict[str, Any] = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure}
         _, curve = examine(path, sheet=True, exclude=exclude, **camera)
         return selected([with_maximum_notes(curve)], shots)
-    message = f"{printable(str(path))}: frames are excluded of recordings; of a table empty their radius"
-    require(exclude is None, message, "reading.exclude")
+    if exclude is not None:
+        message = f"{printable(str(path))}: frames are excluded of recordings; of a table empty their radius"
+        raise InputError(message, "reading.exclude")
     check_camera(frame_rate_hz, um_per_px)
     with guarded(path, _EXPECTED) as source:
         curves = _read(source, density, pressure, Camera(frame_rate_hz, um_per_px))
-        require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
         origin: dict[str, Any] = {"group": path.stem, "source": printable(str(path)), "source_sha256": source.sha256}
         labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
         labels = labels if len(curves) > 1 else [path.stem]
@@ -88,7 +88,6 @@ def read_curves(
 
 
 def _read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of a file."""
     from cavirheo.io import curves, matlab, named_arrays, npy
 
     if source.kind == "empty":
@@ -128,9 +127,9 @@ def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
     """Return the items with these numbers, ascending. Raises InputError: as `shot_numbers`, or too large a number."""
     if (numbers := shot_numbers(shots)) is None:
         return list(items)
-    missing = ", ".join(str(number) for number in numbers if number > len(items))
-    message = f"shot {missing} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
-    require(not missing, message, "reading.shots")
+    if missing := ", ".join(str(number) for number in numbers if number > len(items)):
+        message = f"shot {missing} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
+        raise InputError(message, "reading.shots")
     return [items[number - 1] for number in numbers]
 
 
@@ -162,7 +161,8 @@ def read_shots(
         InputError: `max_radius` is no plausible radius, or would scale the curves by different factors; or `group` is
             unknown.
     """
-    require(group in GROUPINGS, f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
+    if group not in GROUPINGS:
+        raise InputError(f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
     check_max_radius(max_radius)
     curves: list[RadiusCurve] = []
     problems: list[str] = []
@@ -250,10 +250,12 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
     if not factors:
         return scaled, []
     low, high = min(factors, key=factors.__getitem__), max(factors, key=factors.__getitem__)
-    option, ends = f"--rmax-um {1e6 * max_radius:g}", f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
-    message = f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them: "
-    message += "give the R_max of each shot in a column rmax_um of the file, or each shot in a run of its own"
-    require(factors[high] <= (1.0 + SCALE_TOLERANCE) * factors[low], message, "option.several_scales")
+    option = f"--rmax-um {1e6 * max_radius:g}"
+    if factors[high] > (1.0 + SCALE_TOLERANCE) * factors[low]:
+        ends = f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
+        message = f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them"
+        mending = "give the R_max of each shot in a column rmax_um of the file, or each shot in a run of its own"
+        raise InputError(f"{message}: {mending}", "option.several_scales")
     pixels = any(curve.unscaled for curve in curves)
     return scaled, [option + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]
 
@@ -268,7 +270,7 @@ def check_camera(frame_rate: float | None, um_per_px: float | None) -> None:
 
 def check_max_radius(max_radius: float | None) -> None:
     """Raise InputError unless `max_radius` (m) is None or a plausible radius of a bubble."""
-    if max_radius is not None:
-        low, high = (1e6 * end for end in RADIUS[:2])
-        message = f"the true R_max must be a radius in micrometres, {low:g} to {high:g}, got {1e6 * max_radius:.6g}"
-        require(RADIUS.low <= max_radius <= RADIUS.high, message, "curve.max_radius")
+    if max_radius is not None and not RADIUS.low <= max_radius <= RADIUS.high:
+        ends = f"{1e6 * RADIUS.low:g} to {1e6 * RADIUS.high:g}"
+        message = f"the true R_max must be a radius in micrometres, {ends}, got {1e6 * max_radius:.6g}"
+        raise InputError(message, "curve.max_radius")

@@ -93,8 +93,6 @@ class Reader:
 
 
 class _Child:
-    """One process, and the pipe to it."""
-
     def __init__(self) -> None:
         self.pipe, child_end = _SPAWN.Pipe()
         self.process = _SPAWN.Process(target=_serve, args=(child_end,), daemon=True)

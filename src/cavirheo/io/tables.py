@@ -1,17 +1,9 @@
 """Read tables: a text of any dialect or a workbook becomes columns in SI, named by a vocabulary of quantities.
 
-Text: the cells are separated by tabs, semicolons, commas or spaces; a quoted cell may contain the separator. Commas
-that do not separate cells may be decimal. The encoding is UTF-8, UTF-16 with its byte order mark, or else Latin-1.
-Lines that begin with # or % are comments, except the titles above columns of numbers (as numpy.savetxt writes them).
-Workbooks: .xlsx, .xls, .xlsb, .ods; the visible sheets in the order of their tabs.
-
-The meaning of points and commas is decided once for all rows of numbers in a sheet: `1,5` and `1.000,92` have decimal
-commas, `1,000.92` has a decimal point. Numbers with commas are refused if the sheet can be read in both ways (`1,234`
-alone), or in none.
-
-A vocabulary lists the quantities that columns may hold, with the words for each, as people write them (`R [um]`,
-`Zeit / µs`), and its units. Other lines may stand above the titles; the units are in the titles or in the row below.
-The `notes` count what is left out or recognised. A table whose last row is a mean, a sum or the like is refused.
+Layouts: docs/how-to/your-shots.md. Lines that begin with # or % are comments, except the titles above columns of
+numbers (as numpy.savetxt writes them). Commas that do not separate cells may be decimal; the meaning of points and
+commas is decided once for all rows of numbers in a sheet, and numbers with commas are refused if the sheet can be read
+in both ways (`1,234` alone), or in none. The `notes` count what is left out or recognised.
 """
 
 from __future__ import annotations
@@ -28,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, from_cell, is_float, require, without_invisible
+from cavirheo.errors import InputError, from_cell, is_float, without_invisible
 from cavirheo.io import limits
 from cavirheo.io.files import Source
 from cavirheo.units import plain_text, unit_of
@@ -175,9 +167,10 @@ class Column:
     def _number(self, row: Row, cell: str) -> float:
         if is_float(cell):
             return float(cell)
-        vocabulary, place = self.table.vocabulary, f"row {row.number}, column {self.title!r}: {cell[:30]!r}"
         if _MISSING.fullmatch(cell):
             return np.nan
+        vocabulary = self.table.vocabulary
+        place = f"row {row.number}, column {self.title!r}: {cell[:30]!r}"
         if is_number(cell):
             two = f"{cell.replace('.', '').replace(',', '.')} or {cell.replace(',', '')}"
             message = f"{place} could be {two}: is the comma decimal? export with decimal points only"
@@ -193,16 +186,18 @@ class Column:
     @property
     def factor(self) -> float:
         """Factor from the unit of the column to SI. Raises InputError: the unit is missing, unusable or unknown."""
-        units, unit, vocabulary = self.term.units, self.unit, self.table.vocabulary
+        vocabulary = self.table.vocabulary
+        units = self.term.units
+        unit = self.unit
         if not units:
             return 1.0
         if unit is None or np.isnan(units.get(unit, 1.0)):
             hint = self.term.hint or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
             raise vocabulary.error("no_unit", f"{self.title!r} has no unit: {hint}; {vocabulary.expected}")
         if unit not in units:
-            first_units = ", ".join([name for name in units if name.isascii()][:4])
-            unknown = f"{self.title!r} has the unknown unit {unit!r} ({first_units}); {vocabulary.expected}"
-            raise vocabulary.error("unit", unknown)
+            known = ", ".join([name for name in units if name.isascii()][:4])
+            message = f"{self.title!r} has the unknown unit {unit!r} ({known}); {vocabulary.expected}"
+            raise vocabulary.error("unit", message)
         return units[unit]
 
 
@@ -221,7 +216,6 @@ class Table:
 
     @property
     def size(self) -> int:
-        """Number of rows."""
         return len(self.arrays[0]) if self.arrays else len(self.rows)
 
     @cached_property
@@ -247,7 +241,7 @@ class Table:
         return columns[0] if columns else None
 
     def column(self, kind: str) -> Column:
-        """Return the only column of a kind that the table must have. Raises InputError: there are several."""
+        """Return the only column of a kind that the vocabulary requires. Raises InputError: there are several."""
         column = self.find(kind)
         assert column is not None
         return column
@@ -288,7 +282,7 @@ def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
 
 
 def _no_titles(sheets: list[Table], vocabulary: Vocabulary) -> InputError:
-    """Return the error that no row is a header; its message shows the closest row, and what is missing in it."""
+    """Return the error that no row is a header, with the closest row, and what is missing in it."""
     rows = [row.texts for sheet in sheets for row in sheet.rows]
     if not rows:
         return vocabulary.error("empty", f"no rows of data; {vocabulary.expected}")
@@ -366,17 +360,17 @@ def _is_row_of_words(titles: list[str], texts: list[str], vocabulary: Vocabulary
 
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
-    """Read the table of a text file, or the sheets of a workbook."""
     if source.kind in ("text", "empty"):
         limits.check(source.size, limits.TEXT, "bytes of text")
         limits.check(source.content.count(b"\n") + 1, limits.ROWS, "lines")
         sheets = [_text_table(_decoded(source.content), vocabulary)]
-    else:
-        require(source.kind == "workbook", "neither text nor a workbook", "tabular.binary")
+    elif source.kind == "workbook":
         from cavirheo.io.workbook import read_workbook
 
-        books = read_workbook(source.file, whole=vocabulary.sections)
-        sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in books]
+        book = read_workbook(source.file)
+        sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in book]
+    else:
+        raise InputError("neither text nor a workbook", "tabular.binary")
     for sheet in sheets:
         limits.check(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
         _replace_signs(sheet)

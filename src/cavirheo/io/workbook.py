@@ -21,10 +21,9 @@ _TOO_LARGE, _NO_BOOK = 3, 4  # exit statuses of the child; after the first, its 
 _PARTS = ("[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml")  # a zipped workbook has one of them
 
 
-def read_workbook(file: BinaryIO, *, whole: bool = True) -> list[tuple[str, list[tuple[int, list[str]]]]]:
+def read_workbook(file: BinaryIO) -> list[tuple[str, list[tuple[int, list[str]]]]]:
     """Return (name, [(row number from 1, cells)]) for each sheet of cells, in the order of their tabs, without empty
-    rows. A hidden sheet has no rows and is named as hidden, unless all are. Unless `whole`, the sheets before one that
-    is beyond a limit are returned, too, and that one has no rows.
+    rows. A hidden sheet has no rows and is named as hidden, unless all are.
 
     Raises:
         InputError: no workbook, or damaged ("tabular.workbook"); another archive ("tabular.archive"); beyond a limit
@@ -38,25 +37,20 @@ def read_workbook(file: BinaryIO, *, whole: bool = True) -> list[tuple[str, list
     try:
         child = subprocess.run(command, stdin=file, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        message = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
-        raise InputError(message, "limits.time") from None
-    sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
-    with suppress(ValueError):  # the last line of a child that ended early
-        for number, texts in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
-            texts = [text if text.isprintable() else without_invisible(text)[0] for text in texts]
-            if number:
-                sheets[-1][1].append((number, texts))
-            else:
-                sheets.append((texts[0], []))
+        raise InputError(f"reading it takes more than {_SECONDS:.0f} s; save it as CSV", "limits.time") from None
     if child.returncode != 0:
-        if whole or len(sheets) < 2:
-            raise InputError(*_problem(child))
-        sheets[-1] = f"{sheets[-1][0]} (and any after it: beyond a limit)", []
+        raise InputError(*_problem(child))
+    sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
+    for number, texts in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
+        texts = [text if text.isprintable() else without_invisible(text)[0] for text in texts]
+        if number:
+            sheets[-1][1].append((number, texts))
+        else:
+            sheets.append((texts[0], []))
     return sheets
 
 
 def _problem(child: subprocess.CompletedProcess[bytes]) -> tuple[str, str]:
-    """Return (message, code) for a child that failed."""
     answer = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     if child.returncode == _NO_BOOK:
         advice = "unpack it, and give the files or the folder that holds them"
@@ -97,7 +91,7 @@ def _write_rows(max_bytes: int, max_unpacked: int, max_cells: int, max_text: int
     hidden = hidden if len(hidden) < len(sheets) else []
     written = total = 0
     for name in (sheet.name for sheet in sheets):
-        print(json.dumps([(0, [f"{name} (hidden)" if name in hidden else name])]), flush=True)
+        print(json.dumps([(0, [f"{name} (hidden)" if name in hidden else name])]))
         if name in hidden:
             continue
         sheet = book.get_sheet_by_name(name)
