@@ -6,7 +6,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from cavirheo.errors import InputError, as_path, expect, read_object, require
+from cavirheo.errors import InputError, as_path, expect, read_object
 from cavirheo.writing.document import MAX_BYTES, Document, read_json
 
 if TYPE_CHECKING:
@@ -47,10 +47,12 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     Raises:
         InputError: no such file, not a file of cavirheo, or another kind.
     """
-    expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
-    loaded = _load(path, object if kind is None else kind)
-    message = f"{path} is a {type(loaded).__name__}, not a {getattr(kind, '__name__', kind)}: give another file"
-    require(kind is None or isinstance(loaded, kind), message, "loading.kind")
+    kind = object if kind is None else kind
+    expect(kind, type, "a class such as Result, of cavirheo.reporting.record")
+    loaded = _load(path, kind)
+    if not isinstance(loaded, kind):
+        message = f"{path} is a {type(loaded).__name__}, not a {kind.__name__}: give another file"
+        raise InputError(message, "loading.kind")
     return loaded
 
 
@@ -67,10 +69,10 @@ def _load(path: str | Path, kind: type[Any]) -> Document | Dataset:
 
             return dataset.load(path)
         documents = documents_in(path)
-        chosen = [file for file in documents if issubclass(resolve_name(KINDS[file.stem][0]), kind)]
-        documents = chosen or documents
-        held = ", ".join(document.name for document in documents) or f"none of {', '.join(NAMES)}, and no training set"
-        require(len(documents) == 1, f"{path} holds {held}: name the file", "loading.folder")
+        documents = [file for file in documents if issubclass(resolve_name(KINDS[file.stem][0]), kind)] or documents
+        if len(documents) != 1:
+            held = ", ".join(file.name for file in documents) or f"none of {', '.join(NAMES)}, and no training set"
+            raise InputError(f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents
     try:
         name = str(read_object(path, MAX_BYTES).get("kind"))
@@ -78,7 +80,8 @@ def _load(path: str | Path, kind: type[Any]) -> Document | Dataset:
         if error.code != "files.json":
             raise
         name = ""
-    require(name in KINDS, f"{path}: no document of cavirheo ({', '.join(NAMES)})", "document.other")
+    if name not in KINDS:
+        raise InputError(f"{path}: no document of cavirheo ({', '.join(NAMES)})", "document.other")
     return read_json(path, resolve_name(KINDS[name][0]))
 
 

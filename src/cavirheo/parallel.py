@@ -8,10 +8,9 @@ import os
 import signal
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, as_completed, wait
-from contextlib import ContextDecorator, closing, contextmanager, suppress
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor, as_completed
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import resource_tracker
@@ -23,9 +22,8 @@ from cavirheo.errors import InputError, expect_whole
 
 Job = TypeVar("Job")
 Output = TypeVar("Output")
-JOBS_PER_PROCESS = 2  # jobs sent to each process: one that runs and one that waits
-# of a process: no modules from the current folder; loky restarts one that has so many bytes more than after its first
-# job, which here loads nothing
+Flow = Generator[tuple[int, Output], None, None]  # (index of a job, its output), in the order in which jobs end
+# no modules from the current folder; loky restarts a process with so many bytes more than after its first job
 _ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
 _pools: dict[int, Any] = {}  # the pool, by its size
@@ -48,7 +46,7 @@ def cores(workers: int | None = None) -> int:
     return workers
 
 
-class _OneBlasThread(ContextDecorator):
+class _OneBlasThread:
     """While any thread is in this block, BLAS computes in the calling thread: BLAS threads beside those of an executor
     would only wait for each other, and they change the last bits of results. threadpoolctl accepts the number of
     threads from one thread only, so `_setter` sets and restores it for all threads."""
@@ -57,7 +55,8 @@ class _OneBlasThread(ContextDecorator):
     _limits: Any
 
     def __init__(self) -> None:
-        self._lock, self._inside = threading.Lock(), 0
+        self._lock = threading.Lock()
+        self._inside = 0
 
     def __enter__(self) -> None:
         with self._lock:
@@ -80,9 +79,7 @@ one_blas_thread = _OneBlasThread()
 class Executor(Protocol):
     """Runs jobs: `Threads` or `Processes` of this module, or the workers of a cluster. The outputs are the same."""
 
-    def map_unordered(
-        self, function: Callable[[Job], Output], jobs: Sequence[Job]
-    ) -> Generator[tuple[int, Output], None, None]:
+    def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
         """(index, function(job)) of each job, in the order in which they end. Closing it drops jobs not yet begun."""
 
 
@@ -93,9 +90,7 @@ class Threads:
 
     workers: int | None = None
 
-    def map_unordered(
-        self, function: Callable[[Job], Output], jobs: Sequence[Job]
-    ) -> Generator[tuple[int, Output], None, None]:
+    def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
         """As `Executor.map_unordered`. An exception, also Ctrl-C, is raised at once: jobs not yet begun are dropped,
         jobs that have begun end by themselves. BLAS has one thread meanwhile. The main thread only waits: compiled code
         that Ctrl-C interrupts raises a SystemError."""
@@ -116,43 +111,37 @@ class Processes:
 
     workers: int | None = None
 
-    def map_unordered(
-        self, function: Callable[[Job], Output], jobs: Sequence[Job]
-    ) -> Generator[tuple[int, Output], None, None]:
+    def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
         """As `Executor.map_unordered`. A job whose process was ended from outside is done again. After its close or an
         exception, running jobs end at once. Threads do the work where no process can be started. Raises InputError:
         processes were ended twice with no job done in between; and what `function` raises."""
         count = max(min(cores(self.workers), len(jobs)), 1)
-        waiting = deque(range(len(jobs)))
-        sent: dict[Future[Output], int] = {}
+        left = list(range(len(jobs)))
         progress = True  # whether a job was done since processes were ended from outside
         try:
-            while waiting or sent:
+            while left:
                 pool = process_pool(count)
                 if pool is None:
-                    indices = [*waiting]
-                    outputs = Threads(self.workers).map_unordered(function, [jobs[index] for index in indices])
-                    yield from ((indices[place], output) for place, output in outputs)
+                    for place, output in Threads(self.workers).map_unordered(function, [jobs[index] for index in left]):
+                        yield left[place], output
                     return
                 try:
-                    while waiting and len(sent) < JOBS_PER_PROCESS * count:
-                        future = pool.submit(function, jobs[waiting[0]])
-                        sent[future] = waiting.popleft()
-                    for future in wait(sent, return_when=FIRST_COMPLETED).done:
+                    indices = {pool.submit(function, jobs[index]): index for index in left}
+                    for future in as_completed(indices):
                         output = future.result()
+                        index = indices.pop(future)
+                        left.remove(index)
                         progress = True
-                        yield sent.pop(future), output
+                        yield index, output
                 except _pool_errors() as error:
                     if not progress:
                         message = f"one of {count} processes was ended from outside, for want of memory perhaps"
                         mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
                         raise InputError(f"{message}: {mending}", "parallel.ended") from error
                     progress = False
-                    waiting.extendleft(sent.values())
-                    sent.clear()
                     end_processes()
         finally:
-            if sent:
+            if left:
                 end_processes()
 
 
@@ -233,14 +222,13 @@ def default_executor(jobs: int, workers: int | None = None) -> Executor:
 def run_jobs(
     function: Callable[[Job], Output],
     jobs: Iterable[Job],
-    executor: Executor | int | None = None,
+    workers: int | None = None,
     on_output: Callable[[int, Output], None] | None = None,
 ) -> list[Output]:
-    """function(job) of each job, in their order, by an executor or on this number of threads (default: all cores).
-    `on_output` is called in this thread with the index and the output of each job, in the order in which they end."""
+    """function(job) of each job, in their order, on this number of threads (default: all cores). `on_output` is called
+    in this thread with the index and the output of each job, in the order in which they end."""
     outputs: dict[int, Output] = {}
-    chosen = Threads(executor) if executor is None or isinstance(executor, int) else executor
-    with closing(chosen.map_unordered(function, list(jobs))) as pairs:
+    with closing(Threads(workers).map_unordered(function, list(jobs))) as pairs:
         for index, result in pairs:
             outputs[index] = result
             if on_output:

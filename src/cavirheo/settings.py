@@ -27,7 +27,6 @@ CLUSTER = "Cluster"
 
 
 def argument(metavar: str, help: str, **keywords: Any) -> Any:
-    """Return a positional argument."""
     return Argument(metavar=metavar, help=help, **keywords)
 
 
@@ -73,15 +72,12 @@ class Number:
 
 
 def number(help: str, panel: str | None = None, *words: str, **keywords: Any) -> Any:
-    """Return an option that takes a `Number`."""
     parser = Number(*words, **keywords)
     return option(help, panel, parser=parser, metavar=f"<{parser.__name__}>")
 
 
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
-ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model")]
-_LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid"
-Material = Annotated[str | None, option(f"{_LAW}  [default: auto]")]
+_LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid  [default: auto]"
 _FPS = "frames per second, of videos and of tables that number their frames"
 Fps = Annotated[Any, number(_FPS, thousands=".,")]
 UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels")]
@@ -90,11 +86,9 @@ Shots = Annotated[str | None, option("shots of every file, such as '1,4-7' (the 
 _GROUP = "shots of one material; name: soft_1, soft_2 are soft; auto: those of a file, or all files of one shot"
 Group = Annotated[Literal["auto", "file", "folder", "name", "none"], option(_GROUP)]
 _STRETCH = "R_max/R_0; plateau: late radius as prior; free: no prior  [default: prior of the file]"
-Stretch = Annotated[Any, number(_STRETCH, None, "plateau", "free")]
 _WINDOW = "number of collapses to compare  [default: 3, or all if there are fewer]"
-Window = Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)]
 ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower intervals)", INTERVAL, "--exact-law")]
-WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead of --confinement-inertia", BUBBLE)]
+_WALL = "um to one rigid wall, instead of --confinement-inertia"
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
 Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
@@ -170,7 +164,7 @@ class BubbleOptions:
     accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
     confinement_damping: Annotated[Any, number("2 pi (R_max^2/A) c/U_c of a tube around it", BUBBLE, "free")] = None
     confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, "free")] = None
-    wall_distance_um: WallDistanceUm = None
+    wall_distance_um: Annotated[float | None, option(_WALL, BUBBLE)] = None
     vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, "free")] = None
     bubble: Annotated[Literal["real", "field"] | None, option(_BUBBLE)] = None
     damage: Annotated[Literal["none", "strain"], option("softening of the gel", BUBBLE)] = "none"
@@ -208,8 +202,8 @@ class BubbleOptions:
 class Settings(Liquid, FileSettings, BubbleOptions):
     """How measured curves are read and analysed; values with names of fields of Analysis are its settings."""
 
-    stretch: Stretch = None
-    window: Window = None
+    stretch: Annotated[Any, number(_STRETCH, None, "plateau", "free")] = None
+    window: Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)] = None
     seed: Seed = 0
 
     @property
@@ -244,8 +238,8 @@ class Settings(Liquid, FileSettings, BubbleOptions):
 class InferSettings(Settings):
     """Settings of `infer`."""
 
-    material: Material = None
-    model: ModelName = "posterior"
+    material: Annotated[str | None, option(_LAW)] = None
+    model: Annotated[str, option(_MODEL, INTERVAL)] = "posterior"
     exact_law: ExactLaw = False
 
     @property

@@ -12,13 +12,12 @@ from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, printable
 from cavirheo.inference.analysis import Analysis
+from cavirheo.io.curves import unusable_curve
 from cavirheo.io.files import header_of, measurement_files, pixels_of
 from cavirheo.io.shots import CurveSet, read_shots, sample_hash
 from cavirheo.parallel import Executor, cores
@@ -57,7 +56,7 @@ class WatchedFile:
 class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
-    analysis: how curves are answered. read: returns the curves of one file. read_settings: all settings of `read`
+    analysis: how curves are answered. read: returns the curves of files. read_settings: all settings of `read`
     besides the medium. group: as in `read_shots`. draw, errors: as in `write_report`. notify: called with a line on
     each problem. show: called with each new row. poll_interval, read_timeout: as POLL_INTERVAL and READ_TIMEOUT.
     executor: as in `analyse`.
@@ -66,7 +65,7 @@ class Watch:
     folder: Path
     out: Path
     analysis: Analysis
-    read: Callable[[Path], CurveSet]
+    read: Callable[[list[Path]], CurveSet]
     read_settings: object = None
     _: KW_ONLY
     group: str = "auto"
@@ -86,12 +85,14 @@ class Watch:
         self.store = Store(self.out / "watched")
         # the curves of a file depend on these settings
         settings_key = content_hash([version("cavirheo"), self.read_settings, self.analysis.medium])[:16]
-        self.records = Store(self.out / "watched" / settings_key, capacity=0)
+        self.records = Store(self.out / "watched" / settings_key)
         self.files: dict[str, WatchedFile] = {}
         self._states: dict[Path, tuple[State, float]] = {}  # state of each file, and time in s when it was first seen
-        self._unwritten, self._due = False, 0.0  # whether the documents are out of date; earliest time to write
-        for record in self.records.values(dict):
-            self._add_file(WatchedFile(**record))
+        self._unwritten = False  # whether the documents are out of date
+        self._due = 0.0  # s, earliest time to write them
+        for record in self.records.values():
+            if isinstance(record, dict):
+                self._add_file(WatchedFile(**record))
 
     def pairs(self) -> tuple[list[tuple[RadiusCurve, Posterior]], list[str]]:
         """Every answered curve with its answer, in the order of the files; and remarks on the files and on scales and
@@ -100,7 +101,7 @@ class Watch:
         curves, _, repeated, hints = read_shots([curve for file in files for curve in file.curves], group=self.group)
         self._notify_once(*repeated)
         remarks = [remark for file in files for remark in file.remarks]
-        answers = (self.store.get(key, Posterior) for key in keys)
+        answers = (self.store.get(key) for key in keys)
         pairs = zip(curves, answers, strict=True)
         return [(curve, with_source_of(answer, curve)) for curve, answer in pairs if answer], remarks + repeated + hints
 
@@ -157,8 +158,7 @@ class Watch:
         started = time.monotonic()
         self._unwritten = False
         pairs, notes = self.pairs()
-        about: dict[str, Any] = {"date": self.date, "notes": notes, "errors": self.errors}
-        document = result(pairs, self.command, **about)
+        document = result(pairs, self.command, date=self.date, notes=notes, errors=self.errors)
         if pairs or not self.outputs.listed_entry("result.json"):
             write_report(self.out, pairs, document, draw=self.draw, replace=True)
         now = time.monotonic()
@@ -190,7 +190,7 @@ class Watch:
     def _read(self, path: Path, state: State) -> WatchedFile | None:
         """The content of a file; a curve with the reason if it is unreadable; None if it is to be tried again."""
         try:
-            curves, problems, remarks, _ = self.read(path)  # `pairs` gives hints once for all curves
+            curves, problems, remarks, _ = self.read([path])  # `pairs` gives hints once for all curves
         except InputError as error:  # a setting that is wrong for this file
             curves, problems, remarks, _ = CurveSet([], [f"{path}: {error}"], [], [])
         if self._state(path) != state:
@@ -201,12 +201,11 @@ class Watch:
             if time.monotonic() - self._states[path][1] < self.read_timeout:
                 return None
             stem = {"name": path.stem, "group": path.stem, "source": printable(str(path))}
-            curves = [RadiusCurve(np.empty(0), np.empty(0), meta=stem, unusable=problems[0])]
+            curves = [unusable_curve(problems[0], stem)]
         order = earlier.order if earlier else state[1]
         return WatchedFile(str(path), state, order, curves, list(remarks), unreadable=bool(problems))
 
     def _add_file(self, file: WatchedFile) -> None:
-        """Add a file, in place of its earlier state."""
         self.files[file.path] = file
         file.keys = [self.analysis.key(curve) for curve in file.curves]
 
@@ -214,20 +213,19 @@ class Watch:
         return sorted(self.files.values(), key=lambda file: (file.order, file.path))
 
     def _state(self, path: Path) -> State | None:
-        """State of a file, and of its header if it has one; None if it does not exist, or cannot be looked at, as on a
-        network share that is away, which is said once."""
-        places = [place for place in (path, header_of(path)) if place]
-        states = []
-        for place in places:
+        """State of a file, and of its header if it has one; None if the file does not exist, or one of them cannot be
+        looked at, as on a network share that is away, which is said once."""
+        state: State = ()
+        for place in filter(None, (path, header_of(path))):
             try:
-                states.append(place.stat())
+                status = place.stat()
             except FileNotFoundError:
-                if place is path:
-                    return None
+                continue
             except OSError as error:
                 self._notify_once(f"{place} cannot be looked at ({error.strerror}): waiting")
                 return None
-        return tuple(number for state in states for number in (state.st_size, state.st_mtime_ns)) or None
+            state += (status.st_size, status.st_mtime_ns)
+        return state or None
 
     def _notify_once(self, *texts: str) -> None:
         for text in texts:

@@ -202,11 +202,11 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
         return run, run.answers(curves, KnownAnalysis(of=of, seed=seed))
 
     run, found = answers(curves)
-    assert (run.interrupted, found.indices) == (True, [0, 1])
+    assert (run.interrupted, list(found)) == (True, [0, 1])
     most = 99
     run, found = answers(curves[::-1])  # in any order
     assert not run.interrupted
-    assert [one.seconds for one in found] == [5.0, 4.0, 3.0, 2.0, 1.0]
+    assert [one.seconds for one in found.values()] == [5.0, 4.0, 3.0, 2.0, 1.0]
     assert asked == ["1", "2", "5", "4", "3"]
     answers([curve.labelled(name=f"{curve.name} (2)", group="gel", source="elsewhere.csv") for curve in curves])
     assert len(asked) == 5  # the name of a curve is no part of it

@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -45,7 +46,7 @@ class Bench:
 
     def start(self) -> None:
         analysis = KnownAnalysis(of=self.answer, seed=self.seed)
-        read = lambda path: read_shots([path], um_per_px=SCALE)  # noqa: E731
+        read = partial(read_shots, um_per_px=SCALE)
         self.watch = Watch(self.folder, self.out, analysis, read, notify=self.said.append, **self.how)
 
     def answer(self, one):

@@ -13,7 +13,6 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.settings import option
 from cavirheo.verbs import companions, curves, documents, histories, machine
 from cavirheo.verbs.run import Command
-from cavirheo.writing.digits import elide
 from cavirheo.writing.terminal import say, write
 
 _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a function where the options are few
@@ -65,14 +64,12 @@ def main() -> None:
             say("interrupted")
         sys.exit(status)
     except _UsageError as error:
-        message = error.format_message().replace("Value error, ", "")  # pydantic's
+        message = error.format_message()
         if "\n" in message.strip():  # no arguments at all: show the help
             error.show()
         else:
             where = error.ctx.command_path if error.ctx else "cavirheo"
-            errors = getattr(error.__cause__, "errors", None)  # pydantic's, with the invalid input
-            got = f", got {elide(repr(errors()[0]['input']), 60)}" if errors else ""
-            say(f"error: {message.rstrip('.')}{got}; see {where} --help")
+            say(f"error: {message.rstrip('.')}; see {where} --help")
         sys.exit(2)
     except (InputError, SolverError, OSError) as error:
         say(f"error: {error}")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cavirheo import settings
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.settings import argument, option
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Run, has_problems
@@ -69,7 +69,8 @@ class Rheometer(options.PrintingVerb):
         from cavirheo.companions import rheometer
         from cavirheo.writing.document import Outputs
 
-        require(self.at > 0, f"--at must be an angular frequency in rad/s, got {self.at!r}")
+        if self.at <= 0:
+            raise InputError(f"--at must be an angular frequency in rad/s, got {self.at!r}")
         files = run.files(self.files)
         outputs = Outputs(self.out, "rheometer.json", inputs=files)
         sweeps = []
@@ -107,18 +108,18 @@ class CollapseTime(options.PrintingVerb, settings.Liquid):
         shot_numbers(self.shots)
         files = run.files(self.files)
         liquid = self.liquid
-        fine = self.stretch is None or 1 < self.stretch < 1e3
-        require(fine, f"--stretch must be R_max/R_0 above 1, got {self.stretch!r}", "collapse_time.stretch")
+        if self.stretch is not None and not 1 < self.stretch < 1e3:
+            raise InputError(f"--stretch must be R_max/R_0 above 1, got {self.stretch!r}", "collapse_time.stretch")
         outputs = Outputs(self.out, "collapse-time.json", "shots.csv", inputs=files)
         groups, problems, remarks = collapse_times.read_groups(files, liquid, self.stretch, self.group, self.shots)
         run.note_unreadable(problems)
         run.notes += remarks
         run.require_any(groups, "collapse time")
-        values = {"shear_modulus": self.shear_modulus, "viscosity": self.viscosity}
         if self.exact:
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
+        known = {"shear_modulus": self.shear_modulus, "viscosity": self.viscosity}
         for group in groups:
-            group.answer(self.material, liquid, exact=self.exact, **values)
+            group.answer(self.material, liquid, exact=self.exact, **known)
         head = {"material": self.material, "medium": asdict(liquid), **run.document_fields}
         document = collapse_times.CollapseTimes(groups=groups, **head)
         outputs.write("shots.csv", collapse_times.write_csv, document)
@@ -154,8 +155,9 @@ class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
         from cavirheo.companions.design import Rig, design
         from cavirheo.writing.document import Outputs
 
-        message = "--group names a group of a result.json: give the file, or leave out --group"
-        require(self.result is not None or self.group is None, message, "design.group")
+        if self.group is not None and self.result is None:
+            message = "--group names a group of a result.json: give the file, or leave out --group"
+            raise InputError(message, "design.group")
         rig = Rig(
             max_radius=[1e-6 * end for end in self.rmax_um],
             frame_rate=_parse_numbers("--fps", self.fps),
@@ -168,12 +170,12 @@ class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
             bubble=self.bubbles or "real",
             sizes=self.sizes,
         )
-        ranges = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
-        keywords: dict[str, Any] = {"ranges": {name: ends for name, ends in ranges.items() if ends}}
-        keywords |= {name: getattr(self, name) for name in ("group", "spread", "draws", "seed")}
+        ranges = {name: ends for name in ("shear_modulus", "viscosity", "stretch") if (ends := getattr(self, name))}
+        keywords: dict[str, Any] = {name: getattr(self, name) for name in ("group", "spread", "draws", "seed")}
         outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
         with run.progress_bar("answering", len(rig.settings()) * self.draws) as advance:
-            document = design(self.result, rig, wanted=0.01 * self.wanted_percent, done=advance, **keywords)
+            wanted = 0.01 * self.wanted_percent
+            document = design(self.result, rig, ranges=ranges, wanted=wanted, done=advance, **keywords)
         run.write_document(outputs, document.model_copy(update=run.document_fields))
         run.end(f"written to {self.out}")
 

@@ -57,7 +57,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             analysis.check(curves)
             answers = unfinished.answers(curves, analysis)
         note = unfinished.note(len(answers), len(curves))
-        pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
+        pairs = CurveAnswers([curves[i] for i in answers], list(answers.values()))
         document = result(pairs, errors=self.errors, **_head(run, note))
         document.add_published(published)
         _write(run, folder, pairs, document, note, draw=self.pictures)
@@ -106,7 +106,6 @@ class Fit(_ReportVerb):
 
     @property
     def analysis_options(self) -> dict[str, Any]:
-        """As `Settings.analysis_options`."""
         t0_bound, end = (None if us is None else us * 1e-6 for us in (self.t0_us, self.window_us))
         own = {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
         return super().analysis_options | own
@@ -145,8 +144,8 @@ class WhichLaw(options.MeasuredFiles):
             curves = self.read_curves(run, files)
             shared = {name: value for name, value in self.analysis_options.items() if name != "bubble"}
             analyses = plans(candidates, **shared, discrepancy=not self.exact_law)
-            by_law = {law: dict(unfinished.answers(curves, plan).numbered()) for law, plan in analyses.items()}
-        complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
+            by_law = {law: unfinished.answers(curves, plan) for law, plan in analyses.items()}
+        complete = sorted(set.intersection(*map(set, by_law.values())))
         answered = [curves[i] for i in complete]
         singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in by_law.items()})
         pairs = CurveAnswers(answered, choose_answers(singles, groups))
@@ -178,12 +177,11 @@ class Watch(settings.InferSettings, options.AnsweringVerb, options.SharedErrors)
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
         analysis = self.analysis
         read_settings = settings.shared_values(self, settings.FileSettings)
-        keywords: dict[str, Any] = {"group": self.group, "read_timeout": self.patience}
+        keywords: dict[str, Any] = {"group": self.group, "read_timeout": self.patience, "notify": run.say}
         keywords |= {"command": run.command, "date": run.date, "draw": self.pictures, "errors": self.errors}
-        keywords |= {"notify": run.say} if run.quiet else {"notify": run.say, "show": print_line}
-        watched = watch.Watch(
-            folder, out, analysis, lambda path: self.read_recordings([path]), read_settings, **keywords
-        )
+        if not run.quiet:
+            keywords["show"] = print_line
+        watched = watch.Watch(folder, out, analysis, self.read_recordings, read_settings, **keywords)
         load_solver()
         result = watched.write()
         end = "" if self.once else "; Ctrl-C ends"

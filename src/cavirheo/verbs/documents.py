@@ -15,15 +15,12 @@ from typing import Annotated, Any
 from typer import Exit
 
 from cavirheo import settings
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, sha256
 from cavirheo.parallel import cores
 from cavirheo.settings import argument, option
 from cavirheo.writing import digits, terminal
 
-_FILE = (
-    "a document, a folder of results, a training set, an .npz file of weights; a measurement; or the name of a shipped "
-)
-_FILE += "network"
+_FILE = "a document, a folder of results, a training set, weights (.npz), a measurement; or a shipped network's name"
 _VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # prefixes of variables that change speed or answers
 
 
@@ -44,8 +41,9 @@ def show(
         from cavirheo.inference.cards import shipped
 
         networks = shipped()
-        message = f"{file} does not exist, nor is it the name of a shipped network ({', '.join(networks)})"
-        require(file.name in networks, message, "show.missing")
+        if file.name not in networks:
+            message = f"{file} does not exist, nor is it the name of a shipped network ({', '.join(networks)})"
+            raise InputError(message, "show.missing")
         file = networks[file.name]
     models = [path for path in sorted(file.glob("*.npz")) if path.with_suffix(".json").is_file()]
     file = models[0] if len(models) == 1 else file  # the folder of a run of `train`
@@ -53,9 +51,10 @@ def show(
     training_set = any(file.glob("shard-*.h5"))
     document = not network and (file.suffix.lower() == ".json" or training_set or bool(documents_in(file)))
     for name, value in {"shots": shots, "fps": fps, "um-per-px": um_per_px}.items():
-        message = f"--{name} is for measurements, and {file} is none: leave it out"
-        require(value is None or not (network or document), message, "show.measurement")
-    require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
+        if value is not None and (network or document):
+            raise InputError(f"--{name} is for measurements, and {file} is none: leave it out", "show.measurement")
+    if json and not document:
+        raise InputError(f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
         _show_network(file.with_suffix(".npz"))
     elif training_set:
@@ -83,13 +82,12 @@ def _show_training_set(path: Path) -> None:
     from cavirheo.training import dataset
 
     data = dataset.load(path)
-    failures = "".join(f"\n  {count} {status}" for status, count in data.origin["failures"].items())
-    lines = [
-        f"{path}: training set of {len(data)} curves, written by cavirheo {data.made_by}, seed {data.seed}",
-        *(f"  {line}" for line in dataset.layout_of(data.problem).summary),
-        f"  checksum {data.sha256}",
-    ]
-    terminal.write("\n".join(lines) + failures)
+    terminal.write(f"{path}: training set of {len(data)} curves, written by cavirheo {data.made_by}, seed {data.seed}")
+    for line in dataset.layout_of(data.problem).summary:
+        terminal.write(f"  {line}")
+    terminal.write(f"  checksum {data.sha256}")
+    for status, count in data.origin["failures"].items():
+        terminal.write(f"  {count} {status}")
 
 
 def _show_curves(path: Path, **keywords: Any) -> None:
@@ -126,7 +124,8 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
 
     document = load(result, Result)
     paragraph, sources = methods_paragraph(document)
-    require(bool(paragraph), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
+    if not paragraph:
+        raise InputError("no curve of this result has an answer: there is nothing to cite", "cite.nothing")
     terminal.write("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
 
 
@@ -170,24 +169,15 @@ def _show_network(path: Path) -> None:
 
     content = card(path)
     made = content.get("date", "at an unknown date")
+    digest = sha256(path)
+    if content["weights"]["sha256"] != digest:
+        digest += ", which is NOT the file that its card describes"
     try:
-        lines = [*summary(path.stem, content), f"  file {path}, sha256 {_checksum(path)}, made {made}"]
+        lines = [*summary(path.stem, content), f"  file {path}, sha256 {digest}, made {made}"]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
     lines.append(f"  card {path.with_suffix('.json')}: priors, training, losses, scores and license in full")
     terminal.write("\n".join(lines))
-
-
-def _checksum(path: Path) -> str:
-    """Return the SHA-256 of a model, with a remark if its card has another. Raises InputError: file too large."""
-    import hashlib
-
-    from cavirheo.errors import read_bytes
-    from cavirheo.inference.cards import MAX_BYTES, card
-
-    digest: str = hashlib.sha256(read_bytes(path, MAX_BYTES)).hexdigest()
-    same = card(path)["weights"]["sha256"] == digest
-    return digest + ("" if same else ", which is NOT the file that its card describes")
 
 
 def installation_report() -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo import settings
-from cavirheo.errors import require
+from cavirheo.errors import InputError
 from cavirheo.settings import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Run
@@ -65,8 +65,9 @@ class Measure(options.PrintingVerb):
         settings["exposure"] = self.exposure_us and self.exposure_us * 1e-6
         settings |= {"roi": _parse_numbers("--roi", self.roi, 4), "span": _parse_numbers("--frames", self.frames, 2)}
         path, *others = run.files([self.video])
-        message = f"measure takes one recording, and {self.video} holds {1 + len(others)}: name one, such as {path}"
-        require(not others, message, "measure.one")
+        if others:
+            held = f"{self.video} holds {1 + len(others)}"
+            raise InputError(f"measure takes one recording, and {held}: name one, such as {path}", "measure.one")
         overlay = ["overlay.mp4"] if self.overlay else []
         outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", *overlay, inputs=[path])
         with ExitStack() as stack:
@@ -121,9 +122,9 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
         liquid = self.liquid
         law = self.make_law()
         count = self.duration_us * 1e-6 * self.fps
-        possible = self.duration_us > 0 and self.fps > 0 and 1 <= count <= 1e6
-        got = f"got {self.duration_us} us at {self.fps} frames per second"
-        require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
+        if not (self.fps > 0 and 1 <= count <= 1e6):
+            got = f"got {self.duration_us} us at {self.fps} frames per second"
+            raise InputError(f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
         frames = int(count * (1 + 1e-9)) + 1
         bubble = self.make_bubble()
         far_field: Pulse | None = None
@@ -153,8 +154,8 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
 
         (base,) = bubbles_of(self.bubble or "field")
         kinetic = (self.contents or base.contents) == "kinetic"
-        idle = self.accommodation is not None and not kinetic
-        require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
+        if self.accommodation is not None and not kinetic:
+            raise InputError("--accommodation changes nothing without --contents kinetic: give both", "simulate.idle")
         values = ({"accommodation": ACCOMMODATION} if kinetic else {}) | self.bubble_values
         damage = Damage(*self.damage) if self.damage else "none"
         return replace(base, **{**values, "exponent": self.polytropic, "damage": damage})
@@ -168,14 +169,16 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
         names = ("shear_modulus", "viscosity", "stiffening")
         values = {name: value for name in names if (value := getattr(self, name)) is not None}
         if self.material in MATERIALS:
-            needed = list(signature(LAWS[self.material]).parameters)
-            message = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(values) or 'nothing'}"
-            require(sorted(values) == sorted(needed), message, "simulate.parameters")
+            needed = signature(LAWS[self.material]).parameters
+            if values.keys() != needed.keys():
+                message = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(values) or 'nothing'}"
+                raise InputError(message, "simulate.parameters")
             return LAWS[self.material](**values)
         law = parse(self.material)
-        words = ", ".join(f"--{key.replace('_', '-')}" for key in values)
-        message = f"--material {self.material!r} holds its own parameters: leave out {words}"
-        require(not values, message, "simulate.parameters_twice")
+        if values:
+            words = ", ".join(f"--{key.replace('_', '-')}" for key in values)
+            message = f"--material {self.material!r} holds its own parameters: leave out {words}"
+            raise InputError(message, "simulate.parameters_twice")
         return law
 
 
@@ -183,20 +186,17 @@ def _parse_numbers(option: str, text: str | None, count: int) -> tuple[int, ...]
     if text is None:
         return None
     parts = re.split("[,:]", text)
-    expected = "x,y,width,height in px" if count == 4 else "first:last"
-    fine = len(parts) == count and all(re.fullmatch(r"\d{1,9}", part) for part in parts)
-    require(fine, f"{option} must be {expected}, got {text!r}", f"option.{option[2:]}")
+    if len(parts) != count or not all(re.fullmatch(r"\d{1,9}", part) for part in parts):
+        expected = "x,y,width,height in px" if count == 4 else "first:last"
+        raise InputError(f"{option} must be {expected}, got {text!r}", f"option.{option[2:]}")
     return tuple(map(int, parts))
 
 
 def _write_frames(path: Path, run: Simulation) -> None:
-    """Write simulation.csv, a row per frame."""
     import numpy as np
 
-    rows = np.stack([*run.columns.values()], axis=1)
-    header = ",".join(run.columns)
-    with path.open("wb") as file:
-        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=header, comments="")
+    rows = np.column_stack([*run.columns.values()])
+    np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=",".join(run.columns), comments="")
 
 
 def laws() -> None:
@@ -208,8 +208,6 @@ def laws() -> None:
         for name in names:
             write(f"  {usage(name)}\n      {summary(name)}")
         write("")
-    write(
-        "A material is one law, or a sum of one elastic part, one viscous part and any with memory:\n"
-        f"  --material '{EXAMPLE}'"
-    )
+    write("A material is one law, or a sum of one elastic part, one viscous part and any with memory:")
+    write(f"  --material '{EXAMPLE}'")
     write("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")

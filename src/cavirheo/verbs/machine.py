@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.settings import argument, option
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Run
@@ -51,14 +51,17 @@ def generate(
     from cavirheo.workflow.cluster import connected
 
     content = read_recipe(recipe)
-    message = "--workers are threads of this machine, and a cluster has its own: leave out one of them"
-    require(workers is None or (scheduler is None and slurm is None), message, "option.workers")
+    if workers is not None and (scheduler or slurm):
+        message = "--workers are threads of this machine, and a cluster has its own: leave out one of them"
+        raise InputError(message, "option.workers")
     load_solver()
     run = Run(quiet=quiet)
+    count = n or content.data.n
     seed = content.data.seed if seed is None else seed
-    keywords: dict[str, Any] = {"seed": seed, "workers": workers, "progress": not quiet}
     with connected(scheduler, slurm, run.say) as executor:
-        written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **keywords)
+        written = dataset.generate(
+            content.problem, count, out, seed=seed, workers=workers, progress=not quiet, executor=executor
+        )
     for status, count in written.failures.items():
         run.say(f"{count} failed: {status}")
     run.end(f"{written.curves} curves in {out}, {written.simulated} of them simulated now")

@@ -16,15 +16,14 @@ if TYPE_CHECKING:
     from cavirheo.verbs.run import Run
 
 
+def _named_folder(text: object) -> Path:
+    if not str(text).strip():
+        raise BadParameter("a folder must have a name; leave the option out for the usual one")
+    return Path(str(text))
+
+
 def folder(help: str) -> Any:
-    """Return the option `-o` or `--out`, which takes a folder."""
-
-    def parse_folder(text: object) -> Path:
-        if not str(text).strip():
-            raise BadParameter("a folder must have a name; leave the option out for the usual one")
-        return Path(str(text))
-
-    return option(help, None, "-o", "--out", parser=parse_folder, metavar="FOLDER")
+    return option(help, None, "-o", "--out", parser=_named_folder, metavar="FOLDER")
 
 
 Out = Annotated[Path, folder("folder for the results")]  # for documents: a run locks it; --replace belongs to it
@@ -81,15 +80,10 @@ class PrintingVerb(Verb):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pictures:
-    """The option for pictures in the documents."""
+class AnsweringVerb(PrintingVerb, Settings):
+    """Options of all verbs that answer measured curves."""
 
     pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
-
-
-@dataclass(frozen=True, kw_only=True)
-class AnsweringVerb(PrintingVerb, Pictures, Settings):
-    """Options of all verbs that answer measured curves."""
 
     def read_recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """Read the files by `read_shots` with these options. Raises InputError."""

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 from typer.core import TyperCommand
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.settings import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT
 from cavirheo.verbs.options import Verb
 from cavirheo.writing import terminal
@@ -27,19 +27,8 @@ if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
     from cavirheo.writing.document import Document, Outputs
 
-# options that change no answer
-_NEUTRAL_OPTIONS = (
-    "out",
-    "replace",
-    "json",
-    "quiet",
-    "pictures",
-    "scheduler",
-    "slurm",
-    "once",
-    "patience",
-    "every_shot",
-)
+_OUTPUT_OPTIONS = {"out", "replace", "json", "quiet", "pictures", "every_shot"}
+_NEUTRAL_OPTIONS = _OUTPUT_OPTIONS | {"scheduler", "slurm", "once", "patience"}  # options that change no answer
 # order of the options on the first screen ("" stands for all others), and of the panels
 _OPTION_ORDER = ("material", "laws", "stretch", "bubble", "", "out", "replace", "json", "quiet", "help")
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
@@ -67,18 +56,14 @@ class Run:
 
     @property
     def document_fields(self) -> dict[str, Any]:
-        """The fields of a document that describe the run."""
         return {"command": self.command, "date": self.date, "notes": [*self.notes]}
 
-    def progress_bar(
-        self, label: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
-    ) -> AbstractContextManager[Callable[..., None]]:
-        """Return a `terminal.progress_bar`, not visible in a quiet run."""
-        return terminal.progress_bar(label, total, visible=visible and not self.quiet, unit=unit)
+    def progress_bar(self, label: str, total: int, unit: str = "curves") -> AbstractContextManager[Callable[..., None]]:
+        return terminal.progress_bar(label, total, visible=not self.quiet, unit=unit)
 
     def files(self, patterns: list[Path]) -> list[Path]:
         """Return the files of the folders and patterns; one without any file is refused alone."""
-        from cavirheo.io.files import expand
+        from cavirheo.io.files import expand, without_headers
 
         files: list[Path] = []
         for pattern in patterns:
@@ -87,7 +72,7 @@ class Run:
             except InputError as error:
                 self.note_unreadable([str(error)])
         self.require_any(files, "file")
-        return list(dict.fromkeys(files))
+        return without_headers(files)
 
     def note_unreadable(self, problems: list[str]) -> None:
         """Print on stderr which files cannot be read, note and count them."""
@@ -99,7 +84,8 @@ class Run:
 
     def require_any(self, items: Sequence[Any], kind: str) -> None:
         """End the run if there are no items. Raises typer.Exit(2) if files were refused before, else InputError."""
-        require(bool(items) or self.unreadable > 0, f"no {kind} could be read", "run.nothing")
+        if not items and not self.unreadable:
+            raise InputError(f"no {kind} could be read", "run.nothing")
         if not items:
             raise typer.Exit(2)
 
@@ -147,8 +133,9 @@ class Command(TyperCommand):
         """Run the verb with its Claim. Raises InputError: a number is not finite; typer.Exit(130): interrupted."""
         for name, value in ctx.params.items():
             for number in value if isinstance(value, tuple) else (value,):
-                fine = not isinstance(number, float) or isfinite(number)
-                require(fine, f"--{name.replace('_', '-')} must be a finite number, got {number}", "option.finite")
+                if isinstance(number, float) and not isfinite(number):
+                    option = name.replace("_", "-")
+                    raise InputError(f"--{option} must be a finite number, got {number}", "option.finite")
         try:
             verb = super().invoke(ctx)
             if isinstance(verb, Verb):  # calls for the same answers make the same claim, in any current folder
@@ -174,16 +161,13 @@ class Command(TyperCommand):
         return {title: rows for title, rows in panels.items() if rows}
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the pieces of the usage line: [OPTIONS] FILE..."""
         arguments = (parameter for parameter in self.params if parameter.param_type_name == "argument")
         return ["[OPTIONS]", *(str(parameter.metavar) for parameter in arguments)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write a section for each panel."""
         for title, rows in self.panels(ctx).items():
             with formatter.section(title):
                 formatter.write_dl(rows)
 
     def get_short_help_str(self, limit: int = 0) -> str:
-        """Return the first paragraph of the help, not shortened."""
         return " ".join((self.help or "").partition("\n\n")[0].split())

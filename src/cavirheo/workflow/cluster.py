@@ -10,7 +10,7 @@ import hashlib
 import re
 import signal
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cavirheo.errors import InputError, listed
-from cavirheo.parallel import Job, Output
+from cavirheo.parallel import Flow, Job, Output
 
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
@@ -73,8 +73,8 @@ def required_identity(client: Client, notify: Callable[[str], None], wait: float
         client.wait_for_workers(1, timeout=wait)
     except TimeoutError:
         address = client.scheduler_info()["address"]
-        message = f"no worker came to {address} within {wait:.0f} s: start some, and try again"
-        raise InputError(message, "cluster.no_worker") from None
+        late = f"no worker came to {address} within {wait:.0f} s"
+        raise InputError(f"{late}: start some, and try again", "cluster.no_worker") from None
     workers = {address: str(answer) for address, answer in client.run(probe, on_error="return").items()}
     mine = identity()
     code = mine.rpartition(",")[0]
@@ -96,9 +96,7 @@ class Workers:
     client: Client
     required: str
 
-    def map_unordered(
-        self, function: Callable[[Job], Output], jobs: Sequence[Job]
-    ) -> Generator[tuple[int, Output], None, None]:
+    def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
         """As `Executor.map_unordered`. Another worker does the jobs of a lost one. Raises InputError: a worker has
         another identity, a job ended several workers, or the scheduler is gone. Also raises errors of `function`."""
         from distributed import KilledWorker, as_completed
@@ -112,8 +110,7 @@ class Workers:
             message = f"one job ended several workers, so it is given up: is their memory too small? {error}"
             raise InputError(message, "cluster.killed") from None
         except CancelledError:
-            message = "the scheduler is gone or was restarted: the same command goes on"
-            raise InputError(message, "cluster.lost") from None
+            raise InputError("the scheduler is gone or restarted: the same command goes on", "cluster.lost") from None
         finally:
             self.client.cancel(list(indices), force=True)
 
@@ -137,8 +134,7 @@ def connected(scheduler: str | None, slurm: int | None, notify: Callable[[str], 
         yield None
         return
     if scheduler and slurm:
-        message = "--scheduler names a cluster, and --slurm asks for another: leave out one of them"
-        raise InputError(message, "cluster.scheduler")
+        raise InputError("--scheduler and --slurm are two clusters: leave out one of them", "cluster.scheduler")
     if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
         message = f"--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, got {scheduler!r}"
         raise InputError(message, "cluster.scheduler")

@@ -1,7 +1,5 @@
-"""Answers by their keys, in memory and in a folder; and the analysis of curves, which stores each answer at once.
-
-A stored answer remains, whatever ends the run.
-"""
+"""Answers by their keys, in memory and in a folder; and the analysis of curves, which stores each answer at once: it
+remains, whatever ends the run."""
 
 from __future__ import annotations
 
@@ -11,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Lock
-from typing import Any, TypeVar
+from typing import Any
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
@@ -27,16 +25,14 @@ from cavirheo.writing.terminal import progress_bar, say
 
 _TYPES = (Posterior, Checks, Message, Evidence, Diagnostics, Bubble, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
-_Value = TypeVar("_Value")
-MOST_IN_MEMORY = 500  # answers of a run that are held in memory besides their files
 
 
 class Store:
     """Values by their keys. Many threads may use a store.
 
     folder: has a file for each value, written completely or not at all; None: values are in memory alone. capacity:
-    only so many of the latest values are held in memory; None: all. written: keys of the files that this store has
-    written. Raises InputError: `folder` is a link or no folder.
+    only so many of the latest values are held in memory; None: all (an answer takes about 50 kB). Raises InputError:
+    `folder` is a link or no folder.
     """
 
     def __init__(self, folder: Path | None = None, capacity: int | None = None) -> None:
@@ -45,56 +41,43 @@ class Store:
             raise InputError(message, "document.folder")
         self.folder = folder
         self.capacity = capacity
-        self.written: set[str] = set()
-        self._unsaved: dict[str, Any] = {}  # values without a file, all of which are held
-        self._latest: dict[str, Any] = {}  # other values, the latest last
+        self._latest: dict[str, Any] = {}  # values in memory, the latest last
         self._lock = Lock()
 
-    def get(self, key: str, kind: type[_Value] = Posterior) -> _Value | None:  # type: ignore[assignment]
-        """The value of a key; None if there is none, or none of this kind that can be read."""
-        value = self._unsaved.get(key) or self._latest.get(key)
+    def get(self, key: str) -> Posterior | None:
+        """The answer of a key; None if there is none that can be read."""
+        value = self._latest.get(key)
         if value is None and (value := self._read(key)) is not None:
             self._remember(key, value)
-        return value if isinstance(value, kind) else None
+        return value if isinstance(value, Posterior) else None
 
     def put(self, key: str, value: Any, *, file: bool = True) -> None:
         """Store an answer, a curve, or several of them in a tuple or a dict; in a file, too, unless `file` is False.
         Raises InputError: the folder cannot be written."""
-        if not file:
-            self._unsaved[key] = value
-            return
-        if self.folder:
-            with writable_folder(self.folder), atomic_file(self._path(key)) as temporary:
+        if self.folder and file:
+            with writable_folder(self.folder), atomic_file(self.folder / f"{key}.npz") as temporary:
                 temporary.write_bytes(encode(value, default=str))
-            self.written.add(key)
         self._remember(key, value)
 
-    def values(self, kind: type[_Value]) -> Iterator[_Value]:
-        """All values of a kind that are in files."""
-        for path in sorted(self.folder.glob("*.npz")) if self.folder else ():
-            if isinstance(value := self._read(path.stem), kind):
-                yield value
+    def values(self) -> list[Any]:
+        """All values in files; None for one that cannot be read."""
+        return [self._read(path.stem) for path in sorted(self.folder.glob("*.npz"))] if self.folder else []
 
     def remove(self, keys: Iterable[str]) -> None:
         """Remove the values of these keys, and the folder if it is then empty."""
         for key in keys:
-            self._unsaved.pop(key, None)
             self._latest.pop(key, None)
             if self.folder:
                 for name in (f"{key}.npz", f".{key}.npz.part.npz"):
                     (self.folder / name).unlink(missing_ok=True)
-        with suppress(OSError):  # there is no folder, or it is not empty
-            if self.folder:
+        if self.folder:
+            with suppress(OSError):  # there is no folder, or it is not empty
                 self.folder.rmdir()
-
-    def _path(self, key: str) -> Path:
-        assert self.folder
-        return self.folder / f"{key}.npz"
 
     def _read(self, key: str) -> Any:
         """The value in the file of a key; None if it cannot be read."""
         with suppress(EOFError, OSError):  # a missing or damaged file: the answer is computed again
-            return decode(self._path(key).read_bytes(), _KINDS) if self.folder else None
+            return decode((self.folder / f"{key}.npz").read_bytes(), _KINDS) if self.folder else None
         return None
 
     def _remember(self, key: str, value: Any) -> None:
@@ -142,57 +125,34 @@ def with_source_of(answer: Posterior, curve: RadiusCurve) -> Posterior:
     return replace(answer, provenance={**answer.provenance, "source_sha256": curve.source_sha256})
 
 
-class Answers(Sequence[Posterior]):
-    """The answers of the curves in `indices`, in their order; each is read from the store when it is accessed. Raises
-    InputError: its file is gone."""
-
-    def __init__(self, store: Store, keys: Sequence[str], indices: Iterable[int]) -> None:
-        self.indices: list[int] = sorted(indices)
-        self._store = store
-        self._keys = keys
-
-    def __len__(self) -> int:
-        return len(self.indices)
-
-    def numbered(self) -> Iterator[tuple[int, Posterior]]:
-        """(index of the curve, its answer)."""
-        return zip(self.indices, self, strict=True)
-
-    def __getitem__(self, place: Any) -> Any:
-        if answer := self._store.get(self._keys[self.indices[place]]):
-            return answer
-        message = f"an answer in {self._store.folder} is gone or was changed while it was needed: the same command "
-        raise InputError(f"{message}finds it anew", "unfinished.gone")
-
-
 class Unfinished:
     """The answers of one command that writes into the folder `out`, in `out`/unfinished until its documents are
     complete: the same command continues after Ctrl-C, a kill or a full disk. After Ctrl-C `interrupted` is True, and
     no further curve is begun. Raises InputError: `out`/unfinished is not a folder."""
 
     def __init__(self, out: str | Path, *, visible: bool = True, executor: Executor | None = None) -> None:
-        self.store = Store(Path(out) / "unfinished", MOST_IN_MEMORY)
+        self.store = Store(Path(out) / "unfinished")
         self.visible = visible
         self.executor = executor
         self.interrupted = False
         self._keys: set[str] = set()  # of all answers that this run may store
 
-    def answers(self, curves: Sequence[RadiusCurve], analysis: Analysis) -> Answers:
-        """The answers of the curves; not all of them after an interruption."""
-        keys = [analysis.key(curve) for curve in curves]
-        indices = list[int]()
-        self._keys.update(keys)
-        if not self.interrupted:
-            taken = sum(self.store.get(key) is not None for key in set(keys) - self.store.written)
-            if taken and self.visible:
-                place = self.store.folder
-                say(f"{taken} of {len(curves)} answers are taken from {place}, where an unfinished run left them")
-            try:
-                for index, _ in analyse(curves, analysis, self.store, self.executor, visible=self.visible):
-                    indices.append(index)
-            except KeyboardInterrupt:
-                self.interrupted = True
-        return Answers(self.store, keys, indices)
+    def answers(self, curves: Sequence[RadiusCurve], analysis: Analysis) -> dict[int, Posterior]:
+        """The answers by the indices of their curves, ascending; not all of them after an interruption."""
+        if self.interrupted:
+            return {}
+        new_keys = {analysis.key(curve) for curve in curves} - self._keys
+        self._keys |= new_keys
+        taken = sum(self.store.get(key) is not None for key in new_keys)
+        if taken and self.visible:
+            place = self.store.folder
+            say(f"{taken} of {len(curves)} answers are taken from {place}, where an unfinished run left them")
+        answers = dict[int, Posterior]()
+        try:
+            answers.update(analyse(curves, analysis, self.store, self.executor, visible=self.visible))
+        except KeyboardInterrupt:
+            self.interrupted = True
+        return dict(sorted(answers.items()))
 
     def note(self, count: int, total: int) -> str:
         """A note on an interrupted run; empty for any other run."""
