@@ -133,7 +133,7 @@ def test_a_set_that_does_not_fit_is_refused_before_it_is_made(instant, tmp_path,
     dataset.generate(PROBLEM, 20, tmp_path / "small", progress=False)
     with monkeypatch.context() as full:  # what is there needs no space again
         full.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
-        assert dataset.generate(PROBLEM, 20, tmp_path / "small", progress=False).skipped == 1
+        assert dataset.generate(PROBLEM, 20, tmp_path / "small", progress=False).simulated == 0
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, printable, require
+from cavirheo.errors import InputError, SolverError, printable
 from cavirheo.inference.checks import curve_warnings
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
 from cavirheo.io.files import guarded
@@ -217,11 +217,12 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
                 return None  # the reader of curves knows more kinds of files and reports errors
             radius, stretches, time = (column and column.si for column in map(table.find, ("R_max", "lambda", "t_1")))
             name, notes = table.find("name"), table.notes
-        missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
-        require(stretches is not None or stretch is not None, missing, "collapse_time.no_stretch")
-        origin = "table"
+        origin = "table" if stretches is not None else "given"
+        if stretches is None and stretch is None:
+            missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
+            raise InputError(missing, "collapse_time.no_stretch")
         if stretches is None:
-            origin, stretches = "given", np.full(len(time), stretch)
+            stretches = np.full(len(time), stretch)
         elif stretch is not None:
             notes = [*notes, "lambda of the table used, not the one given"]
         rows = np.column_stack([radius, stretches, time]).tolist()

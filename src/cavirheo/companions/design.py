@@ -252,17 +252,15 @@ def design(
     expect_whole(draws, "draws", 2, "design.draws")
     rig = rig or Rig()
     family = Family(rig.material)
-    names = (*family.parameters, "stretch")
-    ranges = {require_name(text, names, family.name, "design.range"): pair for text, pair in (ranges or {}).items()}
+    ends = dict(zip(family.parameters, family.bounds(started=True), strict=True)) | {"stretch": np.log10(STRETCHES)}
+    given = _log_ranges(family, ranges or {})
     scatter, before = (spread or 0.0) ** 2 * np.eye(len(family.parameters)), 0
-    ends = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
     if known is not None:
         found, scatter, before = _material(known, group, family, spread)
-        ends |= found
-        ranges = {name: pair for name, pair in ranges.items() if name == "stretch"}
-    ends |= {name: _range(name, pair) for name, pair in ranges.items()}
+        given = found | {name: pair for name, pair in given.items() if name == "stretch"}
+    ends |= given
     low, high = np.transpose(list(ends.values()))
-    logs = low + (high - low) * Halton(len(names), seed=seed).random(draws)  # few of its points cover the ranges
+    logs = low + (high - low) * Halton(len(ends), seed=seed).random(draws)  # few of its points cover the ranges
     (bubble,) = bubbles_of(rig.bubble)
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
     settings, covariance = rig.settings(), np.diag((high - low)[:-1] ** 2 / 12.0)
@@ -271,7 +269,8 @@ def design(
         for setting, expected in zip(settings, shots.expectations(settings, done), strict=True)
     ]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
-    quantiles = [Quantity.from_interval(*ends) for ends in 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0).T]
+    quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
+    order = [(np.inf if row.shots is None else row.shots, -row.gain_nats) for row in rows]
     return Design(
         command="cavirheo.design",
         material=rig.material,
@@ -279,21 +278,24 @@ def design(
         medium=medium(rig.medium),
         wanted_percent=100.0 * wanted,
         spreads_decades=dict(zip(family.parameters, np.sqrt(np.diag(scatter)).tolist(), strict=True)),
-        known=dict(zip(names, quantiles, strict=True)),
+        known={name: Quantity.from_interval(*three) for name, three in zip(ends, quantiles.T, strict=True)},
         shots_before=before,
         settings=rows,
-        next=min(
-            range(len(rows)), key=lambda i: (np.inf if rows[i].shots is None else rows[i].shots, -rows[i].gain_nats)
-        ),
+        next=order.index(min(order)),
     )
 
 
-def _range(name: str, pair: Sequence[float]) -> Floats:
-    """log10 of the ends of a range. Raises InputError: an impossible range."""
-    low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
-    message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"
-    require(len(pair) == 2 and low < pair[0] < pair[1] < high, message, "design.range")
-    return np.log10(pair)
+def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[str, Floats]:
+    """log10 of the ends of ranges, by name. Raises InputError: no such parameter, or an impossible range."""
+    ends = {}
+    for text, pair in ranges.items():
+        name = require_name(text, (*family.parameters, "stretch"), family.name, "design.range")
+        low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
+        if len(pair) != 2 or not low < pair[0] < pair[1] < high:
+            expected = f"must be [low, high] with {low:g} < low < high < {high:g}"
+            raise InputError(f"the range of {name} {expected}, got {list(pair)}", "design.range")
+        ends[name] = np.log10(pair)
+    return ends
 
 
 def _row(
@@ -373,7 +375,8 @@ def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRe
         )
         message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
         raise InputError(f"{message}{of_group}: give ranges instead", "design.no_answer")
-    names = ", ".join(record.name for record, _ in candidates)
-    message = f"the result has several materials ({names}): name the group of one with --group NAME"
-    require(len(candidates) < 2, message, "design.groups")
+    if len(candidates) > 1:
+        names = ", ".join(record.name for record, _ in candidates)
+        message = f"the result has several materials ({names}): name the group of one with --group NAME"
+        raise InputError(message, "design.groups")
     return candidates[0]

@@ -11,7 +11,7 @@ from pathlib import Path, PurePath
 
 from cavirheo.companions import rheometer
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, is_float, listed, require
+from cavirheo.errors import InputError, is_float, listed
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.reporting import comparison
@@ -79,8 +79,9 @@ def _add_line(row: Mapping[str, str], where: str, sets: dict[str, ReferenceSet],
     """Add the content of one line to its set. Raises InputError: it has a mistake."""
 
     def expect(fine: bool, column: str, expected: str) -> None:
-        message = f"{where}, column {column}: {row.get(column, '')!r}; expected: {expected}"
-        require(fine, message, f"references.{column}")
+        if not fine:
+            message = f"{where}, column {column}: {row.get(column, '')!r}; expected: {expected}"
+            raise InputError(message, f"references.{column}")
 
     expect("set" in row, "set", "a name")
     reference = sets.setdefault(row["set"], ReferenceSet(row["set"], source))
@@ -132,8 +133,9 @@ def in_sets(curves: Iterable[RadiusCurve], sources: Sequence[Sequence[ReferenceS
     grouped = []
     for curve in curves:
         names = [reference.name for sets in sources for reference in sets if reference.holds(curve)]
-        message = f"{curve.source} is a recording of several sets ({', '.join(names)}): mend the column files"
-        require(len(names) < 2, message, "references.several")
+        if len(names) > 1:
+            message = f"{curve.source} is a recording of several sets ({', '.join(names)}): mend the column files"
+            raise InputError(message, "references.several")
         grouped.append(curve.with_group(names[0], "") if names else curve)
     return grouped
 
@@ -147,11 +149,12 @@ def by_group(names: Iterable[str], sources: Iterable[Sequence[ReferenceSet]]) ->
     names, merged = list(names), dict[str, Published]()
     for sets in sources:
         values: dict[str, Published] = {reference.name: reference.values for reference in sets}
-        if values.keys().isdisjoint(names):
+        if values.keys().isdisjoint(names) and len(sets) > 1:
             message = f"{sets[0].source}: no set has the name of a group (sets {listed(list(values))}; groups "
             message += f"{listed(names)}): give both the same name, or write into the column files what is answered"
-            require(len(sets) < 2, message, "references.groups")
-            values = {group: reference.values for reference in sets for group in names}
+            raise InputError(message, "references.groups")
+        if values.keys().isdisjoint(names):
+            values = dict.fromkeys(names, sets[0].values)
         for group, published in values.items():
             merged[group] = {**merged.get(group, {}), **published}
     return merged
@@ -161,9 +164,10 @@ def joined(results: Sequence[Result], *, command: str, date: str, notes: Sequenc
     """The answers of several results as one, without their sets that have no recording. Raises InputError: two of them
     have a group of the same name."""
     groups = [group for result in results for group in result.groups if group.n + group.n_failed or len(results) < 2]
-    twice = next((name for name, count in Counter(group.name for group in groups).items() if count > 1), None)
-    message = f"two results have a group {twice!r}: give one of them, or answer both materials by one command"
-    require(twice is None or len(results) < 2, message, "references.twice")
+    twice = [name for name, count in Counter(group.name for group in groups).items() if count > 1]
+    if twice and len(results) > 1:
+        message = f"two results have a group {twice[0]!r}: give one of them, or answer both materials by one command"
+        raise InputError(message, "references.twice")
     curves = [curve for result in results for curve in result.curves]
     notes = [*notes, *(note for result in results for note in result.notes)]
     return Result(command=command, date=date, notes=notes, curves=curves, groups=groups)

@@ -115,8 +115,6 @@ class GenerateSummary:
     """Summary of a call of `generate`. failures: number of failed curves by status, in old and new files together."""
 
     curves: int
-    written: int  # files that were written
-    skipped: int  # files that were complete already
     failures: dict[str, int]
     simulated: int  # curves that were simulated in this call
 
@@ -197,14 +195,15 @@ def generate(
         row = 8 + sum(np.dtype(kind).itemsize * prod(shape) for kind, shape in layout.columns.values())  # bytes
         need, free = row * (n - PER_FILE * len(complete)), shutil.disk_usage(folder).free
         if need > free:
-            message = f"{n} curves need {need / 1e9:.3g} GB on the disk of {folder}, and there are {free / 1e9:.3g} GB"
+            message = (
+                f"the set needs {need / 1e9:.3g} GB more on the disk of {folder}, and there are {free / 1e9:.3g} GB"
+            )
             raise InputError(f"{message}: ask for fewer curves or frames", "dataset.size")
         files = {folder / _name(start): range(n)[start : start + PER_FILE] for start in range(0, n, PER_FILE)}
         todo = [(path, block) for path, block in files.items() if not path.exists()]
         simulated = sum(len(block) for _, block in todo)
-        work = (executor or Threads(workers)).map_unordered(
-            partial(layout.simulate, seed), [block for _, block in todo]
-        )
+        simulate, blocks = partial(layout.simulate, seed), [block for _, block in todo]
+        work = (executor or Threads(workers)).map_unordered(simulate, blocks)
         with progress_bar("simulating", simulated, visible=progress) as advance, closing(work) as flow:
             for index, columns in flow:
                 path, block = todo[index]
@@ -212,7 +211,7 @@ def generate(
                 advance(len(block))
         statuses = sum((read_shard(path, head).statuses for path in files), Counter[str]())
     failures = {status: count for status, count in statuses.items() if status != "ok"}
-    return GenerateSummary(n, len(todo), len(files) - len(todo), failures, simulated)
+    return GenerateSummary(n, failures, simulated)
 
 
 def load(data_dir: str | Path) -> Dataset:
@@ -244,8 +243,9 @@ def _name(start: int) -> str:
 def _paths(data_dir: str | Path) -> list[Path]:
     """The files of a set in their order. Raises InputError: there is none, or a name is not that of a file of a set."""
     paths = sorted(Path(data_dir).glob("shard-*.h5"))
-    message = f"{data_dir} holds no training set (shard-*.h5); make one with `cavirheo generate`"
-    require(bool(paths), message, "dataset.none")
+    if not paths:
+        message = f"{data_dir} holds no training set (shard-*.h5); make one with `cavirheo generate`"
+        raise InputError(message, "dataset.none")
     foreign = [path.name for path in paths if not re.fullmatch(r"shard-\d{5,}", path.stem)]
     require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
     return paths

@@ -119,8 +119,9 @@ class EmulatorTask:
     dropout_epochs = 0
 
     def __init__(self, recipe: EmulatorRecipe, data: Dataset, device: torch.device) -> None:
-        message = f"the training set was made by cavirheo {data.made_by}: generate it with this version"
-        require(data.made_by == version("cavirheo"), message, "training.another_version")  # it may tell other inputs
+        if data.made_by != version("cavirheo"):  # it may tell other inputs
+            message = f"the training set was made by cavirheo {data.made_by}: generate it with this version"
+            raise InputError(message, "training.another_version")
         self.data, self.device, self.warm_up = data, device, recipe.training.warmup_steps
         columns = {name: values[data.ok] for name, values in data.columns.items() if name != "status"}
         self.inputs, self.radius = columns["inputs"], columns["radius"]
@@ -185,8 +186,9 @@ Task = PointTask | EmulatorTask
 def task_of(recipe: Recipe, data: Dataset, device: torch.device) -> Task:
     """The task of a recipe. Raises InputError: the set is of another problem, or has too few curves."""
     made_for, wanted = (getattr(problem, "id", "the emulator") for problem in (data.problem, recipe.problem))
-    message = f"the training set was made for {made_for}, the recipe is of {wanted}: generate the data with this recipe"
-    require(made_for == wanted, message, "training.another_problem")
+    if made_for != wanted:
+        message = f"the training set was made for {made_for}, the recipe is of {wanted}: generate it with this recipe"
+        raise InputError(message, "training.another_problem")
     return EmulatorTask(recipe, data, device) if isinstance(recipe, EmulatorRecipe) else PointTask(recipe, data, device)
 
 

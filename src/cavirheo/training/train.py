@@ -29,7 +29,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.inference.cards import MAX_BYTES, EmulatorCard, ModelCard, unpack
 from cavirheo.training.dataset import load
 from cavirheo.training.networks import arrays_of
@@ -176,9 +176,9 @@ def resumed(path: Path, task: Task, identity: Mapping[str, Any]) -> Progress:
         with safe_open(path, framework="pt") as file:
             note: dict[str, Any] = json.loads(file.metadata()[NOTE_KEY])
             tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in list(file.keys())}
-        changed = difference(note["identity"], identity)
-        hint = "use another folder, or the recipe and data that it was begun with"
-        require(not changed, f"{path.parent} holds another run ({changed}): {hint}", "training.another_run")
+        if changed := difference(note["identity"], identity):
+            hint = "use another folder, or the recipe and data that it was begun with"
+            raise InputError(f"{path.parent} holds another run ({changed}): {hint}", "training.another_run")
         moments: dict[int, dict[str, Tensor]] = {}
         best: dict[str, Tensor] = {}
         for name in list(tensors):

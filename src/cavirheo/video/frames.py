@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import read_bytes, require
+from cavirheo.errors import InputError, read_bytes, require
 from cavirheo.messages import Message
 from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
 
@@ -83,8 +83,8 @@ def read(path: Path) -> Footage:
     footage = _reader(path)(path)
     shape = footage.frames.shape
     require(len(shape) == 3 and shape[0] > 0, f"no frame in it (shape {shape})", "video.no_frames")
-    small = f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed"
-    require(min(shape[1:]) >= 16, small, "video.small")
+    if min(shape[1:]) < 16:
+        raise InputError(f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed", "video.small")
     require(shape[0] > 1, "one frame is no recording: a bubble must be seen to grow and collapse", "video.one_frame")
     return footage if len(footage.damaged) else replace(footage, damaged=np.zeros(shape[0], bool))
 
@@ -103,8 +103,8 @@ def _reader(path: Path) -> Callable[[Path], Footage]:
 
 def require_library(library: str) -> None:
     """Raise InputError if a library is not installed."""
-    why = f'recordings need {library}: pip install "cavirheo[video]"'
-    require(find_spec(library) is not None, why, "video.not_installed")
+    if find_spec(library) is None:
+        raise InputError(f'recordings need {library}: pip install "cavirheo[video]"', "video.not_installed")
 
 
 def _read_movie(path: Path) -> Footage:
@@ -152,17 +152,18 @@ def _join_frames(frames: Iterable[Pixels]) -> Pixels:
     content, first = bytearray(), np.empty((0, 0))
     for frame in frames:
         first = first if content else frame
-        same = frame.shape == first.shape and frame.dtype == first.dtype
-        sizes = f"{frame.shape[::-1]} after {first.shape[::-1]}"
-        require(same, f"the frames are of several sizes or kinds: {sizes}", "video.sizes")
+        if frame.shape != first.shape or frame.dtype != first.dtype:
+            sizes = f"{frame.shape[::-1]} after {first.shape[::-1]}"
+            raise InputError(f"the frames are of several sizes or kinds: {sizes}", "video.sizes")
         _check_size(len(content) + frame.nbytes)
         content += frame.tobytes()
     return np.frombuffer(content, first.dtype).reshape(-1, *first.shape)
 
 
 def _check_size(size: float) -> None:
-    why = f"its frames are more than {LARGEST_SIZE / 1e9:g} GB; cut the recording to the bubble and save that"
-    require(size <= LARGEST_SIZE, why, "video.too_large")
+    if size > LARGEST_SIZE:
+        why = f"its frames are more than {LARGEST_SIZE / 1e9:g} GB; cut the recording to the bubble and save that"
+        raise InputError(why, "video.too_large")
 
 
 def _grey(image: Pixels) -> Pixels:
@@ -274,8 +275,9 @@ def _unsigned(images: Pixels) -> Pixels:
 
 def _read_folder(path: Path) -> Footage:
     names = _images(path)
-    expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
-    require(bool(names), f"no recording in this folder; {expected}", "video.no_images")
+    if not names:
+        expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
+        raise InputError(f"no recording in this folder; {expected}", "video.no_images")
     frames = _join_frames(frame for name in names for frame in _pillow_images(name, 1))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
     return Footage(_unsigned(frames), notes=(note,))

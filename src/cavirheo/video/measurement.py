@@ -167,8 +167,9 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
     interval = float(np.median(np.diff(time)))
     exposed_share = shutter.value / interval if shutter.value else None
-    longer = f"{1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * interval:.4g} us between frames"
-    require(not exposed_share or exposed_share <= 1.001, f"an exposure of {longer}", "video.exposure")
+    if shutter.value and shutter.value > 1.001 * interval:
+        longer = f"{1e6 * shutter.value:.4g} us is longer than the {1e6 * interval:.4g} us between frames"
+        raise InputError(f"an exposure of {longer}", "video.exposure")
     stage = set_stage(footage, options.get("polarity", "auto"), reference_frame and reference_frame - first + 1)
     begin = options.get("begin", lambda _: lambda: None)
     track = follow(stage, exposed_share, begin(len(footage.frames)))
@@ -193,11 +194,12 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
 def _cropped(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:
     """Return a region of the frames `first` to `last`, counted from 1."""
     (x, y, width, height), (count, high, wide) = roi, whole.frames.shape
-    message = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
-    require(1 <= first < last <= count, message, "video.frames")
-    inside = min(x, y) >= 0 and min(width, height) >= 16 and x + width <= wide and y + height <= high
-    message = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
-    require(inside, f"{message}; give x,y,width,height within them, at least 16 x 16", "video.roi")
+    if not 1 <= first < last <= count:
+        message = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
+        raise InputError(message, "video.frames")
+    if min(x, y) < 0 or min(width, height) < 16 or x + width > wide or y + height > high:
+        message = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
+        raise InputError(f"{message}; give x,y,width,height within them, at least 16 x 16", "video.roi")
     chosen = slice(first - 1, last)
     frames = whole.frames[chosen, y : y + height, x : x + width]
     return replace(whole, frames=frames, time=None, damaged=whole.damaged[chosen])

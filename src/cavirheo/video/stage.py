@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, binary_opening
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.video.frames import Footage, Pixels
 
 POLARITIES = ("auto", "dark", "bright")
@@ -60,8 +60,8 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
 
     Raises InputError: nothing moves in the recording, or an option is wrong.
     """
-    message = f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}"
-    require(polarity in POLARITIES, message, "video.polarity")
+    if polarity not in POLARITIES:
+        raise InputError(f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}", "video.polarity")
     frames = recording.frames
     step = max(int(np.sqrt(frames[0].size / _PIXELS_SAMPLED)), int(np.sqrt(frames.size / _MOST_SAMPLED)), 1)
     small = frames[:, ::step, ::step].astype(np.float32)
