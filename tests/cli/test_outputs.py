@@ -115,7 +115,7 @@ LINKS = [Path.symlink_to, Path.hardlink_to, lambda path, _: os.mkfifo(path)]
 
 
 @pytest.mark.parametrize("link", LINKS, ids=["link", "hard link", "pipe"])
-@pytest.mark.parametrize("name", [LOCK_FILE, LIST_FILE, ".result.json.part.json"])
+@pytest.mark.parametrize("name", [LOCK_FILE, LIST_FILE, ".part-result.json"])
 def test_nothing_is_written_through_a_link_of_somebody_else(tmp_path, name, link):
     out, theirs = tmp_path / "out", tmp_path / "theirs"
     out.mkdir()

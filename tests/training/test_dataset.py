@@ -129,7 +129,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(instant, tmp_path):
     instant.fails = killed_in_the_third_file
     with pytest.raises(KeyboardInterrupt):
         generate(PROBLEM, 1700, tmp_path / "cut", seed=3, workers=1, progress=False)
-    (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
+    (tmp_path / "cut" / ".part-shard-00002.h5").write_bytes(b"half a file")
     assert code_of(load, tmp_path / "cut") == "dataset.incomplete"
     instant.clear()
     del instant.fails

@@ -12,7 +12,7 @@ from cavirheo.reporting import html, svg
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.panels import curve_panels
 from cavirheo.reporting.plane import group_panels
-from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
+from cavirheo.reporting.record import Pairs, Result, read_json, result
 from cavirheo.reporting.table import csv_rows
 from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
 
@@ -37,7 +37,7 @@ def write_report(
     are replaced. If a picture cannot be drawn, all else is written; report and notes of the document say why.
 
     Args:
-        pairs: (curve, answer), in the order of the rows. A `CurveAnswers` can read each answer when it is needed.
+        pairs: (curve, answer), in the order of the rows.
         document: their `result`.
         complete: False for a run that was stopped before all curves were answered: no report.
         draw: whether the report has pictures.
@@ -47,23 +47,23 @@ def write_report(
         InputError: a directory that cannot be written, a file in it that cavirheo did not write, or answers of another
             call in it.
     """
-    pairs = CurveAnswers.from_pairs(pairs)
     draw = draw and complete
-    sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
+    curves = [curve for curve, _ in pairs]
+    sources = [(curve.name, curve.source, curve.source_sha256) for curve in curves]
     claim = Claim(document.command, {"command": document.command, "curves": sources}, replace)
     with nullcontext() if CLAIM.get() else claim.running():  # a verb of the command line has set its claim already
-        folder = Outputs(directory, *DOCUMENTS, inputs=[curve.source for curve in pairs.curves if curve.source])
+        folder = Outputs(directory, *DOCUMENTS, inputs=[curve.source for curve in curves if curve.source])
         of_curves = _curve_pictures(pairs, document, draw=draw)
         of_groups = group_pictures(pairs, document, document.notes) if draw else {}
         folder.write("result.json", write_json, document)
         folder.write("result.csv", write_rows, *csv_rows(document))
         if complete:
-            sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
+            sheets = [str(curve.meta.get("contact_sheet", "")) for curve in curves] if draw else []
             folder.write("report.html", html.write, document, of_curves, of_groups, sheets)
         folder.finish()
 
 
-def _curve_pictures(pairs: CurveAnswers, document: Result, *, draw: bool) -> dict[int, str]:
+def _curve_pictures(pairs: Pairs, document: Result, *, draw: bool) -> dict[int, str]:
     """SVG of curves by their numbers, or the reason why there is none, "" if none is drawn. Of many curves, those with
     an exceptional verdict come first."""
     rows, notes = document.curves, document.notes
@@ -75,10 +75,9 @@ def _curve_pictures(pairs: CurveAnswers, document: Result, *, draw: bool) -> dic
         panels = curve_panels(curve, answer.checks if rows[number].has_answer else Checks("failed"), answer.method)
         return svg.picture(panels, size, with_key=len(pairs) == 1)
 
-    pictures = dict[int, str]()
-    for number in sorted(exceptions_first[:MAX_PICTURES]):
-        name = f"picture of {rows[number].name}"
-        pictures[number] = (try_to_draw(name, notes, curve_picture, number) or notes[-1]) if draw else ""
+    pictures = dict.fromkeys(sorted(exceptions_first[:MAX_PICTURES]), "")
+    for number in pictures if draw else ():
+        pictures[number] = try_to_draw(f"picture of {rows[number].name}", notes, curve_picture, number)
     if len(rows) > MAX_PICTURES:
         notes.append(f"report.html has the sections of {MAX_PICTURES} of {len(rows)} curves, exceptions first")
     return pictures
@@ -87,10 +86,10 @@ def _curve_pictures(pairs: CurveAnswers, document: Result, *, draw: bool) -> dic
 def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> dict[str, str]:
     """SVG of each of the first MAX_PICTURES groups with several answered shots, by name; or the reason why there is
     none, which is also added to `notes`."""
-    members = [(group, indices) for group, indices in document.indices_by_group() if group.n > 1][:MAX_PICTURES]
 
-    def draw(group: GroupRecord, indices: list[int]) -> str:
+    def group_picture(group: GroupRecord, indices: list[int]) -> str:
         panels = group_panels(pairs, document, group, indices)
         return Markup().join(svg.picture([panel], svg.GROUP_SIZE) for panel in panels)
 
-    return {of[0].name: try_to_draw(f"picture of {of[0].name}", notes, draw, *of) or notes[-1] for of in members}
+    groups = [(group, indices) for group, indices in document.indices_by_group() if group.n > 1][:MAX_PICTURES]
+    return {group.name: try_to_draw(f"picture of {group.name}", notes, group_picture, group, i) for group, i in groups}

@@ -8,7 +8,6 @@ population of its shots.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -37,28 +36,6 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import CommonErrors, Population
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
-
-
-@dataclass(eq=False, repr=False)
-class CurveAnswers(Pairs):
-    """Curves with their answers. Each answer may be read from a file when it is needed, so that thousands of them need
-    not be in memory at once."""
-
-    curves: Sequence[RadiusCurve]
-    answers: Sequence[Posterior]
-
-    @classmethod
-    def from_pairs(cls, pairs: Pairs) -> CurveAnswers:
-        """The pairs as `CurveAnswers`."""
-        if isinstance(pairs, CurveAnswers):
-            return pairs
-        return cls([curve for curve, _ in pairs], [answer for _, answer in pairs])
-
-    def __len__(self) -> int:
-        return len(self.curves)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.curves[index], self.answers[index]
 
 
 MAX_CACHED_CURVES = 500  # most curves of a run whose materials are kept in memory
@@ -149,7 +126,7 @@ def result(
     notes: Sequence[str] = (),
     errors: CommonErrors | None = None,
 ) -> Result:
-    """The document of all curves, in the given order, and of their groups. The answers are read group by group.
+    """The document of all curves, in the given order, and of their groups.
 
     Args:
         pairs: (curve, answer), in the order of the rows.
@@ -159,19 +136,17 @@ def result(
         errors: relative standard deviations of the errors that all shots of a group share; default: those of
             `population`.
     """
-    pairs = CurveAnswers.from_pairs(pairs)
-    curves, answers, title = pairs.curves, pairs.answers, _column_title(pairs.curves)
-    material = cached_material_of if len(curves) <= MAX_CACHED_CURVES else material_of
-    rows: dict[int, CurveRecord] = {}
+    rows = [curve_record(curve, answer) for curve, answer in pairs]
+    title = _column_title(rows)
+    material = cached_material_of if len(rows) <= MAX_CACHED_CURVES else material_of
     materials: list[Population | None] = []
-    for indices in _members(curves).values():
-        of_group = tuple(answers[i] for i in indices)
-        shots = [curve_record(curves[i], answer) for i, answer in zip(indices, of_group, strict=True)]
-        rows |= zip(indices, shots, strict=True)
-        along = tuple(shot.column.get(title, np.nan) for shot in shots) if title else None
-        materials.append(material(of_group, tuple(shot.name for shot in shots), along, errors))
+    for indices in _members(rows).values():
+        answers = tuple(pairs[i][1] for i in indices)
+        names = tuple(rows[i].name for i in indices)
+        along = tuple(rows[i].column.get(title, np.nan) for i in indices) if title else None
+        materials.append(material(answers, names, along, errors))
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    return result_of([rows[i] for i in range(len(rows))], command, materials, date=date, notes=notes)
+    return result_of(rows, command, materials, date=date, notes=notes)
 
 
 def result_of(
@@ -225,9 +200,9 @@ def group_names(curves: Iterable[CurveRecord | RadiusCurve]) -> list[str]:
     return [group if stems.count(group) == 1 or not source else source for group, source in members]
 
 
-def _column_title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:
+def _column_title(rows: Iterable[CurveRecord]) -> str:
     """The title of the column that the user declared; "" if there is none."""
-    return next((title for curve in curves for title in curve.column), "")
+    return next((title for row in rows for title in row.column), "")
 
 
 def read_json(path: str | Path) -> Result:

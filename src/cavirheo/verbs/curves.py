@@ -15,7 +15,7 @@ from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
-    from cavirheo.reporting.record import CurveAnswers, Result
+    from cavirheo.reporting.record import Pairs, Result
     from cavirheo.writing.document import Outputs
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
@@ -34,7 +34,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import TABLE, by_group, in_sets, read_sets, write_comparison
         from cavirheo.reporting import DOCUMENTS
-        from cavirheo.reporting.record import CurveAnswers, group_names, result
+        from cavirheo.reporting.record import group_names, result
         from cavirheo.reporting.screen import print_result
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
@@ -57,7 +57,7 @@ class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
             analysis.check(curves)
             answers = unfinished.answers(curves, analysis)
         note = unfinished.note(len(answers), len(curves))
-        pairs = CurveAnswers([curves[i] for i in answers], list(answers.values()))
+        pairs = [(curves[i], answer) for i, answer in answers.items()]
         document = result(pairs, errors=self.errors, **_head(run, note))
         document.add_published(published)
         _write(run, folder, pairs, document, note, draw=self.pictures)
@@ -73,7 +73,7 @@ def _head(run: Run, note: str) -> dict[str, Any]:
     return {**run.document_fields, "notes": [note, *run.notes] if note else run.notes}
 
 
-def _write(run: Run, folder: Outputs, pairs: CurveAnswers, document: Result, note: str, *, draw: bool) -> None:
+def _write(run: Run, folder: Outputs, pairs: Pairs, document: Result, note: str, *, draw: bool) -> None:
     """Write the documents. note: why answers are missing; the run ends after what is written."""
     from cavirheo.reporting import write_report
 
@@ -127,7 +127,7 @@ class WhichLaw(options.MeasuredFiles):
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting import DOCUMENTS
         from cavirheo.reporting.laws import laws_by_curve
-        from cavirheo.reporting.record import CurveAnswers, result
+        from cavirheo.reporting.record import result
         from cavirheo.reporting.screen import print_all
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
@@ -148,7 +148,7 @@ class WhichLaw(options.MeasuredFiles):
         complete = sorted(set.intersection(*map(set, by_law.values())))
         answered = [curves[i] for i in complete]
         singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in by_law.items()})
-        pairs = CurveAnswers(answered, choose_answers(singles, groups))
+        pairs = list(zip(answered, choose_answers(singles, groups), strict=True))
         note = unfinished.note(len(complete), len(curves))
         document = result(pairs, **_head(run, note))
         document.add_laws(laws_by_curve([*singles, *groups]))

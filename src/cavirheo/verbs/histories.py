@@ -55,7 +55,7 @@ class Measure(options.PrintingVerb):
         from cavirheo.physics.media import WATER
         from cavirheo.reporting.measured import describe, write_csv
         from cavirheo.video.frames import require_library
-        from cavirheo.writing.document import Outputs
+        from cavirheo.writing.document import Outputs, try_to_draw
 
         require_library("PIL")  # pillow, from the extra [video]
         from cavirheo.video import picture
@@ -80,7 +80,11 @@ class Measure(options.PrintingVerb):
         run.notes += measurement.notes
         record = describe(measurement, curve, warnings, **run.document_fields)
         outputs.write("measured.csv", write_csv, measurement)
-        record.notes += outputs.write_picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
+
+        def write_sheet() -> None:
+            outputs.write("contact.png", picture.save_sheet, picture.contact_sheet(measurement))
+
+        try_to_draw("contact.png", record.notes, write_sheet)
         if self.overlay:
             outputs.write("overlay.mp4", picture.write_overlay, measurement)
         run.write_document(outputs, record)

@@ -19,7 +19,7 @@ from cavirheo.parallel import Executor
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior
-from cavirheo.writing.document import atomic_file, writable_folder
+from cavirheo.writing.document import atomic_file, part_of, writable_folder
 from cavirheo.writing.packing import decode, encode
 from cavirheo.writing.terminal import progress_bar, say
 
@@ -68,8 +68,9 @@ class Store:
         for key in keys:
             self._latest.pop(key, None)
             if self.folder:
-                for name in (f"{key}.npz", f".{key}.npz.part.npz"):
-                    (self.folder / name).unlink(missing_ok=True)
+                file = self.folder / f"{key}.npz"
+                for path in (file, part_of(file)):
+                    path.unlink(missing_ok=True)
         if self.folder:
             with suppress(OSError):  # there is no folder, or it is not empty
                 self.folder.rmdir()

@@ -40,7 +40,8 @@ except ModuleNotFoundError:  # Windows, where folders are not locked
 
 _log = logging.getLogger(__name__)
 MAX_BYTES = 500_000_000  # most bytes of a document that is read
-MAX_NAME_BYTES = 120  # most bytes of a name, to which an ending, a number and ".part" can be added
+MAX_NAME_BYTES = 120  # most bytes of a name, to which an ending and a number can be added
+_MAX_PART = 60  # most letters of a name after ".part-": 240 bytes
 LIST_FILE = ".cavirheo"  # file in each output folder, with the list of the files that cavirheo wrote
 _FIRST_KEYS = {"kind": 0, "name": 1}  # order of the keys of a record
 LOCK_FILE = ".cavirheo.lock"  # file in an output folder while a run has locked it
@@ -190,23 +191,22 @@ def writable_folder(folder: str | Path) -> Iterator[Path]:
         raise InputError(f"cannot write into {folder}: {why}", "document.folder") from None
 
 
-def short_name(name: str, max_bytes: int = MAX_NAME_BYTES) -> str:
-    """The first `max_bytes` bytes of a name; file systems allow 143 to 255 bytes for a file name."""
-    return name.encode("utf-8", "replace")[:max_bytes].decode("utf-8", "ignore")
+def short_name(name: str) -> str:
+    """The first MAX_NAME_BYTES bytes of a name; file systems allow 143 to 255 bytes for a file name."""
+    return name.encode("utf-8", "replace")[:MAX_NAME_BYTES].decode("utf-8", "ignore")
+
+
+def part_of(path: Path) -> Path:
+    """The temporary file beside `path`, while it is written. Its name is hidden, only used by cavirheo, and keeps the
+    ending, by which some libraries choose the format."""
+    return path.with_name(f".part-{path.name[-_MAX_PART:]}")
 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
     """Context with a temporary file beside `path`: it replaces `path` when it is complete, and is removed on an error.
-
-    Its name is hidden, only used by cavirheo, and keeps the ending, by which some libraries choose the format. A link
-    of this name, or what else is no file, is removed before.
-    """
-    name = path.name
-    if (short := short_name(name, 2 * MAX_NAME_BYTES)) != name:
-        name = f"{short_name(short)}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:16]}"
-    ending = path.suffix if len(os.fsencode(path.suffix)) < 20 else ""
-    temporary = path.with_name(f".{name}.part{ending}")
+    A link of its name, or what else is no file, is removed before."""
+    temporary = part_of(path)
     if not is_own(temporary):
         temporary.unlink()
     try:
@@ -374,12 +374,6 @@ class Outputs:
                 self._listed.setdefault(name, []).append(entry)
         self._written.add(name)
 
-    def write_picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *args: Any) -> list[str]:
-        """Write a picture by `save(path, draw(*args))`; return the reason, as a list, if it cannot be drawn."""
-        failed: list[str] = []
-        try_to_draw(name, failed, lambda: self.write(name, save, draw(*args)))
-        return failed
-
     def finish(self) -> None:
         """Remove files of earlier runs of this kind that this one did not write, such as pictures of other curves."""
         with writable_folder(self.folder):
@@ -424,9 +418,9 @@ class Outputs:
                     self._listed.setdefault(entry["name"], []).append(entry)
 
 
-def try_to_draw(name: str, failed: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | None:
-    """The result of `draw(*content)`, which makes a picture or writes its file; on an error None, and `failed` gets a
-    sentence. Raises InputError as `Outputs`: the folder cannot be written, or a file of the user would be replaced."""
+def try_to_draw(name: str, notes: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | str:
+    """The result of `draw(*content)`, which makes a picture or writes its file; on an error a sentence, which is added
+    to `notes`. Raises InputError as `Outputs`: the folder cannot be written, or a file of the user would be replaced."""
     try:
         with np.errstate(all="ignore"):  # huge numbers may overflow
             return draw(*content)
@@ -434,8 +428,8 @@ def try_to_draw(name: str, failed: list[str], draw: Callable[..., Picture], *con
         if isinstance(error, InputError) and error.code.startswith("document."):
             raise
         _log.info("%s could not be drawn", name, exc_info=True)
-        failed.append(f"{name} could not be drawn: {type(error).__name__}: {error}")
-        return None
+        notes.append(f"{name} could not be drawn: {type(error).__name__}: {error}")
+        return notes[-1]
 
 
 def as_json(document: Document) -> str:
