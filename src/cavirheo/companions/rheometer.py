@@ -378,12 +378,12 @@ def print_rheometry(document: Rheometry) -> None:
     """Print the sweeps, the values of the material, and the remarks."""
     console = terminal.console()
     factor, unit = digits.modulus_unit(sweep.plateau_storage_Pa for sweep in document.sweeps)
-    heads = [f"plateau G'\n{unit}", "over", "µ = G''/ω\nPa s"]
-    table = terminal.table("sweep", heads, title=f"linear range: G' within {100 * _LINEAR:g} %")
+    heads = ["sweep", f"plateau G'\n{unit}", "over", "µ = G''/ω\nPa s"]
+    rows = []
     for sweep in document.sweeps:
         modulus, viscosity = digits.number(sweep.plateau_storage_Pa, factor), digits.number(sweep.viscosity_Pa_s)
-        table.add_row(sweep.name, modulus, _range(sweep), viscosity)
-    console.print(table)
+        rows.append([sweep.name, modulus, _range(sweep), viscosity])
+    terminal.print_table(console, heads, rows, title=f"linear range: G' within {100 * _LINEAR:g} %")
     modulus = digits.spread(document.shear_modulus_Pa, factor)
     answer = f": G = {modulus} {unit} ({document.shear_modulus_from})"
     if any(sweep.kind == "frequency" for sweep in document.sweeps):

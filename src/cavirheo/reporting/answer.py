@@ -212,7 +212,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
         seconds=finite(posterior.seconds) or 0.0,
         switches=dict(posterior.switches),
-        diagnostics=_json_fields(posterior.diagnostics),
+        diagnostics=_json_data(posterior.diagnostics),
         provenance=_json_data(posterior.provenance),
     )
 
@@ -273,11 +273,3 @@ def _value_or_none(curve: RadiusCurve, name: str) -> float | None:
         value = getattr(curve, name)
         return value() if callable(value) else value
     return None
-
-
-def _json_fields(fields: Any) -> Any:
-    """The fields of a dataclass as JSON data, without the null entries of its mappings."""
-    return {
-        name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value
-        for name, value in _json_data(fields).items()
-    }

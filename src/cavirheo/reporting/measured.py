@@ -110,10 +110,8 @@ def print_table(record: Measured) -> None:
     frames = sum(record.flags.values())
     size = f"{record.width} x {record.height} pixels, {record.bits} bits"
     console.print(f"{record.name}: {frames} frames of {size}")
-    table = terminal.table("flag", ["frames"], left=["meaning"])
-    for flag, count in record.flags.items():
-        table.add_row(flag, str(count), FLAGS[flag])
-    console.print(table)
+    rows = [[flag, str(count), FLAGS[flag]] for flag, count in record.flags.items()]
+    terminal.print_table(console, ["flag", "frames", "meaning"], rows, left=["meaning"])
     top = f"R_max {record.max_radius_px:.2f} px" if record.max_radius_px else "no R_max"
     if record.max_radius_m:
         top += f", {1e6 * record.max_radius_m:.2f} um; {len(record.collapse_times_s)} collapses"

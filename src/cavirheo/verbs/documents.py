@@ -100,14 +100,11 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     if not curves:
         raise InputError(problems[0], "show.unreadable")
     console = terminal.console()
-    heads = ["R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
-    table = terminal.table("shot", heads)
+    heads = ["shot", "R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
     names = digits.distinct_names([curve.name for curve in curves])
     curves = [curve.labelled(name=name) for curve, name in zip(curves, names, strict=True)]
-    for curve in curves:
-        table.add_row(curve.name, *summary_cells(curve))
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
-    console.print(table)
+    terminal.print_table(console, heads, [[curve.name, *summary_cells(curve)] for curve in curves])
     terminal.print_remarks(console, curve_warnings(curves), most=2, mark="check input:")
     terminal.print_remarks(console, curves_by_note(curves), remarks + hints)
     for problem in problems:

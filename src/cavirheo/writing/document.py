@@ -420,7 +420,7 @@ class Outputs:
 
 def try_to_draw(name: str, notes: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | str:
     """The result of `draw(*content)`, which makes a picture or writes its file; on an error a sentence, which is added
-    to `notes`. Raises InputError as `Outputs`: the folder cannot be written, or a file of the user would be replaced."""
+    to `notes`. Raises InputError as `Outputs`: the folder cannot be written, or a file would be replaced."""
     try:
         with np.errstate(all="ignore"):  # huge numbers may overflow
             return draw(*content)

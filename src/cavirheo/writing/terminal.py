@@ -51,28 +51,19 @@ def progress_bar(
     what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
 ) -> Iterator[Callable[..., None]]:
     """Progress bar on stderr with the number of `unit` and the time left; it disappears at the end. There is none if
-    stderr is no terminal. Yields `advance(count=1, total=None, what=None)`, which adds `count` and, if they are
-    given, sets a new total and a new description."""
+    stderr is no terminal. Yields `advance(count=1, what=None)`, which adds `count` and, if given, sets a new
+    description."""
     on = console(stderr=True)
     if not (visible and on.is_terminal):  # rich 13 ends a bar that is disabled with an empty line
-        yield lambda count=1, total=None, what=None: None
+        yield lambda count=1, what=None: None
         return
 
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-    from rich.table import Column
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    whole = Column(no_wrap=True)  # in a narrow terminal only the description folds
-    columns = (
-        TextColumn("{task.description}", table_column=Column()),
-        BarColumn(20),
-        MofNCompleteColumn(table_column=whole),
-        TextColumn(unit, "dim"),
-        TimeRemainingColumn(table_column=whole),
-        TextColumn("left", "dim"),
-    )
-    with Progress(*columns, speed_estimate_period=120.0, console=on, transient=True) as progress:
+    columns = ("{task.description}", BarColumn(20), MofNCompleteColumn(), f"[dim]{unit}", TimeRemainingColumn())
+    with Progress(*columns, "[dim]left", speed_estimate_period=120.0, console=on, transient=True) as progress:
         task = progress.add_task(what, total=total)
-        yield lambda count=1, total=None, what=None: progress.update(task, advance=count, total=total, description=what)
+        yield lambda count=1, what=None: progress.update(task, advance=count, description=what)
 
 
 def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: str = "", gap: int = 1) -> Table:
