@@ -41,7 +41,7 @@ OPEN_ENDS: dict[str, Bound] = {
 BEYOND, TRADED = 0.1, 0.5
 """A parameter is only bounded if it would move by TRADED widths of its interval, were another one at its end further by
 BEYOND of its range."""
-ENOUGH = EMULATED.effective  # draws without which there is no interval
+ENOUGH = 0.5 * EMULATED.effective  # effective draws without which there is no interval; with fewer than all it is rough
 NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation", "confinement_inertia": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
 AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
@@ -167,6 +167,9 @@ def sampled_answer(
     found = replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics)
     if effective < ENOUGH:
         return _without_interval(found, best)
+    if effective < budget.effective:
+        rough = Message("interval.rough", {"effective": effective, "usual": budget.effective})
+        found = replace(found, checks=replace(checks, messages=(*checks.messages, rough)))
     if target.too_stiff(weighed):
         return found.without_draws(Message("interval.too_stiff", {"pull": LARGEST_PULL}))
     return found

@@ -80,15 +80,15 @@ class Budget:
 EMULATED = Budget()
 SIMULATED = Budget(
     scans=2,
-    scanned=200,
-    climbed=6,
-    begun=2,
-    kept=3,
-    steps=6,
+    scanned=400,
+    climbed=12,
+    begun=3,
+    kept=5,
+    steps=20,
     ridge=12,
-    rounds=(150, 200, 250, 300, 400),
-    walkers=40,
-    sampled=100.0,
+    rounds=(300, 600, 900, 1200),
+    walkers=100,
+    sampled=250.0,
 )
 
 

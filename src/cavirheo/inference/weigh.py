@@ -38,7 +38,7 @@ from cavirheo.prior import log_normal
 
 CORRECTING = 12  # simulations that tell the emulator's mean error of each frame
 REACH = 15.0  # of log posterior, or of the log of Laplace's integral, below which a maximum or a model is left out
-LOOKED_AT, REFINED = 4, 8  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
+LOOKED_AT, REFINED = 4, 20  # maxima of a model that are simulated, and whose ridges are followed; steps from the best
 LEAST_PART = 0.2  # of the effective draws of all models that each of them has
 NEGLIGIBLE = 4.5  # log evidence below the best model's from which a model is not drawn from further
 TELLING = 8.0  # effective draws that tell the evidence of a model; fewer find it too low
