@@ -36,10 +36,13 @@ class _Parameter(NamedTuple):
     factor: float
     label: str
 
-    def ends(self, value: Quantity) -> Floats:
-        """(2,) log10 of the ends of a value; infinite where there is no limit."""
-        with np.errstate(divide="ignore"):
-            return np.asarray(np.log10(self.factor * np.array(value.limits)))
+    def ends(self, value: Quantity) -> tuple[float, float]:
+        """log10 of the ends of a value; infinite where there is no limit."""
+        if value.is_zero:
+            return -np.inf, -np.inf
+        low = None if value.bound in ("upper", "undetermined") else value.q05 or value.median
+        high = None if value.bound in ("lower", "undetermined") else value.q95 or value.median
+        return (np.log10(self.factor * low) if low else -np.inf), (np.log10(self.factor * high) if high else np.inf)
 
 
 class _Place(NamedTuple):

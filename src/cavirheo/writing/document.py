@@ -19,7 +19,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import chain
-from math import inf, isfinite
+from math import isfinite
 from pathlib import Path
 from stat import S_ISREG
 from tempfile import TemporaryFile
@@ -132,15 +132,6 @@ class Quantity(Record):
     def largest(self) -> float | None:
         """The median, or the end of a bound, by which a unit is chosen; None where there is none."""
         return self.median if self.bound is None else self.q05 if self.bound == "lower" else self.q95
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """(low, high) ends that the recording gives, both the median of a point answer; 0 and infinity where it gives
-        none."""
-        low, high = (self.median, self.median) if self.q95 is None else (self.q05, self.q95)
-        no_low = low is None or self.bound in ("upper", "undetermined")
-        no_high = high is None or self.bound in ("lower", "undetermined")
-        return (0.0 if no_low else low), (inf if no_high else high)  # type: ignore[return-value]
 
     @property
     def is_zero(self) -> bool:
