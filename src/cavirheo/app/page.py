@@ -29,11 +29,9 @@ _QUESTION = "Delete all files and answers of this page? The zip of step 5 keeps 
 _ASK = f"() => [!location.search || confirm('{_QUESTION}') ? '{_SURE}' : '']"
 _RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # limit over all visitors
 _LATEST: dict[str, Any] = {"trigger_mode": "always_last"}
-_text_box = partial(gr.Textbox, max_lines=1)
 _button = partial(gr.Button, variant="primary")
 _html = partial(gr.HTML, apply_default_css=False)
 _small_button = partial(gr.Button, size="sm", min_width=120)
-_stop_button = partial(gr.Button, "Stop", variant="stop")  # visible only during a run or a fit: app.css
 _Updates = dict[Any, Any]  # new content by component; a component that is not a key keeps its content
 _Handler = Callable[..., Any]
 
@@ -125,7 +123,8 @@ class Page:
         with gr.Row():
             for name in names:
                 label, empty = words.TEXT_FIELDS[name]
-                self.fields[name] = _text_box(label=words.with_option(label, name), placeholder=empty, min_width=120)
+                label = words.with_option(label, name)
+                self.fields[name] = gr.Textbox(label=label, placeholder=empty, max_lines=1, min_width=120)
 
     def _infer(self) -> None:
         self.fields["material"] = gr.Radio(words.material_choices(), value="auto", label="Law of the material")
@@ -134,7 +133,7 @@ class Page:
             self.fields["bubble"] = gr.Radio(words.BUBBLES, value="real", label="Bubble")
         with gr.Row():
             self.infer = _button("Infer all chosen shots")
-            self.stop = _stop_button()
+            self.stop = gr.Button("Stop", variant="stop")  # visible only during a run: app.css
         none = words.render("hint", words.NO_ANSWERS)
         self.answers = _html(none, min_height=120, js_on_load=words.read_file("table.js"))
         self.timer = gr.Timer(1.0, active=False)

@@ -30,7 +30,6 @@ SLIDERS = {  # label, factor from SI
     "stretch": ("Try λ (R_max/R_0)", 1.0),
 }
 EXAMPLE_CAMERA = {"fps": 500_000.0, "um_per_px": 4.0, "exposure_us": 0.4}  # of the shipped recording
-_CHANGED_MESSAGE = "files or settings were changed while it ran: its answers are dropped; run it again"
 
 
 def examples() -> dict[str, Path]:
@@ -68,7 +67,8 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
             session.run = Run([])
     with session.lock:
         if session.curves is not curves or session.settings != settings:
-            raise InputError(_CHANGED_MESSAGE, "app.changed")
+            changed = "files or settings were changed while it ran: its answers are dropped; run it again"
+            raise InputError(changed, "app.changed")
         session.answers = pooled
         return pooled
 

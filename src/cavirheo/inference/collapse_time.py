@@ -169,13 +169,9 @@ def estimate(
     """
     medium = medium_of(medium)
     modulus, viscosity = _given(material, shear_modulus, viscosity)
-    as_they_are = np.ones(len(shots))
-    problem = _Problem(shots, medium, shots.ratio(medium), as_they_are, modulus, viscosity, as_they_are).reweighted()
-    if exact:
-        return _answer(_corrected(problem))
-    answer = _answer(problem)
-    answer.message = "; ".join(filter(None, [_poor(problem), answer.message]))
-    return answer
+    ones = np.ones(len(shots))
+    problem = _Problem(shots, medium, ones, modulus, viscosity, weight=ones).reweighted()
+    return _answer(_corrected(problem), []) if exact else _answer(problem, _poor(problem))
 
 
 def _given(material: str, shear_modulus: float | None, viscosity: float | None) -> tuple[float | None, float | None]:
@@ -196,12 +192,11 @@ def _given(material: str, shear_modulus: float | None, viscosity: float | None) 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """n shots with t_1/t_RC of `ratio` (n,), and weights (n,). correction: (n,) of the times of the analytic model.
-    modulus, viscosity: given ones, None if they are fitted."""
+    """n shots, and their weights (n,). correction: (n,) of the times of the analytic model. modulus, viscosity: given
+    ones, None if they are fitted."""
 
     shots: Shots
     medium: Medium
-    ratio: Floats
     correction: Floats
     modulus: float | None
     viscosity: float | None
@@ -214,7 +209,7 @@ class _Problem:
     def residuals(self, G: Floats, mu: Floats) -> Floats:
         """(n, m) at G (m,) and mu (m,)."""
         R, stretch = self.shots.max_radius[:, None], self.shots.stretch[:, None]
-        ratio = (self.ratio / self.correction)[:, None]
+        ratio = (self.shots.ratio(self.medium) / self.correction)[:, None]
         return np.asarray((ratio**2 * inverse_square(R, stretch, G, mu, self.medium) - 1) / 2)
 
     def slopes(self, G: Floats, mu: Floats) -> Floats:
@@ -277,7 +272,8 @@ def _corrected(problem: _Problem) -> _Problem:
     raise SolverError(f"after {_EXACT_ROUNDS} rounds the times still change by {change:.1g}")
 
 
-def _answer(problem: _Problem) -> CollapseEstimate:
+def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
+    """The estimate of a problem, with these and further messages."""
     n, free = len(problem.shots), len(problem.shots) - problem.unknowns
     G, mu, squares = problem.best()
     residual = problem.residuals(np.array([G]), np.array([mu]))[:, 0]
@@ -292,7 +288,7 @@ def _answer(problem: _Problem) -> CollapseEstimate:
     if problem.modulus is None:
         half = np.sqrt(np.maximum(limit - height, 0.0) / (problem.weight @ problem.slopes(at, line) ** 2))
     ends = max(float(np.min(at - half)), 0.0), float(np.max(at + half))
-    longer = replace(problem, ratio=problem.ratio * (1.0 + 1e-4)).best()[0]
+    longer = replace(problem, correction=problem.correction / (1.0 + 1e-4)).best()[0]
     found = CollapseEstimate(
         shear_modulus_Pa=_quantity(G, *ends, LARGEST_MODULUS, problem.modulus is None, free > 0),
         viscosity_Pa_s=_quantity(mu, line[0], line[-1], LARGEST_VISCOSITY, problem.viscosity is None, free > 0),
@@ -304,7 +300,6 @@ def _answer(problem: _Problem) -> CollapseEstimate:
     found.model = list(model)
     if found.shear_modulus_Pa.median is not None:
         found.modulus_per_percent_Pa = 100.0 * (longer - G)
-    messages: list[str] = []
     if found.shear_modulus_Pa.median is None and found.viscosity_Pa_s.median is None:
         places = np.linspace(line[0], line[-1], _PAIRS)
         found.pairs = list(zip(problem.profile(places)[0].tolist(), places.tolist(), strict=True))
@@ -335,10 +330,10 @@ def _quantity(value: float, low: float, high: float, most: float, fitted: bool, 
     return Quantity(median=value, q05=low, q95=high, bound=bound)
 
 
-def _poor(problem: _Problem) -> str:
-    """A sentence if the analytic model is known to be inaccurate for these shots; else empty."""
+def _poor(problem: _Problem) -> list[str]:
+    """A message if the analytic model is known to be inaccurate for these shots."""
     medium, shots = problem.medium, problem.shots
     inverse_re = problem.best()[1] * medium.velocity_scale / (medium.pressure * shots.max_radius)
     count = np.count_nonzero((inverse_re > 1 / _GOOD_RE) | (shots.stretch < _GOOD_STRETCH))
     where = f"Re < {_GOOD_RE:g} or lambda < {_GOOD_STRETCH:g}, {count} of {len(shots)} shots"
-    return f"the analytic model is poor here ({where}): use exact" if count else ""
+    return [f"the analytic model is poor here ({where}): use exact"] if count else []
