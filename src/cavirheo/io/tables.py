@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import islice, takewhile
+from itertools import islice, pairwise, takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -299,7 +299,7 @@ def _tables(sheet: Table) -> Iterator[Table]:
     vocabulary = sheet.vocabulary
     headers = (k for k, row in enumerate(sheet.rows) if vocabulary.is_header(row.texts))
     starts = list(headers if vocabulary.sections else islice(headers, 1))
-    for at, end in zip(starts, [*starts[1:], None], strict=False):
+    for at, end in pairwise([*starts, len(sheet.rows)]):
         rows, notes = sheet.rows[at + 1 : end], [*sheet.notes]
         if at and not vocabulary.sections:
             words = ", ".join(next(filter(None, row.texts)) for row in sheet.rows[:at][:_LISTED])[:80]

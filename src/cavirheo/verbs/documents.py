@@ -38,13 +38,9 @@ def show(
     from cavirheo.loading import documents_in
 
     if len(file.parts) == 1 and not file.suffix and not exists(file):
-        from cavirheo.inference.cards import shipped
+        from cavirheo.inference.cards import path_of
 
-        networks = shipped()
-        if file.name not in networks:
-            message = f"{file} does not exist, nor is it the name of a shipped network ({', '.join(networks)})"
-            raise InputError(message, "show.missing")
-        file = networks[file.name]
+        file = path_of(file.name)
     models = [path for path in sorted(file.glob("*.npz")) if path.with_suffix(".json").is_file()]
     file = models[0] if len(models) == 1 else file  # the folder of a run of `train`
     network = file.suffix.lower() == ".npz" or (file.suffix == ".json" and file.with_suffix(".npz").is_file())

@@ -192,12 +192,9 @@ def slurm_cluster() -> SLURMCluster:
 
     dask.config.set({"distributed.scheduler.allowed-failures": 10})  # workers are also lost at a walltime
     settings = dask.config.get("jobqueue.slurm")
-    place = "under jobqueue: slurm: in ~/.config/dask/jobqueue.yaml"
-    if missing := " and ".join(name for name in ("cores", "memory") if not settings[name]):
-        raise InputError(f"--slurm needs {missing} of a job: state them {place}", "cluster.slurm")
     try:
         return SLURMCluster(
-            processes=settings["processes"] or settings["cores"],
+            processes=settings["processes"] or settings["cores"] or 1,
             job_script_prologue=[_NO_PROFILE, *settings["job-script-prologue"]],
             shared_temp_directory=settings["shared-temp-directory"] or str(Path.home()),
             scheduler_options={"dashboard_address": "127.0.0.1:0"},
@@ -205,4 +202,5 @@ def slurm_cluster() -> SLURMCluster:
             protocol="tls://",
         )
     except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
-        raise InputError(f"no jobs of SLURM can be asked for ({error}): see {place}", "cluster.slurm") from None
+        message = f"no jobs of SLURM can be asked for: {error}; state it under jobqueue: slurm: in "
+        raise InputError(f"{message}~/.config/dask/jobqueue.yaml", "cluster.slurm") from None
