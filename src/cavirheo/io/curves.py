@@ -263,10 +263,8 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> Ra
     hint = f"R_max of each shot as the column {column.title!r} has it"
     notes = [note for note in curve.notes if note != curve.unscaled]  # it asks for a scale
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
-        if not curve.unscaled:
-            factor = size / curve.max_radius
-            off = abs(factor - 1.0) >= SCALE_TOLERANCE
-            hint += f": radii of {curve.name} scaled by {factor:.3g}" if off else ": radii scaled to it"
+        if not curve.unscaled and abs(size / curve.max_radius - 1.0) >= SCALE_TOLERANCE:
+            hint += f": radii scaled by {size / curve.max_radius:.3g}"
         return curve.labelled(hints=(*curve.hints, hint), notes=notes).with_max_radius(size)
     return curve
 

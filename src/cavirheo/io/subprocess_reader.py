@@ -16,7 +16,7 @@ from queue import LifoQueue
 from typing import Any
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, listed, require
 from cavirheo.io.shots import CurveSet, read_shots
 from cavirheo.messages import Message
 from cavirheo.writing.packing import decode, encode
@@ -61,7 +61,7 @@ class Reader:
 
         Raises InputError: as `read`.
         """
-        names = ", ".join(path.name for path in paths[:3]) + (", ..." if len(paths) > 3 else "")
+        names = listed([path.name for path in paths], 3)
         slow = f"reading {names} took more than {self.seconds:g} s; is the file damaged, or too long?"
         child = self._free.get()
         try:

@@ -35,21 +35,17 @@ class Compare(options.PrintingVerb):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import TABLE, by_group, joined, read_sets, write_comparison
         from cavirheo.loading import load
-        from cavirheo.reporting import DOCUMENTS, comparison, html
+        from cavirheo.reporting import DOCUMENTS, comparison, write_report
         from cavirheo.reporting.record import Result
-        from cavirheo.reporting.table import csv_rows
-        from cavirheo.writing.document import Outputs, write_json, write_rows
+        from cavirheo.writing.document import Outputs
 
         sets = read_sets(self.references)
         answers = [load(path, Result) for path in self.results]
         inputs = [path / "result.json" if path.is_dir() else path for path in self.results] + self.references
-        report = Outputs(self.out, *DOCUMENTS, inputs=inputs)
+        Outputs(self.out, *DOCUMENTS, inputs=inputs)
         document = joined(answers, **run.document_fields)
         document.add_published(by_group([group.name for group in document.groups], sets))
-        report.write("result.json", write_json, document)
-        report.write("result.csv", write_rows, *csv_rows(document))
-        report.write("report.html", html.write, document, dict.fromkeys(range(len(document.curves)), ""))
-        report.finish()
+        write_report(self.out, [], document, draw=False)
         write_comparison(self.out, document, inputs)
         run.show(document, comparison.print_comparison)
         counts = f"{digits.counted(len(document.groups), 'set')}, {digits.counted(len(document.curves), 'shot')}"
