@@ -19,11 +19,6 @@ TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius histo
 MEDIUM_KEYS = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
 _DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
 _CITED = re.compile(r"\[([\w, ]+)\]")  # keys in a text
-_EQUATIONS = {
-    "keller-miksis": "Keller and Miksis [Keller1980]",
-    "rayleigh-plesset": "Rayleigh and Plesset [Plesset1949]",
-    "gilmore": "Gilmore [Gilmore1952]",
-}
 _STRETCH_PRIORS = {"stretch_prior.file": "from the file", "stretch_prior.late_plateau": "from the late plateau"}
 
 
@@ -77,7 +72,6 @@ def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
         verdicts=Counter(curve.verdict for curve in result.curves),
         keys_of_laws=_keys_of_laws,
         MEDIUM_KEYS=MEDIUM_KEYS,
-        EQUATIONS=_EQUATIONS,
     )
     paragraph = " ".join(text.split())
     cited = dict.fromkeys(key for keys in _CITED.findall(paragraph) for key in keys.split(", "))
