@@ -193,21 +193,21 @@ def print_table(document: Design) -> None:
     """Print a line per setting, then the recommended setting and the number of shots."""
     names = list(document.settings[0].half_width_percent)
     symbols = [digits.symbol_and_unit(name)[0] for name in names]
-    heads = ["frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots", "gain\nnats"]
+    heads = ["R_max\nµm", "frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots", "gain\nnats"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
-    table = terminal.table("R_max\nµm", heads, title=title)
-    for k, setting in enumerate(document.settings):
-        table.add_row(
+    rows = [
+        [
             digits.micrometres(setting.max_radius_m),
             f"{setting.frame_rate_hz:,.0f}",
             *(half_width(setting.half_width_percent[name]) for name in names),
             f"{100 * setting.readable:.0f}",
             digits.MISSING if setting.shots is None else str(setting.shots),
             f"{setting.gain_nats:.2f}",
-            style="bold" if k == document.next else "",
-        )
+        ]
+        for setting in document.settings
+    ]
     console = terminal.console()
-    console.print(table)
+    terminal.print_table(console, heads, rows, title=title, bold=document.next)
     for line in document.sentences:
         console.print(line, style="bold")
 

@@ -17,7 +17,6 @@ _MAX_LINE = 1000  # most characters of one line
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
     from rich.segment import Segment
-    from rich.table import Table
     from rich.text import Text
 
 
@@ -66,29 +65,28 @@ def progress_bar(
         yield lambda count=1, what=None: progress.update(task, advance=count, description=what)
 
 
-def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: str = "", gap: int = 1) -> Table:
-    """A table in which no text is cut off: in a narrow terminal, columns of words fold first, and columns of numbers
-    last. All columns except the first and those in `left` hold numbers and are right-aligned."""
+def print_table(
+    to: Console,
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    left: Sequence[str] = (),
+    title: str = "",
+    bold: int | None = None,
+) -> None:
+    """Print a table, if it has rows, of which one may be `bold`. No text is cut off: in a narrow terminal, columns of
+    words fold first, and columns of numbers last. All columns except the first and those in `left` hold numbers."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)
+    grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     if title:
         grid.title, grid.title_justify, grid.title_style = title, "left", "dim"
-    for head in (first, *heads):
-        words = head in (first, *left)
+    for head in heads:
+        words = head in (heads[0], *left)
         grid.add_column(head, justify="left" if words else "right", overflow="fold", no_wrap=not words)
-    return grid
-
-
-def print_table(
-    to: Console, heads: Sequence[str], rows: Sequence[Sequence[str]], *, left: Sequence[str] = (), title: str = ""
-) -> None:
-    """Print a `table`, if it has rows; of equal names in the first column only the first is printed."""
-    grid, previous = table(heads[0], heads[1:], left=left, title=title), ""
-    for name, *cells in rows:
-        grid.add_row("" if name == previous else name, *cells)
-        previous = name
+    for k, cells in enumerate(rows):
+        grid.add_row(*cells, style="bold" if k == bold else "")
     if rows:
         to.print(grid)
 
