@@ -85,6 +85,7 @@ def _load(path: str | Path, kind: type[Any]) -> Document | Dataset:
     return read_json(path, resolve_name(KINDS[name][0]))
 
 
-def print_table(document: Document) -> None:
-    """Print the table of a document, as its verb and `cavirheo show` do."""
-    resolve_name(KINDS[document.kind][1])(document)
+def print_table(document: Document, folder: Path = Path()) -> None:
+    """Print the table of a document of this folder, as its verb and `cavirheo show` do."""
+    how = {"out": folder} if document.kind == "result" else {}
+    resolve_name(KINDS[document.kind][1])(document, **how)

@@ -108,20 +108,24 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord
         look = digits.VERDICT_STYLES[verdict].terminal if verdict else ""
         _print([("  ".join(cells), "" if verdict else "dim"), (f"  {mark}".rstrip(), look)])
     if len(visible) < len(shots):
-        hidden = Counter(digits.VERDICT_WORDS[shot.verdict] for shot in shots if shot not in visible)
-        counts = ", ".join(f"{count} {words}" for words, count in hidden.items())
-        values = "".join(f"; {words}" for words in _ranges(result, [shot for shot in shots if shot not in visible]))
-        _say("", f"{digits.counted(hidden.total(), 'more shot')}: {counts} (--all){values}")
+        hidden = [shot for shot in shots if shot not in visible]
+        counts = Counter(shot.verdict for shot in hidden)
+        words = {verdict: f"{count} {digits.VERDICT_WORDS[verdict]}" for verdict, count in counts.items()}
+        counted = ", ".join(words.pop(verdict) for verdict in counts if verdict in TRUSTED)
+        if ranges := ", ".join(_ranges(result, hidden)):
+            counted += f" ({ranges})"
+        listed = ", ".join(filter(None, [counted, *words.values()]))
+        _say("", f"{digits.counted(len(hidden), 'more shot')}: {listed}; --all")
 
 
 def _ranges(result: Result, shots: Sequence[CurveRecord]) -> Iterator[str]:
-    """'µ of those that count: 0.0042 to 0.035 Pa s'."""
+    """'µ 0.0042 to 0.035 Pa s' of the shots that count."""
     for name, symbol in _SYMBOLS.items():
         factor, unit = result.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
         values = [shot.value(name) for shot in shots if shot.trusted]
         medians = [value.median for value in values if value.median is not None and not value.is_zero]
         if medians:
-            yield f"{symbol} of those that count: {digits.ends(medians, factor, 2)} {unit}"
+            yield f"{symbol} {digits.ends(medians, factor, 2)} {unit}"
 
 
 def _table_width(rows: Sequence[Sequence[str]]) -> int:

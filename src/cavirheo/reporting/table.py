@@ -20,6 +20,7 @@ from cavirheo.reporting.answer import (
 )
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import Quantity
 
 _ENDS = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}  # columns of a quantity in CSV
 
@@ -82,12 +83,19 @@ def parameters_table(rows: Sequence[CurveRecord], result: Result) -> tuple[list[
     names = [name for name in result.parameters if name in of_laws or not is_law_parameter(name)]
     units = {name: display_unit(name) for name in names if name not in (*CAMERA, VISCOSITY_AT_RATE)}
     heads = ["shot", *(f"{symbol}\n{unit}".strip() for symbol, _, unit in units.values())]
+    short = digits.distinct_names([row.name for row in rows])
     cells = [
-        [row.name, *(digits.quantity(row.value(name), factor) for name, (_, factor, _) in units.items())]
-        for row in rows
+        [shot, *(_in_a_cell(row.value(name), factor) for name, (_, factor, _) in units.items())]
+        for shot, row in zip(short, rows, strict=True)
         if any(name in row.other_parameters for name in units)
     ]
     return heads, cells
+
+
+def _in_a_cell(value: Quantity, factor: float) -> str:
+    """'0.069 (0.056 to 0.080)', 'below 0.015'."""
+    middle, interval = digits.value_parts(value, factor)
+    return f"{middle} ({interval})" if middle and interval else middle or interval
 
 
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:

@@ -71,7 +71,7 @@ def _show_document(path: Path, json: bool) -> None:
         return
     name, date = document.kind, f", {document.date}" if document.date else ""
     terminal.console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
-    print_table(document)
+    print_table(document, path.parent)
 
 
 def _show_training_set(path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from cavirheo.writing.digits import NO_BREAK, elide, printable, together
 
 MOST_REMARKS = 20  # of one kind below a table
+_LEAST_WORDS = 8  # characters of a column of words in a narrow terminal
 _MAX_LINE = 1000  # most characters of one line
 
 if TYPE_CHECKING:
@@ -75,7 +76,8 @@ def print_table(
     bold: int | None = None,
 ) -> None:
     """Print a table, if it has rows, of which one may be `bold`. No text is cut off: in a narrow terminal, columns of
-    words fold first, and columns of numbers last. All columns except the first and those in `left` hold numbers."""
+    words fold, and where it is too narrow for the numbers, lines are longer than it. All columns except the first and
+    those in `left` hold numbers."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -88,7 +90,12 @@ def print_table(
     for k, cells in enumerate(rows):
         grid.add_row(*cells, style="bold" if k == bold else "")
     if rows:
+        for column, cells in zip(grid.columns, zip(*rows, strict=True), strict=True):
+            column.min_width = max(map(len, cells)) if column.no_wrap else _LEAST_WORDS
+        usual = to.width
+        to.width = max(usual, to.measure(grid, options=to.options.update(width=_MAX_LINE)).minimum)
         to.print(grid)
+        to.width = usual
 
 
 def names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
