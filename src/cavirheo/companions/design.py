@@ -247,18 +247,10 @@ def design(
 
     Method: the information of emulated recordings, docs/how-to/design.md; accuracy: docs/validation.md.
     """
-    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
-    expect_whole(draws, "draws", 2, "design.draws")
+    _check_numbers(wanted, spread, draws)
     rig = rig or Rig()
     family = Family(rig.material)
-    ends = dict(zip(family.parameters, family.bounds(started=True), strict=True)) | {"stretch": np.log10(STRETCHES)}
-    given = _log_ranges(family, ranges or {})
-    scatter, before = (spread or 0.0) ** 2 * np.eye(len(family.parameters)), 0
-    if known is not None:
-        found, scatter, before = _material(known, group, family, spread)
-        given = found | {name: pair for name, pair in given.items() if name == "stretch"}
-    ends |= given
+    ends, scatter, before = _known(known, group, family, _log_ranges(family, ranges or {}), spread)
     low, high = np.transpose(list(ends.values()))
     logs = low + (high - low) * Halton(len(ends), seed=seed).random(draws)  # few of its points cover the ranges
     (bubble,) = bubbles_of(rig.bubble)
@@ -283,6 +275,15 @@ def design(
         settings=rows,
         next=order.index(min(order)),
     )
+
+
+def _check_numbers(wanted: float, spread: float | None, draws: int) -> None:
+    """Raises InputError: a number out of its domain."""
+    if not 0 < wanted < 1:
+        raise InputError(f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    if spread is not None and not 0 <= spread < 2:
+        raise InputError(f"a spread is 0 to 2 decades, got {spread}", "design.spread")
+    expect_whole(draws, "draws", 2, "design.draws")
 
 
 def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[str, Floats]:
@@ -324,6 +325,18 @@ def _row(
         shots=int(shots) if np.isfinite(shots) else None,
         gain_nats=sum(gain(one, covariance) for one in material) / len(expected),
     )
+
+
+def _known(
+    known: Result | str | Path | None, group: str | None, family: Family, given: dict[str, Floats], spread: float | None
+) -> tuple[dict[str, Floats], Floats, int]:
+    """As `_material`, also without a result: log10 of the ends of the ranges that are given, or usual ones."""
+    ends = dict(zip(family.parameters, family.bounds(started=True), strict=True)) | {"stretch": np.log10(STRETCHES)}
+    if known is None:
+        return ends | given, (spread or 0.0) ** 2 * np.eye(len(family.parameters)), 0
+    found, scatter, before = _material(known, group, family, spread)
+    stretch = {name: pair for name, pair in given.items() if name == "stretch"}
+    return ends | found | stretch, scatter, before
 
 
 def _material(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -134,9 +134,7 @@ def sampled_answer(
     if predictive and predictive["p_value"] < REJECTED and excess > 0.0:
         if not discrepancy or excess > LARGE_MISFIT:
             verdict = "does_not_fit"
-        limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
-        chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
-        messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
+        messages.append(_message_of_misfit(predictive, excess, exact=not discrepancy))
     at_ends = open_ends(prior, weighed.x, weighed.log_weight)
     traded = trades(prior, weighed.x, weighed.log_weight, shot.family.parameters, at_ends)
     found = replace(found, traded={name: bound for name, (_, bound) in traded.items()})
@@ -173,6 +171,12 @@ def sampled_answer(
     if target.too_stiff(weighed):
         return found.without_draws(Message("interval.too_stiff", {"pull": LARGEST_PULL}))
     return found
+
+
+def _message_of_misfit(predictive: Mapping[str, float], excess: float, *, exact: bool) -> Message:
+    limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": exact}
+    chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
+    return Message("misfit.systematic", {"excess": excess, **limits, **chance})
 
 
 def _without_interval(found: Posterior, best: int) -> Posterior:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -143,18 +143,13 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     camera_rate = whole.frame_rate, metadata
     if whole.time is not None:
         camera_rate = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"
-    warnings, numbers = [*whole.warnings], list[StatedNumber]()
-    for quantity, stated, value, origin in (
+    given = (
         ("frames per second", frame_rate, *camera_rate),
         ("seconds of exposure", exposure, whole.exposure, metadata),
         ("um per pixel", um_per_px, whole.um_per_px, metadata),
-    ):
-        if stated and value and abs(stated / value - 1.0) > _TOLERANCE:
-            differ = {"given": stated, "what": quantity, "origin": origin, "value": value}
-            warnings.append(Message("check_input.camera_differs", differ))
-        by_camera = StatedNumber(value=value, origin=origin) if value else StatedNumber()
-        numbers.append(by_camera if stated is None else StatedNumber(value=stated, origin="the user"))
-    rate, shutter, scale = numbers
+    )
+    warnings = [*whole.warnings, *_contradictions(given)]
+    rate, shutter, scale = (_stated(by_user, value, origin) for _, by_user, value, origin in given)
     if rate.value is None:
         raise InputError(f"{_NO_RATE}; give it (--fps; in Python frame_rate=)", "video.frame_rate")
     FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
@@ -189,6 +184,21 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     measurement = Measurement(track, footage, time, rate, scale, shutter, settings, tuple(warnings), first, corner)
     exclude = options.get("exclude")
     return measurement if exclude is None else measurement.excluding(exclude)
+
+
+def _stated(by_user: float | None, value: float | None, origin: str) -> StatedNumber:
+    """The number of the user, or that of the camera, which comes from `origin`."""
+    if by_user is not None:
+        return StatedNumber(value=by_user, origin="the user")
+    return StatedNumber(value=value, origin=origin) if value else StatedNumber()
+
+
+def _contradictions(given: Iterable[tuple[str, float | None, float | None, str]]) -> Iterator[Message]:
+    """A warning for each (what, number of the user, number of the camera, its origin) whose numbers differ."""
+    for what, by_user, value, origin in given:
+        if by_user and value and abs(by_user / value - 1.0) > _TOLERANCE:
+            differ = {"given": by_user, "what": what, "origin": origin, "value": value}
+            yield Message("check_input.camera_differs", differ)
 
 
 def _cropped(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:
