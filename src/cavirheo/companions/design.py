@@ -224,7 +224,8 @@ def design(
     seed: int = 0,
     done: Callable[[], None] | None = None,
 ) -> Design:
-    """Expected intervals of shots that a rig could take, the shots needed for a wanted interval, and the next setting.
+    """Expected intervals of shots that a rig could take, the shots needed for a wanted interval, and the next setting,
+    by the information of emulated recordings (docs/how-to/design.md; accuracy: docs/validation.md).
 
     Args:
         known: a result.json, its folder, or the `Result`. Its trusted answers of this law give the law's parameters;
@@ -239,13 +240,10 @@ def design(
         seed: of the draws. done: called after each shot.
 
     Raises:
-        InputError: no trusted answer of this law, a number out of its domain, or a bubble that the emulator does not
-            know.
+        InputError: no trusted answer of this law, a number out of its domain, or a bubble unknown to the emulator.
 
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
-
-    Method: the information of emulated recordings, docs/how-to/design.md; accuracy: docs/validation.md.
     """
     _check_numbers(wanted, spread, draws)
     rig = rig or Rig()
@@ -256,10 +254,9 @@ def design(
     (bubble,) = bubbles_of(rig.bubble)
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
     settings, covariance = rig.settings(), np.diag((high - low)[:-1] ** 2 / 12.0)
-    rows = [
-        _row(setting, expected, covariance, scatter, family.parameters, np.log10(1.0 + wanted))
-        for setting, expected in zip(settings, shots.expectations(settings, done), strict=True)
-    ]
+    what = covariance, scatter, family.parameters, np.log10(1.0 + wanted)
+    expectations = shots.expectations(settings, done)
+    rows = [_row(setting, expected, *what) for setting, expected in zip(settings, expectations, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     order = [(np.inf if row.shots is None else row.shots, -row.gain_nats) for row in rows]
