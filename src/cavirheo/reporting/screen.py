@@ -281,7 +281,7 @@ def _probabilities(group: GroupRecord) -> str:
 
 
 def _unlike(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """'; alone, [1] and [4] prefer the field's bubble': shots that would have another bubble than their group."""
+    """'; alone, [1], [4] prefer the field's bubble': shots that would have another bubble than their group."""
     if len(shots) == 1 or "field_bubble" not in group.population.switches:
         return ""
     shared = group.population.switches["field_bubble"]
@@ -295,7 +295,7 @@ def _unlike(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     else:
         others, bubble = [], ""
     verb = "prefers" if len(others) == 1 else "prefer"
-    return f"; alone, {' and '.join(others)} {verb} the {bubble} bubble" if others else ""
+    return f"; alone, {', '.join(others)} {verb} the {bubble} bubble" if others else ""
 
 
 def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> str:
