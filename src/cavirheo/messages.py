@@ -127,12 +127,12 @@ def _repeated(times: int, equal: int, frames: int) -> str:
 
 def _walls(distance: float) -> str:
     where = f"{digits.significant(1e6 * distance, 2)} µm away"
-    advice = "give --wall-distance-um, or the right µm per pixel and frame rate, or add --trust-input"
-    return f"check for a wall: the bubble collapses late, as beside a wall {where}: {advice}"
+    advice = "give --wall-distance-um, the right scale and frame rate, or --trust-input"
+    return f"it collapses late, as beside a wall {where}: {advice}"
 
 
 def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
-    collapse = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({1e6 * max_radius:.4g} um)"
+    collapse = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({1e6 * max_radius:.4g} µm)"
     advice = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
     if not factors:
         return f"check the scale of radius and time: {collapse}, which no material shows: {advice}"
@@ -200,8 +200,8 @@ def _systematic(excess: float, detectable: float, exact: bool, limit: float, **p
 def _training_range(name: str, value: float, low: float, high: float, trained_at: float = 0.0) -> str:
     text = f"outside the training range: {'R_max' if name == 'max_radius' else name}"
     if name == "max_radius":
-        trained = f"trained at {1e6 * trained_at:.4g} um: right from {1e6 * low:.0f} to {1e6 * high:.0f}"
-        return f"{text} {1e6 * value:.4g} um ({trained}; the default model knows all sizes)"
+        trained = f"trained at {1e6 * trained_at:.4g} µm: right from {1e6 * low:.0f} to {1e6 * high:.0f}"
+        return f"{text} {1e6 * value:.4g} µm ({trained}; the default model knows all sizes)"
     if name == "stretch":
         return f"{text} {value:.3g} (trained in {low:g} to {high:g})"
     return f"{text} (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
@@ -273,7 +273,7 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "check_input.walls": _walls,
     "frames.other_bubble": lambda frames, since: (
         "the end is left out, where the radius rises again as by another bubble: "
-        f"{frames} frames from {1e6 * since:.4g} us after R_max on"
+        f"{frames} frames from {1e6 * since:.4g} µs after R_max on"
     ),
     "stated.used": lambda **of: f"a constant that the file states is used: {_constant(**of)}",
     "stated.replaced": lambda stated, used, **of: (

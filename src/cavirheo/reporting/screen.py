@@ -94,7 +94,7 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord
         visible = exceptions[:MOST_EXCEPTIONS]
     names = dict(zip((shot.name for shot in shots), digits.distinct_names([shot.name for shot in shots]), strict=True))
     heads, rows = shots_table(result, visible, [digits.elide(names[shot.name], _NAME) for shot in visible])
-    marks = ["", *("" if shot.verdict == "ok" else digits.VERDICT_WORDS[shot.verdict] for shot in visible)]
+    marks = ["", *map(_mark, visible)]
     rows = [[*cells[:-1], mark] for cells, mark in zip([heads, *rows] if visible else [], marks, strict=False)]
     if _table_width(rows) > _width():
         rows = [[digits.elide(cells[0], digits.SHORT_NAME), *cells[1:]] for cells in rows]
@@ -126,6 +126,14 @@ def _ranges(result: Result, shots: Sequence[CurveRecord]) -> Iterator[str]:
         medians = [value.median for value in values if value.median is not None and not value.is_zero]
         if medians:
             yield f"{symbol} {digits.ends(medians, factor, 2)} {unit}"
+
+
+def _mark(shot: CurveRecord) -> str:
+    """What is written behind the row of a shot: "" if it is ok, 'bound', 'check input: walls'."""
+    if shot.verdict == "ok":
+        return ""
+    about = [message.code.split(".")[1].replace("_", " ") for message in shot.warnings]
+    return f"{digits.VERDICT_WORDS[shot.verdict]}{': ' if about else ''}{', '.join(about[:1])}"
 
 
 def _table_width(rows: Sequence[Sequence[str]]) -> int:
@@ -196,7 +204,7 @@ def _value_line(result: Result, group: GroupRecord, shots: Sequence[CurveRecord]
     if scatter := group.population.wide_scatters.get(name):
         notes.append(f"scatter {digits.percent(scatter)} %")
     if name == "shear_modulus" and (secants := _secant_moduli(group, shots)):
-        notes.append(f"at R_max like {digits.ends(secants, factor, 2)} {unit}")
+        notes.append(f"at small strain; {digits.ends(secants, factor, 2)} {unit} at R_max")
     if not notes and statistics and _width_of(value) > COMMON_SHARE * _width_of(statistics):
         notes.append(f"exact scale: {digits.value_parts(statistics, factor)[1]}")
     return [*line, f"({'; '.join(notes)})"] if notes else line
@@ -268,20 +276,21 @@ def _use_of(group: GroupRecord, name: str) -> str:
 
 
 def _probabilities(group: GroupRecord) -> str:
-    """'gel 99 %, gel that stiffens 1 %; real bubble 100 %'; "" for another law."""
+    """'probability: gel 99 %, gel that stiffens 1 %; real bubble 100 %'; "" for another law."""
     switches = group.population.switches if group.has_answer else {}
     parts = list[dict[str, float]]()
     if "liquid" in switches:
         liquid, stiffens = switches["liquid"], switches.get("stiffening", 0.0)
         parts.append({"gel": 1.0 - liquid - stiffens, "gel that stiffens": stiffens, "liquid": liquid})
     if "field_bubble" in switches:
-        parts.append({"real bubble": 1.0 - switches["field_bubble"], "field's bubble": switches["field_bubble"]})
+        field = switches["field_bubble"]
+        parts.append({"real bubble": 1.0 - field, "field's ideal bubble": field})
     words = [[f"{name} {100.0 * share:.0f} %" for name, share in part.items() if share >= 0.005] for part in parts]
-    return "; ".join(", ".join(part) for part in words)
+    return f"probability: {'; '.join(', '.join(part) for part in words)}" if words else ""
 
 
 def _unlike(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """'; alone, [1], [4] prefer the field's bubble': shots that would have another bubble than their group."""
+    """'; alone, [1], [4] prefer the field's ideal bubble': shots that would have another bubble than their group."""
     if len(shots) == 1 or "field_bubble" not in group.population.switches:
         return ""
     shared = group.population.switches["field_bubble"]
@@ -289,7 +298,7 @@ def _unlike(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     short = digits.distinct_names([shot.name for shot in shots])
     names = dict(zip((shot.name for shot in shots), short, strict=True))
     if shared < 1.0 - _SURE:
-        others, bubble = [names[name] for name, alone in counted.items() if alone > 0.5], "field's"
+        others, bubble = [names[name] for name, alone in counted.items() if alone > 0.5], "field's ideal"
     elif shared > _SURE:
         others, bubble = [names[name] for name, alone in counted.items() if alone < 0.5], "real"
     else:
@@ -309,7 +318,7 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
     if "group.doubt.ends" in codes:
         return "the same command with the right --um-per-px (or --rmax-um) and --fps"
     if "group.doubt.heaps" in codes:
-        return f"cavirheo infer {_first_heap(group, shots)}   (then the others)"
+        return f"cavirheo infer {_first_heap(group, shots)}   (then the others by themselves)"
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
     if group.verdict == "does_not_fit" or (misfits and codes):
         return f"cavirheo which-law {_files(misfits or shots, 2)}"
@@ -320,10 +329,10 @@ def _next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> s
     if group.verdict == "unverified":
         return f"cavirheo infer {_files(shots, 2)}"
     if abs(group.change_by_scale or 0.0) >= LARGE_CHANGE:
-        return "measure scale and frame rate better, then --scale-error and --rate-error"
+        return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
     if group.verdict == "bound":
         return f"cavirheo design {document}   (what to record)"
-    return f"cavirheo cite {document}   (after a look at the pictures)"
+    return f"cavirheo cite {document}   (after a look at report.html)"
 
 
 def _first_heap(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:

@@ -72,7 +72,7 @@ def shots_table(
         if shot.stretch.median is not None:
             stretch = digits.number(shot.stretch.median)
         values = *digits.value_parts(shot.shear_modulus_Pa, factor), *digits.value_parts(shot.viscosity)
-        rmse, verdict = digits.percent(shot.rmse_over_rmax), digits.VERDICT_WORDS[shot.verdict]
+        rmse, verdict = digits.number(shot.rmse_over_rmax, 100.0), digits.VERDICT_WORDS[shot.verdict]
         rows.append([name, digits.micrometres(shot.max_radius_m), stretch, *values, rmse, verdict])
     return heads, rows
 
