@@ -234,6 +234,12 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     pairs = growing(0.0)
     same = [(curve, replace(one, theta=pairs[0][1].theta)) for curve, one in pairs]  # as of a joint fit
     assert group.size_trends(result(same, COMMAND).curves) == []
+    (row, *_) = result(pairs, COMMAND).curves
+    alike = [
+        row.model_copy(update={"max_radius_m": size, "viscosity_Pa_s": Quantity(median=0.03 * (size / 2e-4) ** 3)})
+        for size in np.linspace(2e-4, 2.1e-4, 9)
+    ]
+    assert group.size_trends(alike) == []  # an error of R_max, which moves mu with it, is no trend
 
 
 def test_of_groups_without_a_trend_few_show_one():

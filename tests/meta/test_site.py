@@ -49,7 +49,7 @@ def test_every_page_of_the_repository_is_there_and_nothing_is_fetched_from_elsew
 SHOWN = {  # tutorial: what its outputs say
     "gel": r"(?s)250.*90 %: 9\.\d+ to 10\.\d+.*stiff_gel .*G +(29|30|31)\.?\d* kPa.*material & & (29|3\d)\.\d \[.*@",
     "notebook": r"(?s)soft_gel\[1\].*ok.*G = [56]\.?\d* kPa.*G [34]\d{3} to [789]\d{3} Pa",
-    "liquid": r"(?s)\n\[1\] .* 0\.0[56]\d+ .*3 curves.*bound.*upper limit of G",
+    "liquid": r"(?s)\n\[1\] .* 0\.0[56]\d+ .*3 curves.*use +G as a bound",
     "own_law": r"logarithmic \+ newtonian: RMSE 0\.3\d% of R_max",
     "cluster": r"(?s)2 .*soft_gel\[1\]: the same(?!.*not the same)",
     "app": r"soft_gel\[1\]: G [56]\d\d\d Pa \[",

@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population
 
 MIN_TREND_SHOTS = 5  # least number of shots in which a trend with R_max is looked for
+LEAST_RANGES = 0.1, 1e-6  # of ln R_max, over which its own error shows no trend; and of the logarithm of the values
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 TWO_SIDED_99 = 2.58  # standard deviations
 MOST = 0.5  # share of the shots of a group, above which they decide its verdict
 MANY = 0.25  # share of shots that do not fit, above which the others are a choice of those that the law suits
-_EQUAL = 1e-6  # relative range of values that count as equal
 
 
 class PublishedValue(Spread):
@@ -124,7 +124,7 @@ def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
     for name in MATERIAL_CONSTANTS:
         pairs = np.array([(shot.max_radius_m, shot.value(name).median) for shot in followed], dtype=float)
         logs = np.log(pairs[np.all(pairs > 0.0, axis=-1)]).reshape(-1, 2)
-        if len(logs) < MIN_TREND_SHOTS or np.min(np.ptp(logs, axis=0)) < _EQUAL:
+        if len(logs) < MIN_TREND_SHOTS or np.any(np.ptp(logs, axis=0) < LEAST_RANGES):
             continue
         ranks = np.argsort(np.argsort(logs, axis=0), axis=0)
         correlation = np.clip(np.asarray(np.corrcoef(ranks.T))[0, 1], -0.999999, 0.999999)
