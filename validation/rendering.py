@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import require
-from cavirheo.video.frames import Pixels, require_library, write_movie
+from cavirheo.video.formats import Pixels, require_library, write_movie
 
 _SUBPIXELS = 3  # subpixels along a pixel's side
 _MOMENTS = 65  # times within an exposure at which the bubble is drawn

@@ -12,7 +12,7 @@ from conftest import BDT, EXAMPLE, ROOT, code_of, rows_of
 
 import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, predict_radius, read_curves
-from cavirheo.inference import checks
+from cavirheo.inference import input_warnings
 from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
 from cavirheo.landmarks import RAYLEIGH
@@ -181,7 +181,7 @@ def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
 
 
 def doubts(curve) -> list[str]:
-    return [one.code.removeprefix("check_input.") for one in checks.curve_warnings(curve, WATER)]
+    return [one.code.removeprefix("check_input.") for one in input_warnings.curve_warnings(curve, WATER)]
 
 
 def test_frames_that_stand_several_times_or_backwards_are_a_doubt():
@@ -228,7 +228,7 @@ def test_stiff_gels_are_told_from_soft_ones_misread():
 @pytest.mark.parametrize(("scale", "factor"), [(2.0, 2.0), (0.4, 2.5)])
 def test_the_doubt_of_a_scale_says_how_far_it_is_off(scale, factor):
     curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.05), 7.0)
-    (said,) = checks.curve_warnings(RadiusCurve(curve.time, scale * curve.radius), WATER)
+    (said,) = input_warnings.curve_warnings(RadiusCurve(curve.time, scale * curve.radius), WATER)
     assert 0.95 * said.parameters["factors"][0] <= factor <= 1.05 * said.parameters["factors"][-1]
     assert ("too large" in said.text) == (scale > 1.0)
     assert "--rmax-um" in said.text
@@ -284,10 +284,10 @@ def test_an_answer_that_needs_a_close_wall_asks_for_its_distance():
     for inertia, warned in ((0.02, False), (0.09, True)):
         theta = np.column_stack([shot.theta, inertia + 0.01 * draws])
         found = replace(shot, names=(*NAMES, "confinement_inertia"), units=("Pa", "Pa s", "1"), theta=theta)
-        said = checks.felt_walls(found, 250e-6)
+        said = input_warnings.felt_walls(found, 250e-6)
         assert [one.code for one in said] == ["check_input.walls"] * warned
         assert ["--wall-distance-um" in one.text for one in said] == [True] * warned
-    assert checks.felt_walls(shot, 250e-6) == []
+    assert input_warnings.felt_walls(shot, 250e-6) == []
 
 
 def test_names_are_told_apart_by_folder(tmp_path):

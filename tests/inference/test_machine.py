@@ -13,7 +13,7 @@ from cavirheo.inference.emulator import RADII, RATES, Bubbles, Camera, elastic_s
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
     EMULATED,
-    Bent,
+    CurvedT,
     Draws,
     Maxima,
     Mixture,
@@ -303,7 +303,7 @@ def test_a_bent_distribution_is_normalised():
     rng = np.random.default_rng(0)
     u = rng.standard_normal((4000, 3)) * [1.0, 0.3, 0.1]
     u[:, 1] += 0.4 * u[:, 0] ** 2
-    bent = Bent.through(u, np.ones(len(u)))
+    bent = CurvedT.through(u, np.ones(len(u)))
     wide = rng.standard_normal((400_000, 3)) * 3.0
     density = np.exp(bent.log_density(wide) + 0.5 * np.sum((wide / 3.0) ** 2, axis=1) + 1.5 * np.log(2 * np.pi * 9.0))
     assert np.mean(density) == pytest.approx(1.0, abs=0.1)

@@ -18,7 +18,7 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.which_law import ranked
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Diagnostics, Evidence
-from cavirheo.reporting import group, html, result, screen, write_report
+from cavirheo.reporting import advice, group, html, result, screen, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.laws import laws_by_curve
 from cavirheo.reporting.panels import curve_panels, preview_panels
@@ -216,7 +216,7 @@ def test_shots_that_scatter_are_a_doubt_and_nothing_with_care_is_ok():
         (one,) = made.groups
         assert one.verdict == verdict
         assert [message.code for message in one.doubts] == ["group.doubt.scatter"] * (verdict != "ok")
-        use = dict(screen.answer_lines(made, one, made.curves))["use"][0]
+        use = dict(advice.answer_lines(made, one, made.curves))["use"][0]
         assert ("with care" in use) == (verdict != "ok")
 
 

@@ -19,7 +19,7 @@ import cavirheo
 from cavirheo import InputError
 from cavirheo.io.files import expand
 from cavirheo.io.videos import examine, measure
-from cavirheo.video.frames import Footage, is_video, read
+from cavirheo.video.formats import Footage, is_video, read
 from cavirheo.video.stage import set_stage
 from cavirheo.video.track import USED, Track, follow
 from validation.rendering import Film, Scene, render

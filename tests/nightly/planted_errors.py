@@ -105,7 +105,7 @@ PLANTED = (
             "100.0 * (longer - G)", "100.0 * (G - longer)", ("test_collapse_time",)),
     Planted("interval of a collapse time with half of its probability outside", "inference/collapse_time.py",
             "stdtrit(free, 0.95)", "stdtrit(free, 0.75)", ("test_collapse_time",)),
-    Planted("scale's factors upside down", "inference/checks.py",
+    Planted("scale's factors upside down", "inference/input_warnings.py",
             "if ratio < 1.0 else (1.0", "if ratio > 1.0 else (1.0", ("test_inference",)),
     Planted("prior counted once for each shot", "inference/population/hierarchy.py",
             "log_weight - logsumexp(log_weight) - log_prior", "log_weight - logsumexp(log_weight)",

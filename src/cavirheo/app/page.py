@@ -20,7 +20,7 @@ from cavirheo.app.session import PAGE_FIELDS, STARTS, PageSettings, Run, Session
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference import DEFAULT
 from cavirheo.physics.media import MEDIA
-from cavirheo.video.frames import is_video
+from cavirheo.video.formats import is_video
 
 _CLICK = "() => document.querySelector('#{}').click()"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"

@@ -27,7 +27,7 @@ from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.material import cached_material_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.settings import Exclude, InferSettings, checked
-from cavirheo.video.frames import is_video
+from cavirheo.video.formats import is_video
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable
-from cavirheo.inference.checks import curve_warnings
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
+from cavirheo.inference.input_warnings import curve_warnings
 from cavirheo.io.files import guarded
 from cavirheo.io.matlab import opened
 from cavirheo.io.named_arrays import Numbers

@@ -21,8 +21,10 @@ from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
 from cavirheo.inference.cards import network_name
-from cavirheo.inference.checks import (
-    ANALYSIS_ERRORS,
+from cavirheo.inference.checks import ANALYSIS_ERRORS
+from cavirheo.inference.emulator import emulator
+from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.input_warnings import (
     curve_warnings,
     failed_checks,
     felt_walls,
@@ -31,8 +33,6 @@ from cavirheo.inference.checks import (
     wall_warnings,
     warned,
 )
-from cavirheo.inference.emulator import emulator
-from cavirheo.inference.experiment import Experiment
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread
 from cavirheo.parameters import LOG10, units

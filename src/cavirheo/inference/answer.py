@@ -48,7 +48,7 @@ AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a prob
 INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
 
 
-class Target:
+class ResidualSource:
     """Residuals of one experiment at x (k, d): quickly by the emulator, or by rough simulations where it does not know
     the bubble (`unknown` says why); and by default simulations. states: of the switches. simulations, failures: how
     many there have been."""
@@ -117,7 +117,7 @@ def sampled_answer(
 ) -> Posterior:
     """The posterior of an experiment; `empty` gives what does not depend on the draws. Raises SolverError: no bubble
     can be simulated."""
-    target, noise = Target(shot, workers), shot.noise(discrepancy)
+    target, noise = ResidualSource(shot, workers), shot.noise(discrepancy)
     prior, budget = target.prior, SIMULATED if target.unknown else EMULATED
     all_draws = posterior(target.models(noise), seed, budget)
     weighed = all_draws.solved
@@ -126,7 +126,7 @@ def sampled_answer(
     found = _with_draws(replace(empty, medium=shot.medium), target, weighed)
     best = int(np.argmax(weighed.log_posterior))
     predictive, excess = judge(target, noise, weighed, best, seed)
-    pulled = _pulled(shot, prior, weighed)
+    pulled = _at_prior_ends(shot, prior, weighed)
     effective = weighed.effective
     verdict, messages = _bounds(found, shot.family)
     if target.unknown:
@@ -192,7 +192,7 @@ def _without_interval(found: Posterior, best: int) -> Posterior:
     return replace(found, theta=found.theta[best : best + 1], log_weight=None, checks=checks)
 
 
-def _with_draws(empty: Posterior, target: Target, weighed: Weighed) -> Posterior:
+def _with_draws(empty: Posterior, target: ResidualSource, weighed: Weighed) -> Posterior:
     """The answer with the draws, their evidence and switches, and the best of them."""
     shot, prior, x = target.shot, target.prior, weighed.x
     names, theta = shot.to_theta(x)
@@ -297,7 +297,7 @@ def open_ends(prior: Prior, x: Floats, log_weight: Floats) -> list[str]:
     return reached
 
 
-def _pulled(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str, str]:
+def _at_prior_ends(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str, str]:
     """The free parameters of bubble and camera of which most draws are at the end of their prior, with this end."""
     weight = relative_weights(weighed.log_weight)
     weight = weight / np.sum(weight)
@@ -311,7 +311,9 @@ def _pulled(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str, str]:
     return ends
 
 
-def judge(target: Target, noise: Noise, weighed: Weighed, best: int, seed: int) -> tuple[dict[str, Any] | None, float]:
+def judge(
+    target: ResidualSource, noise: Noise, weighed: Weighed, best: int, seed: int
+) -> tuple[dict[str, Any] | None, float]:
     """The predictive check at the best draw, and the misfit beyond noise; if the check rejects, that of the nearest
     that the law can come by least squares."""
     shot, at, residual = target.shot, weighed.x[best], weighed.residuals[best]

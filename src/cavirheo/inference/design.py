@@ -20,7 +20,7 @@ import numpy as np
 from cavirheo.arrays import NORMAL_90, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
-from cavirheo.inference.answer import INSIDE, Target
+from cavirheo.inference.answer import INSIDE, ResidualSource
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
 from cavirheo.inference.emulator import Bubbles, Camera, emulator, outside
 from cavirheo.inference.experiment import (
@@ -166,7 +166,7 @@ def _information(shot: Experiment, x: Floats) -> Floats:
 
     The emulator also answers where the measured R_max is somewhat smaller than those that it knows, for which `infer`
     takes simulations."""
-    target, law = Target(shot), shot.law_size
+    target, law = ResidualSource(shot), shot.law_size
     state = target.state(x)
     u = state.to_u(x[None], INSIDE)
 

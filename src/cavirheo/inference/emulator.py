@@ -1,4 +1,4 @@
-"""The emulator: R(t) of many bubbles at once from a network that was trained on simulations (training/emulator.py).
+"""The emulator: R(t) of many bubbles at once from a network that was trained on simulations (training/trajectories.py).
 
 It knows the physics of one bubble and nothing of cameras, noise or windows. A law without memory enters as what the
 bubble feels of it: the stress integral S_el at RADII and the mean viscosity up to RATES, so one network serves all

@@ -2,7 +2,7 @@
 
 A scan of the prior finds places to begin, and climbs by Gauss-Newton steps lead from the best of them to the maxima.
 From each maximum points are laid out along the ridge on which it lies: the frames hold some directions of u tightly and
-others hardly at all, and the tight ones are curved along the others. Bent Student's t distributions follow these
+others hardly at all, and the tight ones are curved along the others. CurvedT Student's t distributions follow these
 ridges; importance sampling draws from them, round by round, and fits them to where walkers among the likely draws
 go; all draws count by the density of all rounds together (adaptive multiple importance sampling: Cornuet, Marin, Mira
 and Robert 2012, doi:10.1111/j.1467-9469.2011.00756.x). Fitted to the draws themselves, with as many evaluations, they
@@ -41,7 +41,7 @@ LENGTHS = np.array([0.25, 0.5, 1.0])  # of these steps, over the best one for a 
 JITTER = 1e-4  # in u, of a step
 Frames = Callable[[Floats], Floats]  # residuals (k, n) at u (k, d)
 T = TypeVar("T")
-Asking = Generator[Floats, Floats, T]  # a computation that asks for residuals: it yields u (k, d) and is sent (k, n)
+Requests = Generator[Floats, Floats, T]  # a computation that asks for residuals: it yields u (k, d) and is sent (k, n)
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class Draws:
 
 
 @dataclass(frozen=True, eq=False)
-class Bent:
+class CurvedT:
     """Student's t distribution along a curved ridge; WIDE_SHARE of the draws are from one that is WIDE_FACTOR times as
     wide, because fitted shapes miss their tails.
 
@@ -159,7 +159,7 @@ class Bent:
     root: Floats
 
     @classmethod
-    def straight(cls, middle: Floats, covariance: Floats) -> Bent:
+    def straight(cls, middle: Floats, covariance: Floats) -> CurvedT:
         """The distribution about a place (d,) with this scale matrix (d, d)."""
         d = len(middle)
         square, axes = np.linalg.eigh(covariance)
@@ -167,7 +167,7 @@ class Bent:
         return cls(middle, axes, width, np.zeros((len(_terms_of(d)[0]) + 1, d)), np.zeros(d), np.eye(d))
 
     @classmethod
-    def through(cls, u: Floats, weight: Floats) -> Bent:
+    def through(cls, u: Floats, weight: Floats) -> CurvedT:
         """The distribution that is fitted to weighted draws u (k, d)."""
         weight, d = weight / np.sum(weight), u.shape[1]
         effective = 1.0 / np.sum(weight**2)
@@ -235,13 +235,13 @@ class Mixture:
     """Mixture of bent Student's t distributions with shares (c,)."""
 
     share: Floats
-    parts: tuple[Bent, ...]
+    parts: tuple[CurvedT, ...]
 
     @classmethod
     def of_modes(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
         """A straight component about each mode."""
         share = np.exp(np.asarray(log_share) - log_sum(log_share))
-        return cls(share, tuple(map(Bent.straight, means, covariances)))
+        return cls(share, tuple(map(CurvedT.straight, means, covariances)))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """Draws (count, d), in random order."""
@@ -265,14 +265,16 @@ class Mixture:
         share = np.sum(weight, axis=1)
         effective = share**2 / np.maximum(np.sum(weight**2, axis=1), 1e-300)
         parts = [
-            Bent.through(u, row) if number > 3 * u.shape[1] else part
+            CurvedT.through(u, row) if number > 3 * u.shape[1] else part
             for part, row, number in zip(self.parts, weight, effective, strict=True)
         ]
         used = np.flatnonzero(share > LEAST_SHARE * len(u))
         return Mixture(share[used] / np.sum(share[used]), tuple(parts[i] for i in used))
 
 
-def in_step(askings: Sequence[Asking[T]], residuals: Callable[[dict[int, Floats]], dict[int, Floats]]) -> list[T]:
+def run_together(
+    askings: Sequence[Requests[T]], residuals: Callable[[dict[int, Floats]], dict[int, Floats]]
+) -> list[T]:
     """What several computations return. Each time the residuals that all of them ask for are computed in one call, by
     index of the computation: few bubbles cost nearly as much time as a hundred."""
     returned: dict[int, T] = {}
@@ -289,12 +291,12 @@ def in_step(askings: Sequence[Asking[T]], residuals: Callable[[dict[int, Floats]
     return [returned[i] for i in range(len(askings))]
 
 
-def alone(asking: Asking[T], residuals: Frames) -> T:
+def run_alone(asking: Requests[T], residuals: Frames) -> T:
     """What one computation returns."""
-    return in_step([asking], lambda asked: {0: residuals(asked[0])})[0]
+    return run_together([asking], lambda asked: {0: residuals(asked[0])})[0]
 
 
-def scanning(noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Asking[Floats]:
+def scanning(noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Requests[Floats]:
     """(m, d) the best places of a scan of the prior, no two of them near each other."""
     u = rng.standard_normal((budget.scanned, dimension))
     value = noise.log_density((yield u)) + log_normal(u)
@@ -307,7 +309,7 @@ def scanning(noise: Noise, dimension: int, budget: Budget, rng: np.random.Genera
     return np.array(chosen).reshape(-1, dimension)
 
 
-def expanding(noise: Noise, u: Floats, missed: Floats) -> Asking[tuple[Floats, Floats]]:
+def expanding(noise: Noise, u: Floats, missed: Floats) -> Requests[tuple[Floats, Floats]]:
     """Gradients (m, d) and Gauss-Newton curvatures (m, d, d) of the negative log posterior at u (m, d), where the
     residuals are `missed` (m, n)."""
     m, d = u.shape
@@ -320,10 +322,10 @@ def expanding(noise: Noise, u: Floats, missed: Floats) -> Asking[tuple[Floats, F
 
 def expand(residuals: Frames, noise: Noise, u: Floats, missed: Floats) -> tuple[Floats, Floats]:
     """`expanding` alone."""
-    return alone(expanding(noise, u, missed), residuals)
+    return run_alone(expanding(noise, u, missed), residuals)
 
 
-def climbing(noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Asking[Maxima]:
+def climbing(noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Requests[Maxima]:
     """Maxima from u (m, d), by at most so many damped Gauss-Newton steps."""
     m, d = u.shape
     if not m:
@@ -352,10 +354,10 @@ def climbing(noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Asking[Max
 
 def climb(residuals: Frames, noise: Noise, u: Floats, steps: int = EMULATED.steps) -> Maxima:
     """`climbing` alone."""
-    return alone(climbing(noise, u, steps), residuals)
+    return run_alone(climbing(noise, u, steps), residuals)
 
 
-def finding_maxima(noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Asking[Maxima]:
+def finding_maxima(noise: Noise, dimension: int, budget: Budget, rng: np.random.Generator) -> Requests[Maxima]:
     """The maxima to which scans of the prior lead: as many scans as it takes until two climbs reach the highest one.
     Climbs begin without a discrepancy: with it, twice as many of them end at low maxima."""
     maxima, white = Maxima.none(dimension), noise.without_discrepancy()
@@ -371,11 +373,11 @@ def finding_maxima(noise: Noise, dimension: int, budget: Budget, rng: np.random.
 def ridges(
     residuals: Frames, noise: Noise, maxima: Maxima, budget: Budget, rng: np.random.Generator, most: int, reach: float
 ) -> Mixture:
-    """Bent distributions along the ridge of each of the highest maxima (`Maxima.apart`).
+    """CurvedT distributions along the ridge of each of the highest maxima (`Maxima.apart`).
 
     Places are drawn about the maximum in the directions that the frames hardly hold, and led back onto the ridge by two
     Gauss-Newton steps in the others; a distribution goes through them, with the widths of the posterior there."""
-    parts, heights = list[Bent](), list[float]()
+    parts, heights = list[CurvedT](), list[float]()
     for i in maxima.apart(most, reach, peaks=True):
         held, axes = np.linalg.eigh(maxima.curvature[i])
         loose = np.where(held < 4.0 * TIGHT, SPREAD / np.sqrt(held), 0.0)
@@ -393,7 +395,7 @@ def ridges(
         value = noise.log_density(missed) + log_normal(u)
         near = value > np.max(value) - reach
         if not near.any():  # the steps led to where there are no frames
-            parts.append(Bent.straight(maxima.u[i], np.linalg.inv(maxima.curvature[i])))
+            parts.append(CurvedT.straight(maxima.u[i], np.linalg.inv(maxima.curvature[i])))
             heights.append(float(maxima.value[i] - 0.5 * np.linalg.slogdet(maxima.curvature[i])[1]))
             continue
         _, curvature = expand(residuals, noise, u[near], missed[near])
@@ -401,7 +403,7 @@ def ridges(
         width = np.where(held < TIGHT, ALONG, 1.0) / np.sqrt(held)
         off = width[:, None] * rng.standard_normal((len(held), 12, u.shape[1]))
         about = u[near][:, None] + np.einsum("kij,kaj->kai", axes, off)
-        parts.append(Bent.through(about.reshape(-1, u.shape[1]), np.ones(12 * len(held))))
+        parts.append(CurvedT.through(about.reshape(-1, u.shape[1]), np.ones(12 * len(held))))
         heights.append(float(np.median(value[near] - 0.5 * np.linalg.slogdet(curvature)[1])))
     share = np.exp(np.array(heights) - np.max(heights)) + 0.05
     return Mixture(share / np.sum(share), tuple(parts))

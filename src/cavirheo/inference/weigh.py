@@ -19,19 +19,19 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
     EMULATED,
-    Asking,
     Budget,
     Draws,
     Frames,
     Maxima,
+    Requests,
     Rounds,
     climbing,
     effective_size,
     expanding,
     finding_maxima,
     first_round,
-    in_step,
     ridges,
+    run_together,
     sample,
 )
 from cavirheo.prior import log_normal
@@ -129,7 +129,7 @@ class Sampled:
     """
 
     model: Model
-    known: Known
+    known: SimulatedPlaces
     maxima: Maxima
     rng: np.random.Generator
     rounds: Rounds | None = None
@@ -139,7 +139,7 @@ class Sampled:
     @property
     def effective(self) -> float:
         """Number of effective draws."""
-        return together(self.parts).effective
+        return merged(self.parts).effective
 
     @property
     def yielded(self) -> float:
@@ -154,8 +154,8 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
     started = [each for each in _started(models, seed, budget) if np.any(np.isfinite(each.maxima.value))]
     if not started:
         raise SolverError("no bubble of this law can be simulated at the times of the frames")
-    looked = _looked_at(_likely(_crossed(started, budget), REACH), budget)
-    found = _likely([_settled(each, budget) for each in _likely(looked, REACH)], NEGLIGIBLE)
+    looked = _with_simulated_maximum(_likely(_with_maxima_of_others(started, budget), REACH), budget)
+    found = _likely([_with_first_evidence(each, budget) for each in _likely(looked, REACH)], NEGLIGIBLE)
     spent = sum(each.known.count for each in found)
     while True:
         logs = np.array([each.log_evidence for each in found])
@@ -181,28 +181,28 @@ def _likely(found: Sequence[Sampled], reach: float) -> list[Sampled]:
     return [each for each in found if each.log_evidence >= top - reach]
 
 
-def _quickly(found: Sequence[Sampled], askings: Sequence[Asking[T]]) -> list[T]:
+def _quickly(found: Sequence[Sampled], askings: Sequence[Requests[T]]) -> list[T]:
     """What a computation for each model returns, by quick frames of all of them together."""
 
     def residuals(asked: dict[int, Floats]) -> dict[int, Floats]:
-        rows = Known.together([found[i].known for i in asked], list(asked.values()))
+        rows = SimulatedPlaces.quick_of_all([found[i].known for i in asked], list(asked.values()))
         return dict(zip(asked, rows, strict=True))
 
-    return in_step(askings, residuals)
+    return run_together(askings, residuals)
 
 
 def _started(models: Sequence[Model], seed: int, budget: Budget) -> list[Sampled]:
     """The models with the maxima that a scan of the prior of each leads to."""
     streams = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(len(models)))
     found = [
-        Sampled(model, Known(model), Maxima.none(model.dimension), rng)
+        Sampled(model, SimulatedPlaces(model), Maxima.none(model.dimension), rng)
         for model, rng in zip(models, streams, strict=True)
     ]
     askings = [finding_maxima(each.model.noise, each.model.dimension, budget, each.rng) for each in found]
     return [replace(each, maxima=maxima) for each, maxima in zip(found, _quickly(found, askings), strict=True)]
 
 
-def _crossed(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
+def _with_maxima_of_others(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
     """Also with the maxima to which the highest ones of the other models lead."""
     highest = max(np.max(each.maxima.value) for each in found)
     tops = {
@@ -210,7 +210,7 @@ def _crossed(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
         for i, each in enumerate(found)
         if np.max(each.maxima.value) > highest - REACH
     }
-    askings = list[Asking[Maxima]]()
+    askings = list[Requests[Maxima]]()
     for i, each in enumerate(found):
         places = [each.model.to_u(x, OUTER) for other, x in tops.items() if other != i and each.model.to_u]
         starts = np.concatenate([np.zeros((0, each.model.dimension)), *places])
@@ -231,7 +231,7 @@ class Top(NamedTuple):
     residual: Floats
 
 
-def _looked_at(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
+def _with_simulated_maximum(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
     """With the highest maximum by simulations, from those by quick frames and from that of the best other model."""
     places = [each.maxima.u[each.maxima.apart(LOOKED_AT, REACH, peaks=False)] for each in found]
     tops = _refined(found, _highest(found, places), budget)
@@ -245,7 +245,7 @@ def _looked_at(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
         tops[i] = top
     for each, top in zip(found, tops, strict=True):
         each.known.forget(top.u, top.residual)
-    quick = Known.together([each.known for each in found], [top.u[None] for top in tops])
+    quick = SimulatedPlaces.quick_of_all([each.known for each in found], [top.u[None] for top in tops])
     askings = [
         expanding(each.model.noise, top.u[None], missed) for each, top, missed in zip(found, tops, quick, strict=True)
     ]
@@ -260,7 +260,7 @@ def _looked_at(found: Sequence[Sampled], budget: Budget) -> list[Sampled]:
 def _highest(found: Sequence[Sampled], places: Sequence[Floats]) -> list[Top]:
     """The highest of the places u (k, d) of each model by simulations, or by quick frames if all of these fail."""
     tops = list[Top]()
-    simulated = Known.simulated([each.known for each in found], places)
+    simulated = SimulatedPlaces.simulated([each.known for each in found], places)
     for each, u, residuals in zip(found, places, simulated, strict=True):
         heights = each.model.log_posterior(u, residuals)
         if not np.isfinite(heights).any():
@@ -279,7 +279,7 @@ def _refined(found: Sequence[Sampled], tops: Sequence[Top], budget: Budget) -> l
         if not rising:
             break
         at = [found[i] for i in rising]
-        quick = Known.together([each.known for each in at], [tops[i].u[None] for i in rising])
+        quick = SimulatedPlaces.quick_of_all([each.known for each in at], [tops[i].u[None] for i in rising])
         askings = [
             _shifted(climbing(each.model.noise, tops[i].u[None], budget.steps), tops[i].residual - row[0])
             for each, i, row in zip(at, rising, quick, strict=True)
@@ -294,7 +294,7 @@ def _refined(found: Sequence[Sampled], tops: Sequence[Top], budget: Budget) -> l
     return tops
 
 
-def _shifted(asking: Asking[T], shift: Floats) -> Asking[T]:
+def _shifted(asking: Requests[T], shift: Floats) -> Requests[T]:
     """A computation to which residuals are sent with this shift (n,)."""
     u = next(asking)
     while True:
@@ -311,7 +311,7 @@ def _corrected(quick: Frames, correction: Correction, u: Floats) -> Floats:
     return quick(u) + correction(u)
 
 
-def _settled(found: Sampled, budget: Budget) -> Sampled:
+def _with_first_evidence(found: Sampled, budget: Budget) -> Sampled:
     """With a few draws. A poor emulator does not make the evidence too low."""
     corrected = partial(_corrected, found.known.quick, found.known.correction())
     mixture = ridges(corrected, found.model.noise, found.maxima, budget, found.rng, LOOKED_AT, REACH)
@@ -348,13 +348,13 @@ def _weighed(found: Sampled, wanted: int, budget: Budget, share: float = 0.0) ->
         float(np.hypot(draws.error, scatter)), min(effective_size(log_weight), effective_size(draws.log_weight)),
     )  # fmt: skip
     parts = (*found.parts, part)
-    more = replace(found, rounds=rounds, parts=parts, log_evidence=together(parts).log_evidence)
+    more = replace(found, rounds=rounds, parts=parts, log_evidence=merged(parts).log_evidence)
     quick = draws.log_evidence + float(log_sum(draws.log_weight + (1.0 / FLATTENED - 1.0) * draws.log_density))
     return quick, more
 
 
 @dataclass(eq=False)
-class Known:
+class SimulatedPlaces:
     """The frames of a model, and what simulations tell of the error of the quick ones.
 
     Attributes:
@@ -370,10 +370,10 @@ class Known:
 
     def quick(self, u: Floats) -> Floats:
         """Quick residuals (k, n) at u (k, d)."""
-        return self.together([self], [u])[0]
+        return self.quick_of_all([self], [u])[0]
 
     @staticmethod
-    def together(known: Sequence[Known], places: Sequence[Floats]) -> list[Floats]:
+    def quick_of_all(known: Sequence[SimulatedPlaces], places: Sequence[Floats]) -> list[Floats]:
         """Quick residuals (k, n) of several models at u (k, d) of each, in one call."""
         return _at(known, places, known[0].model.quick)
 
@@ -382,12 +382,13 @@ class Known:
         return self.simulated([self], [u])[0]
 
     @staticmethod
-    def simulated(known: Sequence[Known], places: Sequence[Floats]) -> list[Floats]:
+    def simulated(known: Sequence[SimulatedPlaces], places: Sequence[Floats]) -> list[Floats]:
         """`simulate` of several models at u (k, d) of each, in one call."""
         if not known:
             return []
         found = _at(known, places, known[0].model.simulated)
-        for each, u, residuals, quick in zip(known, places, found, Known.together(known, places), strict=True):
+        emulated = SimulatedPlaces.quick_of_all(known, places)
+        for each, u, residuals, quick in zip(known, places, found, emulated, strict=True):
             good = np.isfinite(residuals).all(axis=1)
             each.count += len(u)
             each.u.append(u[good])
@@ -403,7 +404,7 @@ class Known:
         return smooth(np.concatenate(self.u), np.concatenate(self.difference))
 
 
-def _at(known: Sequence[Known], places: Sequence[Floats], residuals: Frames) -> list[Floats]:
+def _at(known: Sequence[SimulatedPlaces], places: Sequence[Floats], residuals: Frames) -> list[Floats]:
     """Residuals (k, n) at u (k, d) of each model, in one call."""
     x = [each.model.to_x(u) for each, u in zip(known, places, strict=True)]
     return np.split(residuals(np.concatenate(x)), np.cumsum([len(rows) for rows in x])[:-1])
@@ -456,7 +457,7 @@ def pick(draws: Draws, count: int, rng: np.random.Generator) -> NDArray[np.int64
     return rng.permutation(picked)[:count]
 
 
-def together(parts: Sequence[Weighed]) -> Weighed:
+def merged(parts: Sequence[Weighed]) -> Weighed:
     """The draws of several parts of one model, each part with the share of its effective draws."""
     parts = [part for part in parts if part.effective > 0.0] or parts[:1]
     if len(parts) == 1:
@@ -471,7 +472,7 @@ def together(parts: Sequence[Weighed]) -> Weighed:
 
 def joined(found: Sequence[Sampled]) -> Weighed:
     """The draws of all models, each with the share of its evidence."""
-    parts = [together(each.parts) for each in found]
+    parts = [merged(each.parts) for each in found]
     evidences = np.array([part.log_evidence for part in parts])
     whole = float(log_sum(evidences))
     return _combined(parts, evidences - whole, whole)

@@ -18,7 +18,7 @@ import numpy as np
 
 from cavirheo.errors import InputError, printable
 from cavirheo.io import limits
-from cavirheo.video.frames import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
+from cavirheo.video.formats import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
 from cavirheo.writing import digits
 
 _TEXT_ENDINGS = {".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"}

@@ -17,7 +17,7 @@ from cavirheo.errors import InputError, as_path, parse_number_list, printable
 from cavirheo.io.curves import SCALE_TOLERANCE, Camera
 from cavirheo.io.files import Source, guarded
 from cavirheo.parameters import FRAME_RATE, RADIUS
-from cavirheo.video.frames import is_video
+from cavirheo.video.formats import is_video
 
 Chosen = str | Iterable[int] | None  # which shots of a file: "1,4-7", numbered from 1 in the order of the file
 Item = TypeVar("Item")

@@ -1,4 +1,4 @@
-"""Measure recordings as RadiusCurves, guarded like other files."""
+"""Measure recordings as RadiusCurves, guarded like other files. The formats of cameras are in video/formats.py."""
 
 from __future__ import annotations
 

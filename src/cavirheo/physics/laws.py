@@ -1,4 +1,5 @@
-"""Laws of materials: elastic and viscous laws, and the base classes of these and of arms with memory.
+"""Laws of materials: elastic and viscous laws, and the base classes of these and of arms with memory. Their names, laws
+with memory and sums are in materials.py; the ranges of their parameters in cavirheo/parameters.py.
 
 An elastic law is one function of one number, the stress integral S_el(L) at L = R/R_0. With stretches (b^-2, b, b)
 around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L (docs/method/physics.md, section 4),
@@ -37,7 +38,7 @@ RATIO_MIN, RATIO_MAX = 1e-3, 1e3  # R/R_0: wider than the range of any collapse 
 
 
 def nodes(spacing: float) -> Floats:
-    """Nodes from SMALLEST to LARGEST, about `spacing` apart in log L; 1 is a node."""
+    """Nodes from RATIO_MIN to RATIO_MAX, about `spacing` apart in log L; 1 is a node."""
     n = int(np.ceil(np.log(RATIO_MAX) / spacing))
     return np.concatenate([np.geomspace(RATIO_MIN, 1, n + 1)[:-1], np.geomspace(1, RATIO_MAX, n + 1)])
 

@@ -20,7 +20,7 @@ from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Posterior, Verdict, intervals
-from cavirheo.reporting.material import KEYS, ParameterValues
+from cavirheo.reporting.material import MAIN_FIELDS, ParameterValues
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
@@ -144,7 +144,7 @@ class CurveRecord(ParameterValues):
     stretch_prior: dict[str, float] = {}
     provenance: dict[str, Any]
     _omitted_if_empty = ("switches", "column", "stretch_prior")
-    _keys = KEYS | {"stretch": "stretch"}
+    _keys = MAIN_FIELDS | {"stretch": "stretch"}
 
     @property
     def model(self) -> str:
@@ -187,7 +187,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     """The row of one curve."""
     posterior = _failed_if_invalid(posterior)
     checks, prior = posterior.checks, posterior.stretch_prior
-    values = dict.fromkeys((*KEYS, "stretch"), Quantity())
+    values = dict.fromkeys((*MAIN_FIELDS, "stretch"), Quantity())
     values |= {name: posterior.quantity(name) for name in posterior.parameters}
     assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in values}
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
@@ -261,7 +261,7 @@ def display_unit(name: str, unit: Unit = (1.0, "Pa")) -> tuple[str, float, str]:
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
     """Law parameters that are known in these records, G and µ first; a reference viscosity only with a yield stress."""
-    names = dict.fromkeys([*KEYS, *(name for record in records for name in record.other_parameters)])
+    names = dict.fromkeys([*MAIN_FIELDS, *(name for record in records for name in record.other_parameters)])
     inferred = [name for name in names if any(record.value(name).known for record in records)]
     excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
     return [name for name in inferred if is_law_parameter(name) and name not in excluded]

@@ -7,7 +7,7 @@ from typing import Any
 
 from cavirheo.reporting.answer import display_unit
 from cavirheo.reporting.group import OUR_METHOD, GroupRecord
-from cavirheo.reporting.material import KEYS
+from cavirheo.reporting.material import MAIN_FIELDS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Quantity, Spread, write_rows
@@ -22,9 +22,9 @@ def _references(result: Result) -> list[str]:
 def _values(group: GroupRecord) -> list[tuple[str, str, Spread | Quantity]]:
     """(parameter, method, value) of each value of a group by other methods and of its answer, which is last."""
     values: list[tuple[str, str, Spread | Quantity]] = []
-    for name in dict.fromkeys([*KEYS, *(name for values in group.published.values() for name in values)]):
+    for name in dict.fromkeys([*MAIN_FIELDS, *(name for values in group.published.values() for name in values)]):
         values += [(name, method, of[name]) for method, of in group.published.items() if name in of]
-        if name in KEYS and group.n:
+        if name in MAIN_FIELDS and group.n:
             values.append((name, OUR_METHOD, group.value(name)))
     return values
 
@@ -50,7 +50,7 @@ def write_comparison(path: Path, result: Result) -> None:
         shots = group.n + group.n_failed
         facts = {"set": group.name, "n_shots": shots, "n_counted": group.n_counted, "verdict": group.verdict}
         for name, method, value in _values(group):
-            line = {**facts, "quantity": KEYS.get(name, name), "method": method, "value": _middle(value)}
+            line = {**facts, "quantity": MAIN_FIELDS.get(name, name), "method": method, "value": _middle(value)}
             line |= {f"error_to_{to}": _error(group, to, name, method, value) for to in _references(result)}
             lines.append({**vars(value), **line})
         lines += [] if _values(group) else [facts]
@@ -65,7 +65,7 @@ def comparison_table(result: Result) -> tuple[list[str], list[list[str]]]:
     for group in result.groups:
         for name, method, value in _values(group):
             symbol, factor, unit = display_unit(name, result.modulus_unit)
-            if name not in KEYS:  # of a rheometer, at one angular frequency
+            if name not in MAIN_FIELDS:  # of a rheometer, at one angular frequency
                 symbol, unit = f"µ at {name.removeprefix('viscosity_at_').removesuffix('_rad_per_s')} rad/s", "Pa s"
             words = digits.spread(value, factor) if isinstance(value, Spread) else digits.quantity(value, factor)
             errors = [digits.percent(_error(group, to, name, method, value)) for to in references]

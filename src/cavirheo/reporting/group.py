@@ -17,7 +17,7 @@ from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord, Sentence
 from cavirheo.reporting.laws import LawsOfGroup
 from cavirheo.reporting.material import (
-    KEYS,
+    MAIN_FIELDS,
     WIDE_SCATTER,
     PopulationRecord,
     Systematic,
@@ -36,8 +36,8 @@ LEAST_RANGES = 0.1, 1e-6  # of ln R_max, over which its own error shows no trend
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 TWO_SIDED_99 = 2.58  # standard deviations
-MOST = 0.5  # share of the shots of a group, above which they decide its verdict
-MANY = 0.25  # share of shots that do not fit, above which the others are a choice of those that the law suits
+DECIDING_SHARE = 0.5  # share of the shots of a group, above which they decide its verdict
+MISFIT_SHARE = 0.25  # share of shots that do not fit, above which the others are a choice of those that the law suits
 
 
 class PublishedValue(Spread):
@@ -98,7 +98,7 @@ class GroupRecord(Record):
     @property
     def has_answer(self) -> bool:
         """Whether any parameter of the material has a value or a bound."""
-        return any(self.value(name).known for name in KEYS) or self.viscosity.known
+        return any(self.value(name).known for name in MAIN_FIELDS) or self.viscosity.known
 
     @property
     def doubts(self) -> list[Sentence]:
@@ -161,7 +161,7 @@ def group_record(
 
 def _of_one_shot(row: CurveRecord) -> tuple[PopulationRecord, Systematic]:
     """The answer of a single shot as that of its group."""
-    names = [name for name in (*KEYS, *row.other_parameters) if name in KEYS or is_law_parameter(name)]
+    names = [name for name in (*MAIN_FIELDS, *row.other_parameters) if name in MAIN_FIELDS or is_law_parameter(name)]
     values = PopulationRecord.fields_of({name: row.value(name) for name in names})
     change = row.diagnostics.modulus_over_scale
     slopes = {} if change is None else {"shear_modulus": {"scale": change}}
@@ -170,7 +170,7 @@ def _of_one_shot(row: CurveRecord) -> tuple[PopulationRecord, Systematic]:
 
 
 def _most(count: int, of: int) -> bool:
-    return count > MOST * of
+    return count > DECIDING_SHARE * of
 
 
 def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[Message]:
@@ -192,7 +192,7 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
     for name, scatter in population.wide_scatters.items():
         messages.append(Message("group.doubt.scatter", {"name": name, "scatter": scatter, "limit": WIDE_SCATTER}))
     misfits = sum(record.verdict == "does_not_fit" for record in shots)
-    if total > 1 and misfits > MANY * total:
+    if total > 1 and misfits > MISFIT_SHARE * total:
         messages.append(Message("group.doubt.misfits", {"count": misfits, "total": total}))
     if trends := size_trends(shots):
         messages.append(Message("group.doubt.trend", {"trends": trends}))
@@ -243,7 +243,7 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
         return "check_input"
     if not population.has_material:
         return Counter(record.verdict for record in shots).most_common(1)[0][0]
-    values = [population.value(name) for name in KEYS]
+    values = [population.value(name) for name in MAIN_FIELDS]
     return "bound" if any(value.bound and not value.is_zero for value in values) else "ok"
 
 

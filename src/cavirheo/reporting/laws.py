@@ -1,4 +1,4 @@
-"""The evidence of several laws for the shots of a group, in result.json and on a terminal."""
+"""The evidence of several laws for the shots of a group, in result.json, on a terminal and in the report."""
 
 from __future__ import annotations
 

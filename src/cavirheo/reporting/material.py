@@ -19,7 +19,7 @@ from cavirheo.writing.document import Finite, Quantity, Record
 if TYPE_CHECKING:
     from cavirheo.inference.population import CommonErrors, Population
 
-KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
+MAIN_FIELDS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
 _MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
 _TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
 WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
@@ -38,7 +38,7 @@ class ParameterValues(Record):
     shear_modulus_Pa: Quantity = Quantity()
     viscosity_Pa_s: Quantity = Quantity()
     other_parameters: dict[str, Quantity] = {}
-    _keys: ClassVar[Mapping[str, str]] = KEYS
+    _keys: ClassVar[Mapping[str, str]] = MAIN_FIELDS
 
     @classmethod
     def fields_of(cls, values: Mapping[str, Quantity]) -> dict[str, Any]:
@@ -89,7 +89,7 @@ class PopulationRecord(ParameterValues):
 
     Attributes:
         line: the material in a sentence, for a paper; or why there is none.
-        model: law and name of the bubble model, "nhkv, kinetic".
+        model: law and name of the bubble model, "nhkv, real".
         n: number of shots that count.
         switches: probability of each switch of the default family, by all shots together; left out for other laws.
         heaps: the two heaps into which the shots fall in a parameter in which they disagree, by natural name; left out
@@ -139,7 +139,7 @@ class PopulationRecord(ParameterValues):
         from cavirheo.inference.population import relative_scatter
 
         spreads = {} if self.agree else self.spreads_decades
-        scatters = {name: relative_scatter(spreads[name].median or 0.0) for name in KEYS if name in spreads}
+        scatters = {name: relative_scatter(spreads[name].median or 0.0) for name in MAIN_FIELDS if name in spreads}
         return {name: size for name, size in scatters.items() if size > WIDE_SCATTER and name not in self.heaps}
 
     def log_moments(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:

@@ -1,5 +1,5 @@
-"""The table of shots: its columns are the same in a terminal, a report, the app and result.csv; and the tables of
-further parameters."""
+"""The tables of shots: `shots_table` has the columns of a terminal, a report and the app, `csv_rows` those of
+result.csv; and the table of further parameters."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
 
 def curve_warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     """The warnings on scales and settings, and why a curve has no R_max, each with the names of its curves."""
-    from cavirheo.inference import checks  # imports the solver, which is not needed to show a document
+    from cavirheo.inference.input_warnings import curve_warnings as of_curve  # imports the solver
 
-    warnings = [(curve.name, warning.text) for curve in curves for warning in checks.curve_warnings(curve, WATER)]
+    warnings = [(curve.name, warning.text) for curve in curves for warning in of_curve(curve, WATER)]
     for curve in curves:
         try:
             _ = curve.max_radius

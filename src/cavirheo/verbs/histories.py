@@ -50,11 +50,11 @@ class Measure(options.PrintingVerb):
     out: options.Out = Path("cavirheo-measure")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.inference import checks
+        from cavirheo.inference import input_warnings
         from cavirheo.io.videos import examine
         from cavirheo.physics.media import WATER
         from cavirheo.reporting.measured import describe, write_csv
-        from cavirheo.video.frames import require_library
+        from cavirheo.video.formats import require_library
         from cavirheo.writing.document import Outputs, try_to_draw
 
         require_library("PIL")  # pillow, from the extra [video]
@@ -76,7 +76,7 @@ class Measure(options.PrintingVerb):
                 return stack.enter_context(run.progress_bar("measuring", count, unit="frames"))
 
             measurement, curve = examine(path, begin=begin, **settings)
-        warnings = [warning.text for warning in checks.curve_warnings(curve, WATER)]
+        warnings = [warning.text for warning in input_warnings.curve_warnings(curve, WATER)]
         run.notes += measurement.notes
         record = describe(measurement, curve, warnings, **run.document_fields)
         outputs.write("measured.csv", write_csv, measurement)

@@ -16,8 +16,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number_list, require
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE
-from cavirheo.video import frames
-from cavirheo.video.frames import Footage
+from cavirheo.video import formats
+from cavirheo.video.formats import Footage
 from cavirheo.video.stage import set_stage
 from cavirheo.video.track import FLAGS, USED, Track, follow
 from cavirheo.writing import digits
@@ -138,8 +138,8 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
-    whole = frames.read(path)
-    metadata = "the camera's header" if path.suffix.lower() in frames.CAMERA_ENDINGS else "the metadata of the file"
+    whole = formats.read(path)
+    metadata = "the camera's header" if path.suffix.lower() in formats.CAMERA_ENDINGS else "the metadata of the file"
     camera_rate = whole.frame_rate, metadata
     if whole.time is not None:
         camera_rate = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw
 
-from cavirheo.video.frames import write_movie
+from cavirheo.video.formats import write_movie
 from cavirheo.video.measurement import Measurement
 
 COLOURS = {  # palette of Okabe and Ito; all other flags are grey

@@ -10,7 +10,7 @@ from scipy.ndimage import binary_fill_holes, binary_opening
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, require
-from cavirheo.video.frames import Footage, Pixels
+from cavirheo.video.formats import Footage, Pixels
 
 POLARITIES = ("auto", "dark", "bright")
 _PIXELS_SAMPLED = 4000  # pixels of a frame that are used to classify it

@@ -18,7 +18,7 @@ from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.answer import over_scale
 from cavirheo.inference.population.heaps import two_heaps
-from cavirheo.inference.population.hierarchy import FEW, SPREAD_SCALE, Likelihood, Scatter, likelihood
+from cavirheo.inference.population.hierarchy import FEW, SPREAD_SCALE, Likelihood, MaterialPosterior, likelihood
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import CommonErrors, shifts
 from cavirheo.inference.sample import Draws, effective_size
@@ -437,7 +437,7 @@ def _with_material(
         middle, unit = float(np.mean(column)), float(np.std(column))
         require(unit > 0, "along must not be one value for all shots", "population.along")
         column = (column - middle) / unit
-    scatter = Scatter(likelihoods, low, high, column)
+    scatter = MaterialPosterior(likelihoods, low, high, column)
     draws = scatter.sample(seed)
     u = _resampled(draws, seed)
     centre, spread, correlation, slope = scatter.parts(u)

@@ -242,7 +242,7 @@ def _dot(first: Sequence[Floats], second: Sequence[Floats]) -> Floats | float:
     return sum((a * b for a, b in zip(first, second, strict=True)), start=0.0)
 
 
-class Scatter:
+class MaterialPosterior:
     """The log posterior over u, the normal coordinates of the prior (cavirheo.prior). shots: likelihoods of n shots,
     whose Gaussians are joined in this order. low, high: (d,) range of the centre, log10. column: (n,) with mean 0 and
     deviation 1, or None."""
