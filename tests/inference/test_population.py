@@ -14,11 +14,15 @@ from cavirheo.column import LOG_R_MAX, with_column
 from cavirheo.inference.population.heaps import two_heaps
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE
 from cavirheo.inference.population.switches import share_switches
+from cavirheo.inference.population.systematic import hidden_modulus
 from cavirheo.inference.which_law import ranked
 from cavirheo.physics.bubble import FIELD, REAL
+from cavirheo.physics.collapse import analytic_time
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json
+
+EXACT = CommonErrors(0.0, 0.0, 0.0, 0.0)
 
 
 def on_a_grid(means, width):
@@ -429,9 +433,21 @@ def soft(seed, liquid, top) -> Posterior:
 def test_many_soft_gels_are_not_surely_a_liquid_and_their_modulus_is_bounded():
     """Each shot holds a fifth of the prior of G, and says liquid with 5 : 1 of evidence; so do ten of one modulus."""
     answers = [soft(k, 5.0 / 7.0, 3.0) for k in range(10)]
-    found = population(answers)
-    assert 0.5 < found.switches["liquid"] < 0.95
-    value = found.quantity("G")
+    exact, usual = (population(answers, errors=errors) for errors in (EXACT, None))
+    assert 0.5 < exact.switches["liquid"] < 0.95
+    value = exact.quantity("G")
     assert (value.median, value.bound, value.q05) == (None, "upper", 0.0)
     assert 300.0 < value.q95 < 2000.0
-    assert found.interval("G") == (0.0, value.q95)
+    assert exact.interval("G") == (0.0, value.q95)
+    hidden = hidden_modulus(CommonErrors(), 101325.0, 7.0)
+    assert usual.quantity("G").q95 == pytest.approx(np.hypot(value.q95, hidden), rel=0.1)
+
+
+def test_a_liquid_is_one_only_as_far_as_scale_and_rate_are_right():
+    """A gel of the limit collapses when a liquid does whose R_max is wrong by 1.64 standard deviations."""
+    answers = [soft(k, 0.99, 3.0) for k in range(10)]
+    assert population(answers, errors=EXACT).modulus_limit is None
+    limit = population(answers, errors=replace(EXACT, scale=0.01)).modulus_limit
+    gel, liquid = analytic_time(200e-6, 7.0, limit, 1e-3), analytic_time(200e-6 / 1.0164, 7.0, 0.0, 1e-3)
+    assert gel == pytest.approx(liquid, rel=1.6e-3)  # a tenth of the error
+    assert population(answers).modulus_limit > limit

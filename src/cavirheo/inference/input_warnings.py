@@ -33,6 +33,7 @@ from cavirheo.messages import Message, message_of_error
 from cavirheo.parameters import LOG10
 from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.collapse import elastic_number
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
@@ -174,7 +175,7 @@ def shapes(kind: str) -> Shapes:
     """Simulated bubbles of 150 um in water-like media (half a second); others differ by surface tension and heat."""
     rows = []
     for modulus, viscosity, stretch, damping in chain.from_iterable(product(*ways) for ways in _BUBBLES[kind]):
-        early = RAYLEIGH / np.sqrt(1.0 + _elastic(stretch) * modulus / WATER.pressure)
+        early = RAYLEIGH / np.sqrt(1.0 + elastic_number(stretch) * modulus / WATER.pressure)
         time = early * np.linspace(0.0, 1.6 * PERIODS, 1001)
         run = simulate(
             NeoHookeanKelvinVoigt(modulus, viscosity),
@@ -192,11 +193,6 @@ def shapes(kind: str) -> Shapes:
     return Shapes(*(np.array(values) for values in zip(*rows, strict=True)))
 
 
-def _elastic(stretch: Any) -> Any:
-    """Be of a neo-Hookean gel: (t_RC/t_1)^2 is about 1 + Be G/p (physics/collapse.py)."""
-    return 2.5 - 2.8 / stretch
-
-
 def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     """A message if the first collapse comes at an unusual time, and another scale or frame rate explains the curve
     clearly better than any material, or no material has such a collapse. It holds the smallest and the largest factor
@@ -207,7 +203,7 @@ def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     soft, hard = shapes("soft"), shapes("fast" if ratio < 1.0 else "slow")
     both = Shapes(*(np.concatenate(pair) for pair in zip(soft, hard, strict=True)))
     clock = both.first / (ratio * RAYLEIGH)  # above 1 the material is stiffer than simulated, or the scale too large
-    elastic, p = _elastic(both.stretch), medium.pressure
+    elastic, p = elastic_number(both.stretch), medium.pressure
     modulus = np.maximum(((1.0 + elastic * both.modulus / p) * clock**2 - 1.0) * p / elastic, 1.0)
     time, radius = curve.normalised(medium)
     time = time / (ratio * RAYLEIGH)

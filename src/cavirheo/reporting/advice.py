@@ -72,11 +72,11 @@ def _value_line(
         return [heaps_in_words(name, heaps)], []
     value = group.viscosity if name == "viscosity" else group.value(name)
     if not value.known:
-        return ["none: the material is a liquid"] if name == "shear_modulus" and _is_liquid(group) else [], []
+        return ["none: the material is a liquid"] if _is_liquid(group, name) else [], []
     factor, unit = result.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
     middle, interval = digits.value_parts(value, factor)
     if not middle:
-        return [f"{interval} {unit}"], []
+        return [f"{interval} {unit}"], ["a liquid, if scale and rate are right"] if _is_liquid(group, name) else []
     line = [f"{middle} {unit}", f"90 %: {interval}"] if interval else [f"{middle} {unit}"]
     notes = list[str]()
     statistics = group.systematic.statistics.get(name)
@@ -93,8 +93,9 @@ def _width_of(value: Quantity) -> float:
     return (value.q95 or 0.0) - (value.q05 or 0.0)
 
 
-def _is_liquid(group: GroupRecord) -> bool:
-    return group.population.switches.get("liquid", 0.0) > 0.5
+def _is_liquid(group: GroupRecord, name: str) -> bool:
+    """Whether a parameter is the modulus of a liquid."""
+    return name == "shear_modulus" and group.population.switches.get("liquid", 0.0) > _SURE
 
 
 def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
@@ -207,7 +208,8 @@ def next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> st
         return f"look at {out / 'report.html'}   (which shots lie apart)"
     if group.verdict == "unverified":
         return f"cavirheo infer {_files(shots, 2)}"
-    if abs(group.change_by_scale or 0.0) >= LARGE_CHANGE:
+    limited = _is_liquid(group, "shear_modulus") and not group.viscosity.bound
+    if limited or abs(group.change_by_scale or 0.0) >= LARGE_CHANGE:
         return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
     if group.verdict == "bound":
         return f"cavirheo design {document}   (what to record)"

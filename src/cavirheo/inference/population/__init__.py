@@ -19,13 +19,14 @@ from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.answer import over_scale
 from cavirheo.inference.population.heaps import two_heaps
 from cavirheo.inference.population.hierarchy import FEW, SPREAD_SCALE, Likelihood, MaterialPosterior, likelihood
-from cavirheo.inference.population.switches import share_switches
-from cavirheo.inference.population.systematic import CommonErrors, shifts
+from cavirheo.inference.population.switches import LIKELY, share_switches
+from cavirheo.inference.population.systematic import CommonErrors, hidden_modulus, shifts
 from cavirheo.inference.sample import Draws, effective_size
 from cavirheo.messages import Message
 from cavirheo.parameters import (
     DECIDING,
     LOG10,
+    USUAL_STRETCH,
     Bound,
     bound_of,
     column_name,
@@ -37,6 +38,7 @@ from cavirheo.parameters import (
     wide_bound,
 )
 from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.media import WATER
 from cavirheo.posterior import TRUSTED, Evidence, Heap, Posterior, check_level
 from cavirheo.prior import Prior
 from cavirheo.writing import digits, export, plots
@@ -96,7 +98,7 @@ class Population:
         shots_bound: the bound that most shots give of a parameter that too few shots determine, by name.
         heaps: the two heaps, the lower one first, into which the shots fall in a parameter in which they disagree.
         switches: probability of each switch of the default family, by all shots together.
-        modulus_limit: 95 % limit of G, Pa, where the material may be a liquid but need not be one: G is then a bound.
+        modulus_limit: 95 % limit of G, Pa, where the material may be a liquid, with the errors that all shots share.
         errors: relative standard deviations of the errors that all shots share.
         over_scale: relative change of each parameter per relative change of R_max; those that are known.
     """
@@ -400,15 +402,25 @@ def population(
         shots=tuple(shots[i] for i in likelihoods),
         left_out=excluded,
         switches=shared.switches,
-        modulus_limit=shared.modulus_limit,
         errors=errors or CommonErrors(),
     )
+    if likelihoods and shared.switches.get("liquid", 0.0) > LIKELY:
+        counted = [shared.answers[i] for i in likelihoods]
+        empty = replace(empty, modulus_limit=_modulus_limit(counted, shared.modulus_limit, empty.errors))
     if len(likelihoods) < MIN_SHOTS:
         count = digits.counted_shots(len(likelihoods), len(own))
         return replace(empty, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
     pairs = [(own[i], shared.answers[i]) for i in likelihoods]
     along_counted = None if along is None else column[[*likelihoods]]
     return _with_material(empty, pairs, [*likelihoods.values()], along_counted, seed)
+
+
+def _modulus_limit(answers: Sequence[Posterior], by_statistics: float | None, errors: CommonErrors) -> float | None:
+    """95 % limit of G, Pa, of a material that may be a liquid, with the errors that all shots share; None: it is 0."""
+    pressure = np.median([(answer.medium or WATER).pressure for answer in answers])
+    stretch = np.median([answer.stretch or USUAL_STRETCH[0] for answer in answers])
+    limit = float(np.hypot(by_statistics or 0.0, hidden_modulus(errors, float(pressure), float(stretch))))
+    return limit or None
 
 
 def _checked_answers(answers: Sequence[Posterior]) -> list[Posterior]:

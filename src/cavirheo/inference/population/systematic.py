@@ -21,8 +21,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import NORMAL_90, Floats
 from cavirheo.errors import require
+from cavirheo.physics.collapse import elastic_number
 
 _LN10 = float(np.log(10.0))
 _STREAM = 7  # of the random draws of the errors
@@ -51,6 +52,15 @@ class CommonErrors:
         for name, value in asdict(self).items():
             message = f"the {name} error is a relative standard deviation from 0 to 0.2, got {value!r}"
             require(isinstance(value, int | float) and 0.0 <= value <= 0.2, message, f"option.{name}_error")
+
+
+def hidden_modulus(errors: CommonErrors, pressure: float, stretch: float) -> float:
+    """G, Pa, of a gel that looks like a liquid with a probability of 5 % because of these errors. The first collapse of
+    a gel comes sqrt(1 + Be G/p) times earlier than that of a liquid; a relative error e of this ratio, which is that of
+    R_max, of the rate, or half of that of density or pressure, moves G by 2 e p/Be."""
+    halved = 0.5 * np.hypot(errors.density, errors.pressure)
+    ratio = float(np.sqrt(errors.scale**2 + errors.rate**2 + halved**2))
+    return NORMAL_90 * 2.0 * ratio * pressure / float(elastic_number(stretch))
 
 
 def slopes(name: str, over_scale: float) -> dict[str, float]:
