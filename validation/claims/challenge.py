@@ -2,7 +2,8 @@
 
 `field`, `real` and `all` are of `infer` and seed 1; `several.field` and so on of UNSEEN, which --full takes, too.
 `fit.field` and so on are of other programs and seed 1. `open` are predictions of real recordings, where their folder is
-given. `of_family`: recordings whose law is in the default family. Without --full, parts other than `infer` run where they are named.
+given. `of_family`: recordings whose law is in the default family. Without --full, parts other than `infer` run where
+they are named.
 """
 
 from __future__ import annotations
