@@ -235,7 +235,7 @@ def _scatter(name: str, scatter: float, limit: float) -> str:
 
 
 _UNCOUNTED = {  # what is said of one shot that does not count, and of several
-    "does_not_fit": ("misses the law by over 3 % of R_max", "miss the law by over 3 % of R_max"),
+    "does_not_fit": ("does not follow the law", "do not follow the law"),
     "check_input": ("has an input warning", "have an input warning"),
     "failed": ("has no answer", "have no answer"),
     "unverified": ("is by a network alone", "are by a network alone"),

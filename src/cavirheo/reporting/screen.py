@@ -122,8 +122,11 @@ def _mark(shot: CurveRecord) -> str:
     """What is written behind the row of a shot: "" if it is ok, 'bound', 'check input: walls'."""
     if shot.verdict == "ok":
         return ""
-    about = [message.code.split(".")[1].replace("_", " ") for message in shot.warnings]
-    return f"{digits.VERDICT_WORDS[shot.verdict]}{': ' if about else ''}{', '.join(about[:1])}"
+    words = digits.VERDICT_WORDS[shot.verdict]
+    if not shot.warnings:
+        return words
+    subject = shot.warnings[0].code.split(".")[1].replace("_", " ")
+    return f"{words}: {subject}"
 
 
 def _table_width(rows: Sequence[Sequence[str]]) -> int:

@@ -242,7 +242,7 @@ class Population:
         another material'."""
         if not len(self.centre):
             return "no material: " + "; ".join(self.warnings)
-        values = ", ".join(map(self._value, self.names))
+        values = ", ".join(map(self._value, self.quantities))
         count = digits.counted_shots(len(self.shots), len(self.shots) + sum(self.left_out.values()))
         away = len(self.outliers)
         outliers = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
