@@ -140,7 +140,7 @@ def first_shot(*words, **options):
 
 
 def snippets() -> Iterator[Any]:
-    """But for one that needs a running app, which test_documented_commands.py starts."""
+    """But for one that needs a running app (tests/app/test_app.py)."""
     for page in PAGES:
         for code, shown in SNIPPET.findall(page.read_text("utf-8")):
             if "Client(" not in code:

@@ -1,10 +1,8 @@
 """The commands of every page run as they stand, in a folder with files of the names that the page uses."""
 
-import contextlib
 import csv
 import os
 import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -14,7 +12,7 @@ import numpy as np
 import pytest
 from files import cells
 from scipy.io import savemat
-from test_documentation import COMMAND, NUMBER, PAGES, ROOT, blocks, name
+from test_documentation import NUMBER, PAGES, ROOT, blocks, name
 
 import cavirheo
 from cavirheo.physics.media import WATER
@@ -22,49 +20,32 @@ from validation.rendering import Scene, render
 
 pytestmark = [
     pytest.mark.slow,
-    *(pytest.mark.needs(library) for library in ("torch", "gradio", "distributed", "av", "matplotlib")),
-    pytest.mark.skipif(shutil.which("bash") is None or shutil.which("curl") is None, reason="needs bash and curl"),
+    *(pytest.mark.needs(library) for library in ("torch", "av", "matplotlib")),
+    pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash"),
 ]
 NOT_RUN = {  # what a line begins with: why
     "make ": "sets up an environment, or runs these tests",
     "pip install ": "changes the environment that the tests run in; tests/wheel.py installs into an empty one",
     "cavirheo infer SHOTS.mat -o result --slurm": "needs a SLURM: tests/cli/test_cluster.py starts one",
+    "cavirheo app": "stays until it is ended; tests/app",
+    "cavirheo watch": "stays until it is ended; tests/companions/test_watch.py",
+    **dict.fromkeys(("AT=", "PLACE=", "ASKED=", "curl "), "asks a running app; tests/app/test_app.py"),
+    "dask ": "stays until it is ended; tests/cli/test_cluster.py",
 }
-FIRST = re.compile(r"(cavirheo|make|pip|python3?|cd|dask|AT=\S+)\b")  # word of a block that is a script
-PLACES = re.compile(
-    r"^```\n(.*?)^```$|^```python\n(.*?)^```$|((?:^    [^\n]+\n)+)|`(cavirheo [^`\n]+)`", re.DOTALL | re.MULTILINE
-)
+FIRST = re.compile(r"(cavirheo|make|pip|python3?|cd)\b")  # word of a block that is a script
 
 
 def commands(text: str) -> list[str]:
-    """Scripts of a page in its order: blocks, what is indented as one, and whole commands within its sentences."""
-    scripts = []
-    for block, code, indented, inline in PLACES.findall(text):
-        if "Client(" in code:
-            scripts.append(f"{shlex.quote(sys.executable)} -c {shlex.quote(code)}\n")
-        elif FIRST.match(script := block or re.sub("^    ", "", indented, flags=re.M)):
-            scripts.append(script)
-        elif inline and whole(shlex.split(inline)[1:]):
-            scripts.append(inline + "\n")
-    return sorted(scripts, key=lambda script: not script.startswith("dask"))  # a page that uses one tells of it later
-
-
-def whole(words: list[str]) -> bool:
-    """Whether a command within a sentence is one to type, and not the name of a verb or a part."""
-    verb = COMMAND.commands.get(words[0])
-    if verb is None or "--help" in words:
-        return True
-    with contextlib.suppress(Exception):
-        verb.make_context(words[0], words[1:])
-        return len(words) > 1 or words[0] in ("models", "laws")  # `cavirheo design` is a name
-    return False
+    """Lines of the scripts of a page that end by themselves on this machine."""
+    scripts = [block for block in blocks(text, "") if FIRST.match(block)]
+    lines = [line for script in scripts for line in script.splitlines()]
+    return [line for line in lines if not line.startswith(tuple(NOT_RUN)) and "--scheduler" not in line]
 
 
 SCRIPTS = {
-    name(page): scripts
+    name(page): lines
     for page in PAGES
-    if not {ROOT / "benchmarks", ROOT / "validation"} & {*page.parents}
-    and (scripts := commands(page.read_text("utf-8")))
+    if ROOT / "validation" not in page.parents and (lines := commands(page.read_text("utf-8")))
 }
 
 
@@ -163,42 +144,16 @@ def surroundings(folder: Path) -> dict[str, str]:
     return os.environ | here
 
 
-READY = {  # commands that stay until somebody ends them: what succeeds as soon as they answer
-    "cavirheo app": "curl -sfo /dev/null http://127.0.0.1:7860/",
-    "cavirheo watch": "grep -qs max_radius {out}/result.json",
-    "dask scheduler": "curl -so /dev/null http://127.0.0.1:8787/ || (: > /dev/tcp/127.0.0.1/8786) 2> /dev/null",
-    "dask worker": "true",
-}
-END = 'end() { [ -z "$1" ] || { kill -INT $1; wait $1; }; }'  # by Ctrl-C, as the pages say
-
-
-def background(line: str) -> str:
-    """Starts a command that stays beside the others, in place of an earlier one of its kind, and waits for it."""
-    kind = next(kind for kind in READY if line.startswith(kind))
-    words, job = shlex.split(line), kind.replace(" ", "_")
-    out = words[words.index("-o") + 1] if "-o" in words else "nowhere"
-    wait = f"until {READY[kind].format(out=out)}; do kill -0 ${job}; sleep 0.2; done"
-    return f"end ${job}\nrm -f {out}/result.json\n{line} > /dev/null 2>&1 &\n{job}=$!\n{wait}"
-
-
-def run_page(scripts: list[str], kit: Path, folder: Path) -> str:
-    """What the scripts print in this folder, with the kit's files; every command must succeed and write its outputs."""
-    program, made = ["set -m", END], set()
-    for script in scripts:
-        lines = [line for line in script.splitlines() if not line.startswith(tuple(NOT_RUN))]
-        for line in lines:
-            outputs = set(re.findall(r"(?:-o|>) ([\w.-]+)", line))
-            for top in {*re.findall(r"(?<![\w./-])(\w[\w.*-]*)", line)} - outputs - made:
-                for path in kit.glob(top):
-                    if not (folder / path.name).exists():
-                        (shutil.copytree if path.is_dir() else shutil.copy)(path, folder / path.name)
-            made |= outputs
-        staying = [line for line in lines if line.startswith(tuple(READY))]
-        rest = [line for line in lines if line not in staying]
-        program += [*map(background, staying), *(["(", *rest, ")"] if "".join(rest).strip() else [])]
-    program += ["end $cavirheo_watch", "end $cavirheo_app", "kill $dask_worker $dask_scheduler 2> /dev/null || :"]
+def run_page(lines: list[str], kit: Path, folder: Path) -> str:
+    """What the commands print in this folder, with the kit's files; every one must succeed and write its outputs."""
+    shutil.copytree(kit, folder, dirs_exist_ok=True)
+    made = {output for line in lines for output in re.findall(r"(?:-o|>) ([\w.-]+)", line)}
+    for output in made:  # of the kit: the page makes it itself
+        path = folder / output
+        if path.is_dir():
+            shutil.rmtree(path)
     how = {"cwd": folder, "env": surroundings(folder), "capture_output": True, "text": True, "timeout": 600.0}
-    done = subprocess.run(["bash", "-e", "-o", "pipefail", "-c", "\n".join(program)], **how)
+    done = subprocess.run(["bash", "-e", "-o", "pipefail", "-c", "\n".join(lines)], **how)
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     assert [output for output in made if not any(folder.rglob(output))] == []
     return done.stdout
@@ -217,4 +172,3 @@ def test_the_commands_of_a_page_run(page, kit, tmp_path):
     said = re.sub(" +\n", "\n", run_page(SCRIPTS[page], kit, tmp_path))
     text = (ROOT / page).read_text("utf-8")
     assert [shown for shown in blocks(text, "") if "───" in shown and not printed(shown, said)] == []
-    assert ("curl" in text) == ("event: complete" in said)

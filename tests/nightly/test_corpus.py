@@ -13,7 +13,7 @@ SOURCE = Path(cavirheo.__file__).parent
 
 _SAMPLE = """
 name_not_utf8 name_newline_bad name_escape name_of_255_bytes fifo_csv fifo_json socket device_zero_csv folder_csv
-link_to_itself unreadable missing empty_mat sparse_csv csv_all_nan csv_huge h5_denormal mat_four_rows csv_nul
+unreadable missing empty_mat sparse_csv csv_all_nan csv_huge csv_denormal mat_four_rows csv_nul
 csv_escape_labels csv_long_line csv_of_html sweep_markup times_too_fast mat_cells_as_a_number
 bomb_mat_of_cells_where_an_array_belongs mat_empty_cells mat_nested_deep mat_negative_shape bomb_h5_without_a_shape
 json_deep json_no_curves toml_deep sweep_huge references_huge mat_long_name
