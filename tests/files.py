@@ -183,6 +183,14 @@ def text_table(path, header, *columns):
     return path
 
 
+def write_curve(path, curve):
+    """A RadiusCurve as other programs write it, with the stretch if it has one; its path."""
+    columns = {"time_us": 1e6 * curve.time, "radius_um": 1e6 * curve.radius}
+    stated = {"stretch": curve.stretch, "stretch_std": curve.stretch_std}
+    columns |= {name: np.full(len(curve.time), value) for name, value in stated.items() if value is not None}
+    return text_table(path, ",".join(columns), *columns.values())
+
+
 def lines(separator, *columns, comma=False):
     text = "\n".join(separator.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)) + "\n"
     return text.replace(".", ",") if comma else text

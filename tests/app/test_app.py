@@ -11,34 +11,36 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
-from threading import Event, active_count
+from threading import Event
 
 import httpx
 import numpy as np
 import pytest
 from answers import same
 from conftest import refused, until
+from files import write_curve
 from recordings import RATE, SCALE, film
 
 from cavirheo import InputError, RadiusCurve, read_curves
-from cavirheo.app import words
 from cavirheo.app.page import uploaded_paths
 from cavirheo.app.session import PAGE_FIELDS, PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, sliders, what_if
 from cavirheo.app.words import shots_table
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
-from cavirheo.workflow.store import Store
 
 SOFT = examples()["soft_gel.csv"]
 
 
-@pytest.fixture(scope="module")
-def served():
+def serving(**how):
     from cavirheo.app.server import running_server  # gradio takes seconds, which collecting tests need not wait for
 
-    with running_server(limits=VisitorLimits(file_mb=0.5, files=3)) as (address, visitors):
+    return running_server(**how)
+
+
+@pytest.fixture(scope="module")
+def served():
+    with serving(limits=VisitorLimits(file_mb=0.5, files=3)) as (address, visitors):
         yield address, visitors
 
 
@@ -81,7 +83,7 @@ DRAWS = PageSettings(material="nhkv", bubble="field")  # some seconds a shot
 def single(path, scale=1.0, frames=160):
     """A shot of one file: the first of the example, scaled."""
     curve = read_curves(SOFT)[0]
-    write_csv(path, RadiusCurve(curve.time[:frames], curve.radius[:frames] * scale))
+    write_curve(path, RadiusCurve(curve.time[:frames], curve.radius[:frames] * scale))
     return path
 
 
@@ -186,27 +188,6 @@ def gone(visitors, name):
     until(lambda: visitors.forget_absent() or not folder.exists())
 
 
-def test_answers_go_with_the_last_visitor_who_has_them():
-    with closing(Visitors(VisitorLimits(absent_seconds=0.05))) as visitors:
-        for name in ("one", "other"):
-            session = visitors.session_for(name)
-            session.add([SOFT], QUICK, copy=True)
-            infer(session, ["soft_gel[1]"])
-        keys = visitors.session_for("other").keys
-
-        def kept():
-            return [key for key in keys if visitors.store.get(key)]
-
-        gone(visitors, "one")
-        assert len(kept()) == 1
-        gone(visitors, "other")
-        until(lambda: kept() == [])
-        threads = active_count()
-        for k in range(20):
-            visitors.leave(f"page {k}")
-        assert active_count() <= threads  # none sleeps for a page
-
-
 def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     (tmp_path / "x").mkdir()
     first, second = single(tmp_path / "a.csv"), single(tmp_path / "x" / "a.csv", 1.5)
@@ -241,10 +222,6 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
     with refused("app.no_shots"):
         infer(session, [])
     infer(session, ["soft_gel[2]"])
-    assert (
-        session.answers.document.command
-        == "cavirheo infer soft_gel.csv --model bdt-viscoelastic --bubble field (1 of 5 shots)"
-    )
     session.apply_settings(PageSettings(window=2))
     assert session.stale
     for asked in (lambda: export(session), lambda: session.find_answer("soft_gel[2]")):
@@ -256,18 +233,13 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
     assert session.answers is None
 
 
-def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_path):
-    session.store = Store(capacity=10)
+def test_materials_are_typed_without_another_run(session, tmp_path):
     for k, name in enumerate("abc"):
-        session.add([single(tmp_path / f"{name}.csv", 1.0 + 0.1 * k, 120)], DRAWS)
-    session.add([SOFT], DRAWS, copy=True)
+        session.add([single(tmp_path / f"{name}.csv", 1.0 + 0.1 * k, 120)], QUICK)
+    session.add([SOFT], QUICK, copy=True)
     names = [curve.name for curve in session.curves]
     first = infer(session, names[:4])
     assert [group.name for group in first.document.groups] == ["your files", "soft_gel"]
-    assert [shown(session).count("<svg") for shown in (words.overview, words.answers)] == [
-        1,
-        2,
-    ]  # one has a single shot
     with refused("app.changed"):
         name_materials(session, ["gel"])
     name_materials(session, ["soft_gel", " ", "<gel>", *["soft_gel"] * 5])
@@ -277,26 +249,6 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     assert not session.stale
     name_materials(session, [""] * 8)
     assert session.answers.document.groups == first.document.groups
-    session.apply_settings(replace(DRAWS, group="none"))
-    pairs = infer(session, names[:4]).pairs
-    assert all(one.theta is other.theta for (_, one), (_, other) in zip(pairs, first.pairs, strict=True))
-
-
-def test_a_shot_has_the_density_that_its_file_states_unless_one_is_typed(session):
-    session.add([Path(__file__).parents[1] / "cases" / "read" / "01_gui_rho.mat"], QUICK, copy=True)
-    (curve,) = session.curves
-    typed = [session.settings.analysis.medium_for(curve)]
-    for settings in (PageSettings(density=998.0), PageSettings(medium="zhu2025")):
-        session.apply_settings(settings)
-        typed.append(session.settings.analysis.medium_for(curve))
-    assert [(one.density, one.pressure) for one in typed] == [(1060, 83000), (998, 83000), (998.2, 101325)]
-
-
-def test_a_shot_that_cannot_be_answered_fails_alone(session, tmp_path):
-    (tmp_path / "short.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
-    session.add([single(tmp_path / "one.csv"), tmp_path / "short.csv"], QUICK)
-    one, short = infer(session, ["one", "short"]).document.curves
-    assert (one.verdict != "failed", short.verdict, session.run.ready) == (True, "failed", [])
 
 
 def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
@@ -319,9 +271,6 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
     ({"density": "1,050", "stretch": "0.5"}, ["density", "stretch"], None),
     ({"density": "1.05"}, ["density"], None),
     ({"fps": "270.000", "um_per_px": "-1"}, ["fps", "um_per_px"], None),
-    ({"density": "x"}, ["density"], None),
-    ({"density": "1.05", "trust_input": True}, [], 1.05),
-    ({"density": "1,050", "trust_input": True}, ["density"], None),
     ({"density": "1002,5"}, [], 1002.5),
     ({"exclude": "12, 40-45", "exposure_us": "0.4"}, [], None),
     ({"exclude": "x", "exposure_us": "0"}, ["exposure_us", "exclude"], None),
@@ -383,10 +332,7 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
     assert np.sqrt(np.mean(left**2)) / record.max_radius_m == pytest.approx(record.rmse_over_rmax, rel=0.05)
-    drawn = ("measured", "simulated", "draws", "what-if", "residual")
-    assert all(f'<path class="{layer}"' in words.check_plot(session, "soft_gel[1]") for layer in drawn)
     assert what_if(session, "soft_gel[1]", [5.0, 0.03, 0.5]).verdict == "failed"
-    assert '<path class="what-if"' not in words.check_plot(session, "soft_gel[1]")
 
 
 def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path, monkeypatch):
@@ -408,10 +354,8 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path
 
 
 def test_a_port_that_is_taken_is_said(served):
-    from cavirheo.app.server import running_server
-
     port = int(served[0].rstrip("/").rpartition(":")[2])
-    with refused("app.port_taken", str(port)), running_server(port=port):
+    with refused("app.port_taken", str(port)), serving(port=port):
         pass
 
 
@@ -444,9 +388,6 @@ def test_a_recording_is_the_shot_of_the_command_line(session, recording, tmp_pat
     (theirs,) = read_curves(recording, **camera, exclude="6,12-14")
     assert same([mine.time, mine.radius, mine.radius_std], [theirs.time, theirs.radius, theirs.radius_std])
     assert (mine.notes, mine.exposure) == (theirs.notes, theirs.exposure)
-    expected = f"cavirheo infer shot.tif --fps {RATE} --um-per-px 5.5 --exposure-us 0.5 --exclude 6,12-14"
-    assert session.command(session.settings) == expected
-    assert "<img src=" in words.prepared_curve(mine, settings)
 
 
 def test_a_recording_waits_for_its_rate_and_scale_and_is_measured_once(session, recording, tmp_path, monkeypatch):
@@ -456,11 +397,10 @@ def test_a_recording_waits_for_its_rate_and_scale_and_is_measured_once(session, 
     session.apply_settings(CAMERA)
     assert (session.names, session.problems) == (["other", "shot"], [])
     first = session.curves[1]
-    measurer = session.measurer
-    monkeypatch.setattr(session, "measurer", None)  # not needed again
-    session.apply_settings(replace(CAMERA, density=1050.0))
+    with monkeypatch.context() as patched:
+        patched.setattr(session, "measurer", None)  # not needed again
+        session.apply_settings(replace(CAMERA, density=1050.0))
     assert same([session.curves[1].radius], [first.radius])
-    monkeypatch.setattr(session, "measurer", measurer)
     session.apply_settings(replace(CAMERA, exclude="20"))
     assert np.isnan(session.curves[1].radius[19])
     session.add([examples()["bubble.mp4"]], CAMERA, copy=True)
@@ -473,11 +413,9 @@ def test_a_recording_waits_for_its_rate_and_scale_and_is_measured_once(session, 
 def test_a_gradio_without_the_private_names_serves_the_page(monkeypatch):
     from gradio import blocks, processing_utils, route_utils
 
-    from cavirheo.app.server import running_server
-
     monkeypatch.delattr(processing_utils, "async_ssrf_protected_download")
     monkeypatch.delattr(route_utils, "GradioUploadFile")
     monkeypatch.delattr(blocks.Blocks, "validate_inputs")
-    with running_server() as (address, visitors):
+    with serving() as (address, visitors):
         assert httpx.get(address).status_code == 200
         visitors.on_forget("a page")

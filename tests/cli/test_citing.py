@@ -7,17 +7,15 @@ from math import inf
 
 import pytest
 from conftest import BDT, EXAMPLE, done, refusal
+from files import write_curve
 
 from cavirheo import infer_many, load, read_curves
-from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import WATER, ZHU2025, Medium, medium
 from cavirheo.reporting import result
 from cavirheo.reporting.citation import MEDIUM_KEYS, methods_paragraph, references, references_of_law
-from cavirheo.reporting.group import group_record
-from cavirheo.reporting.material import PopulationRecord
-from cavirheo.writing.document import Quantity, write_json
+from cavirheo.writing.document import write_json
 
 
 @pytest.fixture(scope="module")
@@ -78,26 +76,6 @@ def test_every_law_has_full_references(law, document):
             assert "et al" not in fields["author"]
 
 
-def test_a_group_is_said_by_its_material_and_one_shot_by_its_interval(document):
-    (group,) = document.groups
-    line = "G = 5.8 kPa (90 %: 5.1 to 6.6)"
-    spreads = {"shear_modulus": Quantity(median=0.1)}
-    material = PopulationRecord(line=line, model="nhkv, equilibrium", n=8, spreads_decades=spreads)
-    none = material.model_copy(update={"line": "no material: too few intervals", "spreads_decades": {}})
-    value = Quantity(median=5800.0, q05=5100.0, q95=6600.0)
-    material = material.model_copy(update={"shear_modulus_Pa": value})
-    for population, said in ((PopulationRecord(), False), (none, False), (material, True)):
-        paragraph, keys = cited(document, groups=[group.model_copy(update={"population": population})])
-        assert (line in paragraph) == said
-        assert ("Hogg2010" in keys) == said
-    alone = document.model_copy(update={"curves": document.curves[:1]})
-    value = Quantity(median=6435.1, q05=5124.0, q95=7461.0)
-    for trusted, verdict in enumerate(("check_input", "ok")):
-        row = document.curves[0].model_copy(update={"shear_modulus_Pa": value, "verdict": verdict})
-        paragraph, _ = cited(alone, groups=[group_record(group.name, [row])])
-        assert ("6.4 kPa (5.1 to 7.5)" in paragraph) == bool(trusted)  # only if it counts
-
-
 MEDIUMS = [
     (WATER, WATER, "density 998 kg/m3, sound speed 1484 m/s"),
     (WATER, medium("water", density=1050), "density 1050 kg/m3"),
@@ -118,7 +96,7 @@ def test_the_medium_is_that_of_each_answer_whatever_the_command_says(document, f
 
 def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
-    write_csv(tmp_path / "stated.csv", replace(curve, meta={**curve.meta, "stretch": 9.0, "stretch_std": 0.4}))
+    write_curve(tmp_path / "stated.csv", replace(curve, meta={**curve.meta, "stretch": 9.0, "stretch_std": 0.4}))
     words = ["infer", "stated.csv", "--material", "nhkv", "--bubble", "field", "--no-pictures"]
     run(*words)
     run(*words, "--stretch", "free", "-o", "free")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import BDT, EXAMPLE, done
+from files import write_curve
 
 from cavirheo import Bubble, read_curves, simulate
-from cavirheo.io import write_csv
 from cavirheo.physics import materials
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.media import Pulse
@@ -25,7 +25,7 @@ def infer(run, *words: object, status: int = 0) -> tuple[list[dict], list[dict],
 
 @pytest.fixture
 def shot(tmp_path) -> Path:
-    write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
+    write_curve(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
     return tmp_path / "shot.csv"
 
 

@@ -14,14 +14,13 @@ from pathlib import Path
 
 import pytest
 from answers import same
-from conftest import EXAMPLE, PROBLEM, ROOT, contents, refusal, refused, until
+from conftest import EXAMPLE, ROOT, contents, refusal, refused, until
 from dask import config
 from distributed import Client, LocalCluster
 
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
-from cavirheo.training.dataset import generate
 from cavirheo.workflow.cluster import Workers, identity, required_identity, slurm_cluster
 from cavirheo.workflow.store import Unfinished
 
@@ -53,12 +52,6 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
         list(Processes(2).map_unordered(os._exit, [1, 1]))
     with pytest.raises(InputError):  # of a worker that comes later and is another
         list(Workers(workers.client, "cavirheo 9.9").map_unordered(double, [1]))
-
-
-def test_a_data_set_is_the_same_from_threads_and_a_cluster(workers, instant, tmp_path):
-    for folder, how in (("threads", {"workers": 2}), ("dask", {"executor": workers})):
-        generate(PROBLEM, 1070, tmp_path / folder, seed=3, progress=False, **how)
-    assert contents(tmp_path / "dask") == contents(tmp_path / "threads")
 
 
 def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):

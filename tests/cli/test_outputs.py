@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from answers import KnownAnalysis, fit, same, unanswered
 from conftest import BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
+from files import write_curve
 
 from cavirheo import RadiusCurve, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io import write_csv
 from cavirheo.parallel import Threads, run_jobs
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
@@ -44,7 +44,7 @@ def stopped(*_: object, **__: object) -> None:
 @pytest.fixture
 def inputs(tmp_path, monkeypatch):
     """shot.csv and references.csv; nothing may be computed."""
-    write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
+    write_curve(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
     (tmp_path / "references.csv").write_text("set,files\ngel,shot.csv\n")
     monkeypatch.setattr(simulate, "load_solver", lambda *_, **__: pytest.fail("the outputs were not tried before"))
     return tmp_path
@@ -84,7 +84,7 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(run, inputs, name, ou
 
 def test_a_run_knows_its_own_answers_again_and_leaves_those_of_others(run, tmp_path, monkeypatch):
     for name, curve in zip(("a.csv", "b.csv"), read_curves(EXAMPLE), strict=False):
-        write_csv(tmp_path / name, curve)
+        write_curve(tmp_path / name, curve)
     words = ["--model", "bdt-viscoelastic", "--no-pictures", "--quiet"]
     assert run("infer", "a.csv", *words)[0] == 0
     before = contents(tmp_path)
@@ -239,7 +239,7 @@ def test_a_failed_answer_is_asked_for_again(tmp_path):
 def test_ctrl_c_writes_what_was_answered(tmp_path, number):
     curve = read_curves(EXAMPLE)[0]
     for k in range(40):
-        write_csv(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
+        write_curve(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
     words = [sys.executable, "-m", "cavirheo", "infer", *BDT, ".", "-o", "out"]
     how = {"cwd": tmp_path, "text": True, "stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
     call = subprocess.Popen(words, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **how)

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from answers import NAMES, answer, bubble, sweeps_of, times_of, with_verdict
 from conftest import EXAMPLE, ROOT, done, refusal, rows_of
-from rich.text import Text
+from files import write_curve
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
 from cavirheo.inference.cards import card, path_of
-from cavirheo.io import write_csv
 from cavirheo.reporting import result, screen, write_report
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset
@@ -76,18 +75,6 @@ def test_a_group_has_at_most_ten_lines_and_one_for_each_shot(count, most, monkey
         assert [row for row in rows if re.fullmatch(r"\[\d+\]", row)] == [f"[{k}]" for k in range(1, count + 1)]
 
 
-def test_the_screen_has_one_number_of_each_quantity(monkeypatch, capsys):
-    """The population's: of its median, no other is near in the lines below the shots."""
-    monkeypatch.setenv("COLUMNS", "80")
-    document = result(one_group(5), "")
-    screen.print_result(document)
-    below = [line for line in capsys.readouterr().out.splitlines() if line.startswith(("G ", "µ "))]
-    assert len(below) == 2
-    (group,) = document.groups
-    assert float(below[0].split()[1]) == pytest.approx(group.population.shear_modulus_Pa.median / 1e3, rel=0.02)
-    assert float(below[1].split()[1]) == pytest.approx(group.population.viscosity_Pa_s.median, rel=0.02)
-
-
 def clean(text: str) -> bool:
     return not re.search("[\0-\x08\x0b-\x1f\x7f-\x9f\u202e\ud800-\udfff]", text)
 
@@ -106,19 +93,6 @@ def test_no_control_character_reaches_the_terminal(verb, monkeypatch, capsys):
     assert "gel" in captured.out
     assert [clean(text) for text in (captured.out, captured.err, as_json(document))] == [True] * 3
     assert captured.err.count("\n") == 1
-
-
-def test_documents_of_others_cannot_abuse_the_terminal(run, tmp_path, capsys):
-    """Also where a verb prints lines of its own: the texts of the document are as somebody else wrote them."""
-    pairs = [(curve.with_group(EVIL, ""), answer) for curve, answer in answers(["gel", "other"])]
-    document = result(pairs, EVIL)
-    document.add_published({EVIL: {EVIL: {"viscosity": PublishedValue(mean=0.02, source=EVIL)}}})
-    write_json(tmp_path / "result.json", document)
-    plain = (tmp_path / "result.json").read_text(encoding="utf-8")
-    (tmp_path / "evil.json").write_text(plain.replace(r"\\x1b", r"\u001b").replace(r"\\u202e", "\u202e"))
-    terminal.console().print(Text(EVIL))
-    texts = [capsys.readouterr().out, done(run("cite", "evil.json")), done(run("show", "evil.json"))]
-    assert [(clean(text), r"gel\x1b" in text) for text in texts] == [(True, True)] * 3
 
 
 def test_no_control_character_reaches_a_file(tmp_path, recwarn):
@@ -148,11 +122,11 @@ def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
 
 def test_show_a_measurement_a_training_set_and_networks(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
-    write_csv(tmp_path / "shot.csv", curve)
+    write_curve(tmp_path / "shot.csv", curve)
     (tmp_path / "shots").mkdir()
     for name, each in zip(("one", "two"), read_curves(EXAMPLE), strict=False):
-        write_csv(tmp_path / "shots" / f"{name}.csv", each)
-    write_csv(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
+        write_curve(tmp_path / "shots" / f"{name}.csv", each)
+    write_curve(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
     dataset.generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 4, tmp_path / "set", seed=3)
     cards = {name: card(path_of(name)) for name in ("emulator", "bdt-viscoelastic", "bdt-viscous")}
     for name, parts in (

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from answers import answer as answer_of
 from conftest import EXAMPLE, ROOT, done, refusal, refused, rows_of
+from files import write_curve
 
 from cavirheo import load, read_curves
 from cavirheo.companions.published_values import read_references
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io import write_csv
 
 HEAD = "set,files,method,quantity,mean,std"
 REFERENCES = f"""# by hand
@@ -39,7 +39,7 @@ def folder(tmp_path, monkeypatch) -> Path:
     (data / "gel_a").mkdir(parents=True)
     places = (*(data / "gel_a" / f"shot{k}.csv" for k in range(3)), data / "bare.csv")
     for path, curve in zip(places, read_curves(EXAMPLE), strict=False):
-        write_csv(path, curve)
+        write_curve(path, curve)
     (tmp_path / "published.csv").write_text(REFERENCES)
     return data
 

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from answers import NAMES, fit, seen, simulated
 from conftest import BDT, EXAMPLE, ROOT, code_of, rows_of
+from files import write_curve
 
 import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, predict_radius, read_curves
 from cavirheo.inference import input_warnings
-from cavirheo.io import write_csv
-from cavirheo.io.shots import read_shots
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.media import WATER
 from cavirheo.reporting import read_json
@@ -37,12 +36,7 @@ def test_frames_after_the_window_lie_where_the_draws_predict_them():
     mean, low, high = predict_radius(answer, truth.time[later])
     assert np.mean((low < truth.radius[later]) & (truth.radius[later] < high)) > 0.8
     assert np.sqrt(np.mean((mean - truth.radius[later]) ** 2)) < 0.05 * cut.max_radius
-    curve = read_curves(EXAMPLE)[1]
-    answer = cavirheo.infer(curve, material="nhkv")  # some draws are of the field's bubble, if the frames allow it
-    compared = curve.time[np.isfinite(curve.radius) & (curve.time > curve.time_of_max)][:30]
-    missed = predict_radius(answer, compared).mean - np.interp(compared, curve.time, curve.radius)
-    assert np.std(missed) < 0.01 * curve.max_radius
-    assert code_of(predict_radius, replace(answer, curve=None), compared) == "predict.draws"
+    assert code_of(predict_radius, replace(answer, curve=None), truth.time) == "predict.draws"
 
 
 @pytest.mark.parametrize("file", ["soft_gel.csv", "stiff_gel.mat"])
@@ -93,19 +87,6 @@ def test_the_constants_that_a_file_states_are_those_of_its_shot(name):
     assert (analysis.key(curve) == analysis.key(curve.labelled(medium={}))) == (not stated)
 
 
-def test_a_stretch_that_is_given_counts_before_the_files():
-    curve = read_curves(EXAMPLE)[0].labelled(stretch=7.0)
-    answer = infer(curve, stretch=6.0)
-    assert "stated.replaced" in [one.code for one in answer.checks.messages]
-
-
-def test_a_bubble_that_swells_again_is_no_neo_hookean_one():
-    """To four times its plateau."""
-    curve = shot(mu=0.1)
-    drift = replace(curve, radius=curve.radius * (1 + 3.0 * np.maximum(0, curve.time / 90e-6 - 0.3)))
-    assert infer(drift).checks.verdict == "does_not_fit"
-
-
 def test_a_point_answer_has_no_interval_and_a_full_record():
     curve = shot()
     answer = infer(curve, stretch=7.0, window=2)
@@ -141,7 +122,7 @@ def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
     """Diameters, pixels, ms as us, half the frame rate."""
     curve = read_curves(EXAMPLE)[0]
     wrong = replace(curve, time=curve.time * time, radius=curve.radius * radius)
-    write_csv(tmp_path / "wrong.csv", wrong)
+    write_curve(tmp_path / "wrong.csv", wrong)
     status, _, _ = run("infer", *BDT, tmp_path / "wrong.csv", "-o", "out")
     document = read_json("out/result.json")
     assert document.curves[0].verdict in (("failed",) if time < 1 else ("failed", "check_input"))
@@ -288,13 +269,3 @@ def test_an_answer_that_needs_a_close_wall_asks_for_its_distance():
         assert [one.code for one in said] == ["check_input.walls"] * warned
         assert ["--wall-distance-um" in one.text for one in said] == [True] * warned
     assert input_warnings.felt_walls(shot, 250e-6) == []
-
-
-def test_names_are_told_apart_by_folder(tmp_path):
-    files = [tmp_path / place for place in ("one/s1.csv", "two/s1.csv", "two/s2.csv")]
-    for file, curve in zip(files, read_curves(EXAMPLE), strict=False):
-        file.parent.mkdir(exist_ok=True)
-        write_csv(file, curve)
-    assert [one.name for one in read_shots(files).curves] == ["one/s1", "two/s1", "s2"]
-    groups = {how: [one.group for one in read_shots(files, group=how).curves] for how in ("file", "folder", "none")}
-    assert groups == {"file": ["s1", "s1", "s2"], "folder": ["one", "two", "two"], "none": ["one/s1", "two/s1", "s2"]}

@@ -79,6 +79,16 @@ def test_files_of_one_name_are_one_group_and_a_unit_told_by_its_size_is_said_onc
     assert [one["name"] for one in json.loads(out)["groups"]] == ["soft", "stiff"]
 
 
+def test_files_of_one_name_in_two_folders_are_told_apart(tmp_path):
+    files = [tmp_path / place for place in ("one/s1.csv", "two/s1.csv", "two/s2.csv")]
+    for k, file in enumerate(files):
+        file.parent.mkdir(exist_ok=True)
+        text_table(file, "time_us,radius_um", 1e6 * TIME, (1e6 + 1e4 * k) * RADIUS)
+    assert [one.name for one in read_shots(files).curves] == ["one/s1", "two/s1", "s2"]
+    groups = {how: [one.group for one in read_shots(files, group=how).curves] for how in ("file", "folder")}
+    assert groups == {"file": ["s1", "s1", "s2"], "folder": ["one", "two", "two"]}
+
+
 def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):
     several = sized(tmp_path / "several.csv", {"a": 1.0, "b": 1.5})
     alone = [sized(tmp_path / f"{name}.csv", {name: factor}) for name, factor in (("a", 1.0), ("b", 1.5))]

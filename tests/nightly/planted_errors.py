@@ -139,7 +139,7 @@ PLANTED = (
     Planted("another run's answers are replaced", "writing/document.py",
             "if self._claim and not self._claim.replace:", "if False:", ("test_outputs",)),
     Planted("a bound has a median", "writing/document.py",
-            "if self.bound is not None:", "if False:", ("test_reports",)),
+            "if self.bound is not None:", "if False:", ("test_one_number",)),
     Planted("error relative to our own value", "reporting/comparison.py",
             "abs(middle - expected) / expected", "abs(middle - expected) / middle",
             ("test_compare",)),

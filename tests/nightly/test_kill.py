@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 from conftest import EXAMPLE
+from files import write_curve
 
 from cavirheo import read_curves
-from cavirheo.io import write_csv
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import LIST_FILE
 
@@ -66,7 +66,7 @@ def test_killed_at_random_moments(tmp_path, name):
     for place in (whole, folder):
         place.mkdir(parents=True)
         for k in range(shots):
-            write_csv(place / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
+            write_curve(place / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
         lines = "".join(f"set {s},shot{s}?.csv\n" for s in range((shots + 9) // 10))
         (place / "references.csv").write_text(f"set,files\n{lines}")
     assert call(words, whole) == 0, (whole.parent / "said").read_text()
