@@ -96,52 +96,32 @@ def without(name: str) -> bytes:
 MODELS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "empty": ("model.weights", lambda: b""),
     "cut short": ("model.weights", lambda: SOUND[:-300]),
-    "with a bit that changed": ("model.weights", lambda: SOUND[:300] + bytes([SOUND[300] ^ 1]) + SOUND[301:]),
     "with objects": ("model.weights", lambda: packed(weights(), mean=np.array([{}, {}], dtype=object))),
-    "of text": ("model.weights", lambda: packed(weights(), mean=np.array(["4.5", "-1.5"]))),
-    "of double precision": ("model.weights", lambda: packed(weights(), mean=np.ones(2))),
     "with nan": ("model.weights", lambda: packed(weights(), mean=np.float32([np.nan, 1.0]))),
     "with an array less": ("model.weights", lambda: without("branches.1.layers.0.expand.bias")),
-    "with another width": (
-        "model.weights",
-        lambda: packed(weights(), position=np.ones((20, 7), np.float32)),
-    ),
     "of other frames": ("model.weights", lambda: packed(weights(), position=np.ones((21, 4), np.float32))),
     "that unpacks to a gigabyte": ("model.weights", lambda: zipped(bytes(10**9), zipfile.ZIP_DEFLATED)),
-    "packed by bzip2": ("model.weights", lambda: zipped(header((2,)), zipfile.ZIP_BZIP2)),
     "of a terabyte": ("model.weights", lambda: zipped(header((10**6, 10**6)))),
-    "of sizes that overflow": ("model.weights", lambda: zipped(header((1 << 32, 1 << 32)))),
     "of negative sizes": ("model.weights", lambda: zipped(header((-1, 2)) + bytes(8))),
-    "of many arrays": ("model.weights", lambda: packed({str(k): np.float32(0) for k in range(6000)})),
     "that answers beyond all numbers": ("model.not_finite", lambda: packed(weights(), mean=np.float32([1e30, 0.0]))),
 }
 MANY_FRAMES = {"camera": {"frame_interval": 1e-6, "frames": 10**9}}
 LARGE = {"heads": 4096, "layers": 1, "activation": "relu", "norm_epsilon": 1e-6}
 CARDS: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {  # a right file, and what becomes of its card
     "nested deeply": ("files.json", lambda _: b"[" * 200_000),
-    "of 20 MB": ("files.size", lambda about: json.dumps(about) + " " * 20_000_000),
     "of another file": ("model.changed", lambda about: about | {"weights": about["weights"] | {"sha256": 64 * "0"}}),
     "of an output twice": ("model.card", lambda about: about | {"outputs": 2 * about["outputs"][1:]}),
-    "of a part of its law": ("model.card", lambda about: about | {"outputs": about["outputs"][1:]}),
     "of a later schema": ("model.card", lambda about: about | {"schema": 3}),
-    "of the problem a list": ("model.card", lambda about: about | {"problem": []}),
-    "of an unknown law": ("model.card", lambda about: about | {"problem": about["problem"] | {"material": "honey"}}),
     "of many frames": ("model.card", lambda about: about | {"problem": about["problem"] | MANY_FRAMES}),
-    "of much memory": ("model.card", lambda about: about | {"network": LARGE | {"heads": 10**6}}),
     "of other heads": ("model.weights", lambda about: about | {"network": LARGE | {"heads": 3}}),
     "of an unknown function": ("model.card", lambda about: about | {"network": LARGE | {"activation": "system"}}),
-    "of a name a path": ("model.card", lambda about: about | {"name": "../../../etc/passwd"}),
 }
 PATHS: dict[str, tuple[str, Callable[[Path], object]]] = {  # a right file with its card, and what becomes of it
     "without a card": ("model.missing", lambda path: path.with_suffix(".json").unlink()),
-    "a folder": ("model.missing", lambda path: (path.unlink(), path.mkdir())),
     "a pipe": ("model.missing", lambda path: (path.unlink(), os.mkfifo(path))),
-    "a link to zeros": ("model.missing", lambda path: (path.unlink(), path.symlink_to("/dev/zero"))),
     "of 6 GB": ("files.size", lambda path: os.truncate(path, 6 << 30)),
 }
-BROKEN: dict[str, tuple[str, Callable[[Path], Path]]] = {
-    "with a name of 300 letters": ("model.missing", lambda folder: folder / ("x" * 300 + ".npz"))
-}
+BROKEN: dict[str, tuple[str, Callable[[Path], Path]]] = {}
 for name, (code, make) in MODELS.items():
     BROKEN[name] = code, lambda folder, make=make: put(folder, make())
 for name, (code, change) in CARDS.items():

@@ -5,17 +5,12 @@ import importlib
 import re
 import subprocess
 import sys
-import threading
-from collections.abc import Callable
 from pathlib import Path
-from types import CodeType, FrameType
-from typing import Any
 
 import pytest
-from conftest import BDT, EXAMPLE, ROOT
+from conftest import ROOT
 
 import cavirheo
-from cavirheo.io.files import Source
 
 SOURCE = Path(cavirheo.__file__).parent
 EXTRAS = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue")
@@ -83,65 +78,3 @@ def test_no_import_waits_for_a_library_that_it_does_not_need(module, libraries):
     code = f"import sys, cavirheo.{module}; print(*set('{libraries}'.split()) & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
-
-
-def walk(call: Callable[[], object], carries: Callable[[Any], bool]) -> tuple[set[str], set[tuple[str, str]]]:
-    """(functions of the package that are given such a value, alone or in a list; calls among them of a function in a
-    room above), in all threads of this process, while `call` runs."""
-    order, stays, climbs = rooms_in_order(), set[str](), set[tuple[str, str]]()
-
-    def level(code: CodeType) -> int:
-        name = room(code.co_filename)
-        return order.index(name) if name in order else len(order)
-
-    def is_ours(code: CodeType) -> bool:
-        return code.co_filename.startswith(str(SOURCE)) and not re.match("<|__get", code.co_name)
-
-    def called(frame: FrameType, event: str, _: object) -> None:
-        code = frame.f_code
-        if event != "call" or not is_ours(code):
-            return
-        names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-        values = [frame.f_locals.get(name) for name in names if name != "self"]
-        values += [item for value in values if isinstance(value, list | tuple) for item in value]
-        if not any(map(carries, values)):
-            return
-        stays.add(f"{room(code.co_filename)}: {code.co_qualname}")
-        above = frame.f_back
-        while above and not is_ours(above.f_code):
-            above = above.f_back
-        if above and level(code) > level(above.f_code):
-            climbs.add((above.f_code.co_qualname, code.co_qualname))
-
-    threading.setprofile(called)
-    sys.setprofile(called)
-    try:
-        call()
-    finally:
-        sys.setprofile(None)
-        threading.setprofile(None)
-    return stays, climbs
-
-
-@pytest.mark.slow
-@pytest.mark.repository
-def test_a_curve_is_handed_on_by_few_functions_from_infer_to_its_answer():
-    curves = cavirheo.read_curves(EXAMPLE)[:1]
-    cavirheo.infer_many(curves, workers=1)  # what is loaded once does not count
-    stays, climbs = walk(
-        lambda: cavirheo.infer_many(curves, workers=1), lambda one: isinstance(one, cavirheo.RadiusCurve)
-    )
-    assert "inference: Experiment.__init__" in stays  # and it was this process that answered
-    assert (len(stays) <= 20, len(climbs) <= 3) == (True, True), (stays, climbs)
-
-
-@pytest.mark.slow
-@pytest.mark.repository
-def test_a_file_is_handed_on_by_few_functions_from_the_command_to_its_documents(run):
-    stays, climbs = walk(
-        lambda: run("infer", EXAMPLE, *BDT, "--no-pictures", "-o", "r"),
-        lambda one: isinstance(one, Source) or (isinstance(one, Path) and one == EXAMPLE),
-    )
-    assert Path("r/report.html").is_file()
-    assert "io: read_columns" in stays
-    assert (len(stays) <= 20, len(climbs) <= 3) == (True, True), (stays, climbs)

@@ -2,8 +2,6 @@
 bytes however they are made, nothing lost, nothing mixed. Thousands of recordings stay on the disk, and nothing is
 unpickled."""
 
-import os
-import pickle
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,14 +12,11 @@ import pytest
 from conftest import LIQUID, PROBLEM, ROOT, code_of, contents, refused
 from scipy.stats import kstest
 
-from cavirheo import Posterior
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
-from cavirheo.posterior import Checks
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
 from cavirheo.training.dataset import generate, load
-from cavirheo.training.trajectories import BLOCK, COLUMNS, DOMAIN, block
-from cavirheo.workflow.store import Store
+from cavirheo.training.trajectories import BLOCK, block
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
 GEL = TrainingProblem("nhkv", Prior.uniform(RANGES))
@@ -162,26 +157,6 @@ def test_split_is_a_partition_that_no_parameter_decides(instant, tmp_path):
     np.testing.assert_array_equal(parts["test"], data.split(seed=3)["test"])
 
 
-def test_trajectories_are_of_whole_blocks_however_they_are_made(tmp_path, monkeypatch):
-    """The two halves of each are R/R_max and t/T, which begin at rest at R_max."""
-    monkeypatch.setattr("cavirheo.training.trajectories.block", lambda seed, number: few(seed, number))
-    for name, workers in (("one", 1), ("two", 3)):
-        generate(DOMAIN, 2020, tmp_path / name, seed=2, workers=workers, progress=False)
-    assert contents(tmp_path / "one") == contents(tmp_path / "two")
-    data = load(tmp_path / "one")
-    assert (len(data), np.count_nonzero(data.ok), data.seed) == (2020, 2020 - 2020 // BLOCK, 2)
-    assert code_of(generate, DOMAIN, 2020, tmp_path / "one", seed=3, progress=False) == "dataset.another_seed"
-    with h5py.File(tmp_path / "one" / "shard-00000.h5", "a") as file:
-        file.attrs["problem"] = file.attrs["problem"].replace('"field_share": 0.22', '"field_share": 0.5')
-    assert code_of(load, tmp_path / "one") == "dataset.another_domain"
-
-
-def few(seed, number):
-    """A block whose last bubble was not solved, of numbers that its own number decides."""
-    made = {name: np.full((BLOCK, *shape), float(number)) for name, (_, shape) in COLUMNS.items()}
-    return made | {"status": np.array(["ok"] * (BLOCK - 1) + ["not solved"], dtype=object)}
-
-
 def test_a_block_of_bubbles_is_one_whatever_was_made_before():
     bubbles, again = block(1, 3), block(1, 3)
     np.testing.assert_array_equal(bubbles["radius"], again["radius"])
@@ -203,28 +178,6 @@ def test_a_single_bit_that_changed_is_noticed(tmp_path):
     path.write_bytes(content)
     with refused("dataset.unreadable", "delete it and generate again"):
         load(path.parent)
-
-
-class Trap:
-    """Whose pickle makes a folder."""
-
-    def __reduce__(self):
-        return os.mkdir, ("sprung",)
-
-
-def test_nothing_is_unpickled_from_a_kept_answer(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    sprung = tmp_path / "sprung"
-    pickle.loads(pickle.dumps(Trap()))
-    assert sprung.is_dir()  # as it would be
-    sprung.rmdir()
-    answer = Posterior(("stretch",), ("1",), np.ones((3, 1)), Checks("ok"), "nhkv", "verified")
-    Store(tmp_path).put("a", answer)
-    with np.load(tmp_path / "a.npz") as file:
-        first = file[file.files[0]]
-    np.savez(tmp_path / "a.npz", first, np.array([Trap()] * 3, dtype=object), allow_pickle=True)
-    assert Store(tmp_path).get("a") is None
-    assert not sprung.exists()
 
 
 @pytest.mark.repository

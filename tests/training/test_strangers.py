@@ -95,24 +95,15 @@ def attribute(name, value=None):
 PETABYTE = {"shape": (10**12, 100), "dtype": "f4", "chunks": (10, 100)}
 SHARDS = {  # what is done to one of three files, and the code by which their set is refused
     "no theta": (stored("theta", lambda kept: None), "dataset."),
-    "theta of a row less": (stored("theta", lambda kept: {"data": kept[1:]}), "dataset."),
     "theta of a column more": (stored("theta", lambda kept: {"data": np.c_[kept, kept]}), "dataset."),
-    "theta not finite": (stored("theta", lambda kept: {"data": kept * np.nan}), "dataset."),
     "radius of text": (stored("radius", lambda kept: {"data": kept.astype("S8")}), "dataset."),
-    "radius not finite": (stored("radius", lambda kept: {"data": kept * np.inf}), "dataset."),
     "radius of another file": (stored("radius", lambda kept: h5py.ExternalLink("other", "radius")), "limits."),
     "radius of a petabyte": (stored("radius", lambda kept: PETABYTE), "limits."),
-    "status of numbers": (stored("status", lambda kept: {"data": np.zeros(len(kept))}), "dataset."),
-    "no problem": (attribute("problem"), "dataset."),
-    "problem a list": (attribute("problem", "[]"), "problem."),
     "problem nested deeply": (attribute("problem", "[" * 20_000), "dataset."),
     "problem of another law": (attribute("problem", json.dumps(PROBLEM.to_dict() | {"material": "honey"})), "problem."),
     "total huge": (attribute("total", 2**62), "dataset."),
-    "start of another file": (attribute("start", 500), "dataset."),
-    "empty": (lambda path: os.truncate(path, 0), "dataset.unreadable"),
     "cut short": (lambda path: os.truncate(path, 1000), "dataset.unreadable"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "dataset.unreadable"),
-    "copied beside it": (lambda path: shutil.copy(path, path.with_name("shard-00000 (copy).h5")), "dataset.foreign"),
     "in another's place": (lambda path: shutil.copy(path, path.with_name("shard-00001.h5")), "dataset.shape"),
 }
 

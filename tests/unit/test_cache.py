@@ -86,14 +86,6 @@ def test_a_full_disk_leaves_no_half_file(start, tmp_path, monkeypatch):
     assert not list((tmp_path / "__pycache__").glob("kernel.*nbc*"))
 
 
-def test_whole_files_in_a_folder_that_cannot_be_written_are_used(start, monkeypatch, capsys):
-    start()
-    monkeypatch.setattr(Path, "write_bytes", failing)
-    monkeypatch.setattr(Path, "mkdir", failing)
-    assert start()
-    assert capsys.readouterr().err == ""
-
-
 @pytest.mark.slow
 def test_processes_that_compile_at_once_do_not_disturb_each_other(start, tmp_path):
     path = os.pathsep.join([str(tmp_path), *sys.path])
