@@ -24,19 +24,19 @@ test-planted: $(VENV)/test.done
 	$(BIN)/python tests/nightly/planted_errors.py
 
 # The fast tests that need neither torch nor the browser app, with the oldest versions that pyproject.toml allows;
-# what is frozen in tests/meta/golden is what today's versions write
+# schemas in tests/meta/golden are what today's versions write
 test-lowest:
 	$(PYTHON) -m venv build/lowest
 	$(PYTHON) tests/lowest.py plot video > build/lowest.txt
 	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
 	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore=tests/app --ignore=tests/meta/test_golden.py
 
-# Every law and the frozen answers, with the newest Python that is found and the newest libraries for it
+# Every law and answers of known truth, with the newest Python that is found and the newest libraries for it
 NEWEST ?= $(or $(lastword $(sort $(wildcard $(or $(PYENV_ROOT),$(HOME)/.pyenv)/versions/3.1[1-9].*/bin/python))),$(PYTHON))
 test-newest:
 	$(NEWEST) -m venv --clear build/newest
 	build/newest/bin/pip install --quiet --disable-pip-version-check . pytest
-	build/newest/bin/python -m pytest -m "not slow" tests/physics/test_materials.py tests/meta/test_golden.py
+	build/newest/bin/python -m pytest -m "not slow" tests/physics/test_materials.py tests/inference/test_truth.py
 
 # The claims as numbers with their standard errors, in ten minutes; FULL=1 takes all cases, DATA=folder the open sets.
 # For a release: make validate FULL=1 DATA=folder RESULTS=validation/results.json pages

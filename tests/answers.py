@@ -140,7 +140,7 @@ def sweeps_of(names: Sequence[str]) -> rheometer.Rheometry:
 
 def times_of(names: Sequence[str]) -> CollapseTimes:
     """Collapse times of a material under each name."""
-    (group,), *_ = read_groups([ROOT / "tests" / "meta" / "golden" / "times.csv"], WATER)
+    (group,), *_ = read_groups([ROOT / "tests" / "cases" / "times.csv"], WATER)
     group.answer("nhkv", WATER)
     groups = [group.model_copy(update={"name": name}) for name in names]
     return CollapseTimes(command="", material="nhkv", medium={"density": WATER.density}, groups=groups)

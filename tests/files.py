@@ -2,8 +2,6 @@
 
 import os
 import zipfile
-import zlib
-from base64 import b64decode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.sax.saxutils import escape
@@ -81,20 +79,8 @@ def ods_row(cells: Sequence[object]) -> str:
 
 def write_xls(path: Path) -> Path:
     """An old workbook: the cells a, b over 1.5, 2."""
-    path.write_bytes(zlib.decompress(b64decode(_XLS)))
+    path.write_bytes((Path(__file__).parent / "cases" / "old.xls").read_bytes())
     return path
-
-
-_XLS = """
-eNq7cF7wwcKNUg8Z0IAdAzPDv/+cDGxIYoxAzAnjCDAA5f//BzFhNAcQ/x8FQwpwcgAjko2VYTfvGXZQHILi+yEDE8MGloNAkoHhERDHMBQw+O
-XnpSrQETiB3ZDICHKDLZBkZJgDFOFjkAS7SghMJoNJYTC5HqxyD5h0AIv0gklboNoHjFEM5+39tCygqTiCSQksx8cAMnc7WM8tsIghgyjDCVAq
-rp/ACFHLyuBYlJmYMzgl5Fh4GJYwAOPNPTUvtSgx5wGDCDAClzB8/a/AwPAFllMPKIyK01eckQEo/gNVnB2L+GQmFgaGBob/CeAE3srAzbCJGS
-TDzADMbX+ARSwoTTJBSt5EIE7iApXA4BwrgJJjecEpmQdIpjDwg9mCYH0CwDL5z8qPl3yTAuzjwSIN4FIaUpargqxn+M/QCNIB1MwHlmGCk1pg
-UhtMNoFNlQazpcCkCDAVAmm1AFEow60ZrKYFLKsGtMcYDC7bqyOxNYDs1teBO+RaH9trAtnr3B9Wiay7br+QQQlYt6QA9YNgM4MOow7jrJkgsN
-MeRjNC8/1dMCmJUQZwMAlA3f4fWmHxM/xl4AIzBcEkhAcKHUaoekY09XuBdjCC1UczgUiIejsmIYZt4IBxQKoPuRhGwSgYBaNgFIyCUTAKRsEo
-GFqAEdrWB/U7QL0BVmiPgh06rvMXiP+NDpMMWxDEkA+EJcCOqStDHpAuYqgkKf2IMbAywsxiJFIPbLwQBMKBthcxZDMkgd2RTXL6BfYIGZH9Q7
-RGAeplIVLt/0eKO2lsPwAqzLrh
-"""
 
 
 def save_v73(path, variables):

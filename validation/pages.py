@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "validation" / "results.json"
 MARKED = re.compile(r"(?P<begin><!--(?P<key>[a-z_]+\.[\w.]+):(?P<format>[^<>]+)-->)[^<]*(?P<end><!--/-->)")
-FENCED = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
-APART = re.compile(r"`[^`\n]*`|\]\([^)\n]*\)")  # inline code, and the target of a link
-MEASURED = re.compile(r"\d+\.\d+|\d+ ?%")
 UNMEASURED = re.compile(  # what is measured only where it is named, or with a program that few machines have
     r"challenge\.(?:fit|scipy|infer_field|open)\."
     r"|challenge\.(?:several\.)?\w+\.\w+\.error$|peers\.|times\.newcomer\."
@@ -71,13 +68,6 @@ def read_results() -> dict[str, dict]:
 def marked_pages() -> list[Path]:
     patterns = ("*.md", "docs/**/*.md", "validation/**/*.md", "paper/*.md")
     return sorted(path for pattern in patterns for path in ROOT.glob(pattern) if MARKED.search(path.read_text("utf-8")))
-
-
-def bare_numbers(text: str, allowed: Iterable[str] = ()) -> list[str]:
-    """Numbers with a decimal point or a % sign outside of markers, code, links and what these patterns allow."""
-    for pattern in (FENCED, MARKED, APART, *(re.compile(one, re.MULTILINE) for one in allowed)):
-        text = pattern.sub("-", text)
-    return MEASURED.findall(text)
 
 
 def fill() -> None:

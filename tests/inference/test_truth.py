@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import GEL, holds, same, simulated
-from conftest import slow
+from conftest import EXAMPLE, ROOT, rows_of, slow
 
 import cavirheo
 from cavirheo import Bubble, Newtonian, RadiusCurve, fit, infer, infer_many
@@ -23,6 +23,9 @@ SHOTS = {  # law, stretch and bubble; what the intervals hold; switches that are
     # 90 frames with 0.8 % noise do not tell this stiffening from none
     "stiffening": (STIFF, 6.5, REAL, {"shear_modulus": 5e3}, set(), {"liquid"}),
 }
+
+
+COLUMNS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}
 
 
 def shot(name: str, noise=0.008, seed=1) -> RadiusCurve:
@@ -48,6 +51,21 @@ def test_the_default_answer_holds_the_truth_and_its_switches_are_set(answers, na
     assert [one for one in off if not answer.switches[one] < 0.1] == []
     assert answer.diagnostics.effective_sample_size >= 100.0
     assert answer.diagnostics.draws == len(answer.theta) <= answer.diagnostics.simulations
+
+
+@pytest.mark.parametrize(
+    ("verb", "shot", "how"),
+    [(infer, 2, {}), (fit, 2, {"bubble": "field"}), (infer, 3, {"material": "nhkv", "bubble": Bubble("kinetic")})],
+)
+def test_a_shipped_example_is_answered_with_its_truth(verb, shot, how):
+    rows = rows_of(ROOT / "examples" / "truth.csv")
+    truth = next(row for row in rows if (row["set"], row["shot"]) == ("soft_gel", str(shot)))
+    answer = verb(cavirheo.read_curves(EXAMPLE)[shot - 1], **how)
+    assert answer.checks.verdict == "ok"
+    values = {name: float(truth[column]) for name, column in COLUMNS.items()}
+    assert holds(answer, 0.98, **values)
+    low, high = answer.interval("viscosity")
+    assert high < 1.5 * low
 
 
 def test_of_a_liquid_the_modulus_is_bounded_from_above(answers):

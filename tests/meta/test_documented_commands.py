@@ -114,7 +114,7 @@ def write_shots(folder: Path) -> None:
 
 def write_tables(folder: Path) -> None:
     """Collapse times of a gel, and the tables that pages show."""
-    times = shutil.copy(ROOT / "tests/meta/golden/times.csv", folder / "TABLE.csv")
+    times = shutil.copy(ROOT / "tests/cases/times.csv", folder / "TABLE.csv")
     savemat(folder / "TABLE.mat", {"pIMR_array": np.loadtxt(times, delimiter=",", skiprows=1) * [1e-6, 1.0, 1e-6]})
     for page, table in (("docs/how-to/compare.md", "REF.csv"), ("docs/method/population.md", "concentration.csv")):
         text = next(text for text in blocks((ROOT / page).read_text("utf-8"), "") if text.startswith(("set,", "shot,")))

@@ -13,12 +13,11 @@ SOURCE = Path(cavirheo.__file__).parent
 
 _SAMPLE = """
 name_not_utf8 name_newline_bad name_escape name_of_255_bytes fifo_csv fifo_json socket device_zero_csv folder_csv
-unreadable missing empty_mat sparse_csv csv_all_nan csv_huge csv_denormal mat_four_rows csv_nul
-csv_escape_labels csv_long_line csv_of_html sweep_markup times_too_fast mat_cells_as_a_number
-bomb_mat_of_cells_where_an_array_belongs mat_empty_cells mat_nested_deep mat_negative_shape bomb_h5_without_a_shape
-json_deep json_no_curves toml_deep sweep_huge references_huge mat_long_name
-csv_open_quote h5_loops h5_labels cut_bdt.mat_middle cut_groups.h5_late
-"""  # one of each kind, of those that took down a room
+link_to_itself unreadable missing empty_mat sparse_csv csv_all_nan csv_huge csv_denormal mat_four_rows
+csv_escape_labels csv_html_labels csv_of_html bomb_mat_of_cells_where_an_array_belongs bomb_h5_without_a_shape
+json_deep toml_deep references_huge damaged_bdt.mat_1 damaged_groups.h5_2 damaged_frequency.csv_3
+damaged_result.json_4 damaged_curve.xlsx_5
+"""  # one of each kind
 
 _QUICK = "collapse-time", "rheometer", "show"  # rooms without a solver
 _ALL = pytest.param(FILES, ROOMS, marks=pytest.mark.hostile, id="all")
