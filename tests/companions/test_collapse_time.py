@@ -156,12 +156,10 @@ def test_layouts_agree(tmp_path):
 
 
 BAD = {  # what is no table at all, test_reading.py refuses by the same reader
-    "rmax,stretch,t1_us\n200,7,18\n": "collapse_time.unit",
     "rmax_um,stretch,t1 (h)\n200,7,18\n": "collapse_time.unit",
     "rmax_um,t1_us\n200,18\n": "collapse_time.no_stretch",
     f"{HEAD}\n": "collapse_time.no_rows",
     f"{HEAD}\n200,7,5,18\n": "tabular.width",  # 7,5 was read as 7 and 5 us
-    "rmax_um,rmax_m,stretch,t1_us\n200,1,7,18\n": "collapse_time.twice",
 }
 
 

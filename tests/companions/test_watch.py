@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from answers import KnownAnalysis, answer, unanswered
 from conftest import BDT, EXAMPLE
-from recordings import SCALE, film, write_mraw
+from recordings import SCALE
 
 from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads
@@ -169,19 +169,3 @@ def test_the_command_answers_as_infer_does(run, tmp_path):
     (tmp_path / "in" / "bad.csv").write_text("nothing\n")
     assert run("watch", "in", "--once", "--patience", 0, "-o", "b", *how)[0] == 2
     assert run("watch", "nowhere", *how)[0] == 2
-
-
-@pytest.mark.needs("av")
-@pytest.mark.parametrize("late", [".mraw", ".cihx"])
-def test_a_film_of_two_files_is_one_recording_and_either_may_come_late(bench, late):
-    pixels = write_mraw(bench.folder / "a.mraw", film(bits=12).frames, 12)
-    path = pixels.with_suffix(late)
-    content = path.read_bytes()
-    path.unlink()
-    assert (bench.settle(), bench.watch.unreadable) == ([("a", "failed")], 1)
-    path.write_bytes(content)
-    assert (bench.settle(), bench.watch.unreadable) == ([("a", "ok")], 0)
-    bench.start()
-    assert (bench.settle(), bench.asked) == ([("a", "ok")], ["a", "a"])  # the first is the failure
-    pixels.unlink()
-    assert (bench.settle(), bench.watch.unreadable) == ([("a", "ok")], 0)  # though the header is still there

@@ -1,7 +1,5 @@
 """Files made to exhaust or to deceive a reader: each is refused with the reason before it takes time or memory."""
 
-import os
-import socket
 import sys
 import traceback
 from contextlib import suppress
@@ -15,9 +13,6 @@ from conftest import code_of, error_of
 from files import put
 from scipy.io import savemat
 
-from cavirheo.companions.collapse_times import read_table
-from cavirheo.companions.published_values import read_references
-from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.errors import InputError, SolverError
 from cavirheo.io import limits, read_curves
 
@@ -32,26 +27,6 @@ def test_refused_with_the_reason(tmp_path, monkeypatch, name):
     monkeypatch.setattr(limits, "INFLATED", 20_000_000)
     code, file = BOMBS[name]
     assert code_of(read_curves, put(tmp_path / f"file.{name.partition('_')[0]}", file)) == code
-
-
-ROOMS = [read_curves, read_sweeps, read_table, read_references]
-
-
-@pytest.mark.parametrize("read", ROOMS, ids=lambda read: read.__name__)
-def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, monkeypatch, read):
-    monkeypatch.chdir(tmp_path)
-    os.mkfifo("pipe.csv")
-    with socket.socket(socket.AF_UNIX) as one:
-        one.bind("socket.csv")
-    Path("loop.csv").symlink_to("loop.csv")
-    Path("file.csv").touch()
-    codes = {
-        "pipe.csv": "special", "socket.csv": "special", "/dev/zero": "special", "loop.csv": "unreadable",
-        "n" * 300: "unreadable", ".": "folder", "file.csv/inside.csv": "missing", "a\0.csv": "missing",
-    }  # fmt: skip
-    for name, code in codes.items():
-        error = error_of(read, Path(name))
-        assert (error.code, str(error).isprintable()) == (f"reading.{code}", True), name
 
 
 @pytest.mark.parametrize(

@@ -161,8 +161,6 @@ def labels(*names):
 N, TOP = len(US), np.full(len(US), UM.max())
 WITHOUT_TIMES = [["time_us", "radius_um"], *([None, radius] for radius in UM)]
 WHOLE, COUNTED = np.c_[COUNT, np.round(100 * UM)].astype("i4"), {"frame_rate_hz": 1e6, "um_per_px": 0.01}
-CONSTANTS = "fps,1e6\nRmax_um,240\n\n"
-SQUARE = np.tile(RADIUS[:40], (40, 1))
 GAP = [["time_us", None, "radius_um"], *zip(US, [None] * len(US), UM, strict=True)]
 COMMAS = [["Zeit", "Radius"], ["µs", "µm"], *(line.split(";") for line in GERMAN.splitlines())]
 ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
@@ -173,12 +171,10 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "capitals": (" TIME_US , Radius_µm \n" + PLAIN, ""),
     "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "360 decimal commas"),
     "points above commas": ("Software;1.2.3\nUhrzeit;14.30\nZeit_us;R_um\n" + GERMAN, "360 decimal commas"),
-    "Japanese": ("時間 (マイクロ秒),気泡半径 (µm)\n" + PLAIN, ""),
     "lines above": (META + HEAD + PLAIN, "2 lines above the titles"),
     "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
     "unit row": ("Time,Radius\nus,um\n" + PLAIN, "below the titles: us, um"),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
-    "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), "column 1"),
     "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
     "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "'R_px'"),
     "control characters": (HEAD + PLAIN.replace(",", "\x07,") + "\x1a", "181 control characters"),
@@ -197,15 +193,10 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
     "HDF5 units beside": (hdf5({"t": US, "R": UM, "t@units": "µs", "R@unit": "micrometer", "R@of": 1}), "R@of"),
     "HDF5 columns of one dataset": (hdf5(shot=np.rec.fromarrays([TIME, RADIUS], names="time,radius")), "taken as m"),
-    "HDF5 pixels": (
-        hdf5({"R_px": UM / 2.0, "/@fps": 1 / (TIME[1] - TIME[0]), "/@um_per_px": 2.0}), "um_per_px",
-    ),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
     "no time": (within("inf,100"), "1 of 181 frames without a time"),
-    "titles with commas above spaces": ("# time_us, radius_um\n" + lines(" ", US, UM), ""),
     "separators at the ends of lines": (f"t_us,R_um,\n{PLAIN}".replace("\n", ",\n")[:-2], ""),
     "comments in the data": (within("#7,100\n# focus"), "2 comments left out"),
-    "constants above": (CONSTANTS + HEAD + PLAIN, "2 lines above the titles left out: fps, Rmax_um"),
     "units behind exp": (saved(R_exp_um=UM, t_exp_us=US, R_sim=RADIUS), "not used: R_sim"),
 }  # fmt: skip
 
@@ -273,7 +264,6 @@ GROUPS = {"first/time": TIME, "first/radius": RADIUS, "unrelated": UM[:3]}
 GROUPS |= {"series/second/time_us": US, "series/second/radius_um": 1.5 * UM}
 RADII, QUOTED = lines(",", US, UM, 1.5 * UM), labelled("gel, 1", UM) + labelled("gel, 2", 1.5 * UM)
 BLOCKS = lines(",", [0.0, -1000.0, *US, -1000.0, *US], [7e-310, -1000.0, *UM, -1000.0, *1.5 * UM])
-ROWS = saved(shift_normRnew=np.stack([R_STAR, R_STAR]), Rmax=[[200.0], [300.0]], t=TIME)
 TWICE = HEAD + PLAIN + HEAD + lines(",", US, 1.5 * UM)
 DOUBLED = {"R": np.r_[RADIUS, 1.5 * RADIUS], "t": np.r_[TIME, TIME]}
 SEVERAL = {  # two curves, their names, and what each says
@@ -290,7 +280,6 @@ SEVERAL = {  # two curves, their names, and what each says
         "two",
         "'notes'",
     ),
-    "MATLAB rows": (ROWS, "1", "2", "R/R_max times Rmax"),
     "MATLAB array of structs": (
         saved(data=np.array([[(RADIUS, TIME), (1.5 * RADIUS, TIME)]], [("R", "O"), ("t", "O")]), G=1.0),
         "data(1)",
@@ -299,10 +288,7 @@ SEVERAL = {  # two curves, their names, and what each says
     ),
     "MATLAB numbers": (saved(R1=RADIUS, t1=TIME, R2=1.5 * RADIUS, t2=TIME, R0=1.0), "R1", "R2", "not used: R0"),
     "MATLAB labels": (saved(**DOUBLED, shot=np.repeat([1, 2], len(TIME))), "1", "2", ""),
-    "MATLAB columns with times": (saved(R=np.c_[RADIUS, 1.5 * RADIUS], t=np.c_[TIME, TIME]), "1", "2", ""),
-    "lost frames of two shots": (f"t_us,R1_um,R2_um\n{TWO}" + "0,0,0\n" * 9, "R1_um", "R2_um", "9 rows with time 0"),
     "blank labels": (labels("A", *[""] * (N - 1), "B", *[""] * (N - 1)), "A", "B", "blank cells of 'shot' filled"),
-    "times around the groups": (hdf5({"t": TIME, "a/R": RADIUS, "b/R": 1.5 * RADIUS}), "a", "b", ""),
 }
 
 
@@ -404,9 +390,7 @@ BAD = {  # content, or what writes it; code; what is named
     "commas.csv": (b"time_us,radius_um\n1,5,200,3\n", "tabular.width", "row 2 has 4 cells"),
     "twice.csv": (b"time_us,radius_um,radius_um\n1,2,3\n", "table.twice", "radius"),
     "swapped.csv": (b"time_um,radius_us\n1,2\n", "table.units", "time in um and radius in us"),
-    "time.h5": (hdf5({"time": TIME, "radius_us": UM}), "table.units", "radius in us"),
     "one comma.csv": (b"t_us;R_um\n1,234;100\n2,345;120\n", "tabular.comma", "1.234"),
-    "two units.csv": (b"t_us,R_um\ns,um\n1,1\n", "tabular.units", "'us'"),
     "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.summary", "row 4 is a Std."),
     "clock.csv": (b"Time,R_um\n12:30:05.1,100\n", "tabular.number", "'12:30:05.1'"),
     "objects.npy": (array(np.array([{"a": 1}], object)), "tabular.array", "numbers"),
@@ -414,7 +398,6 @@ BAD = {  # content, or what writes it; code; what is named
     "noise.bin": (bytes(range(256)) * 20, "reading.binary", ""),
     "other.mat": (saved(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
     "sparse.mat": (saved(R=csc_matrix(RADIUS), t=TIME), "matlab.variables", "full("),
-    "two.mat": (saved(R=RADIUS, radius=2 * RADIUS, t=TIME), "hdf5.twice", "R and radius"),
     "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "reading.binary", "'-v7'"),
     "object.mat": (mat(OBJECT), "matlab.variables", "table2struct"),
     "times.mat": (saved(pIMR_array=np.ones((4, 3))), "matlab.collapse_times", "collapse-time"),
@@ -424,17 +407,12 @@ BAD = {  # content, or what writes it; code; what is named
     "shots.zip": (archive("gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
     "labels of another name.csv": (mixed("variable"), "curve.unusable", 'name the column of their labels "shot"'),
     "A and B.csv": (f"t_us,A (um),B (um)\n{TWO}", "table.twice", "'A (um)' and 'B (um)': two shots, or the half-axes"),
-    "square.mat": (saved(R=SQUARE, t=TIME[:40]), "matlab.cells", "are the shots in rows"),
-    "three times.mat": (saved(R=np.c_[RADIUS, RADIUS], t=np.r_[TIME, TIME, TIME]), "matlab.cells", "540 times"),
     "exchanged.npy": (array(np.c_[UM + 5 * np.sin(COUNT), US]), "curve.unusable", "are the columns exchanged?"),
-    "group without times.h5": (hdf5({"common/t": TIME, "a/R": RADIUS}), "table.frame_rate", "not used: common/t"),
-    "text.mat": (saved(R_um=UM, fps="1000000"), "table.frame_rate", "give the frame rate (--fps 1e6); not used: fps"),
     "units in cells.csv": ("time,radius\n0.0 us,240 um\n1.0 us,239 um\n", "table.empty", "no rows of numbers"),
     "arrays.npz": (lambda path: np.savez(path, t=TIME, R=RADIUS), "tabular.archive", "save one array: numpy.save("),
     "packed.csv.gz": (gzip.compress((HEAD + PLAIN).encode()), "reading.binary", "unpack what is packed"),
     "formulas.xlsx": (book(a=WITHOUT_TIMES), "table.empty", "formulas"),
     "since 1970.csv": ("t_s,R_um\n1710237600.1,100\n1710237600.2,99\n", "table.empty", "subtract the first one"),
-    "japanese.csv": (f"時間,半径\n{PLAIN}".encode("shift_jis"), "table.columns", "time"),
     "hidden.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "R_um"]]), "table.columns", "raw (hidden)"),
     "missing.mat": (lambda path: None, "reading.missing", ""),
     "folder": (Path.mkdir, "reading.folder", ""),

@@ -101,23 +101,6 @@ def test_what_a_page_names_exists(page):
     assert problems(page.read_text("utf-8")) == []
 
 
-MISTAKES = """
-`cavirheo guess FILE`
-`fit --laws nhkv`
-`cavirheo.posterior.Posteriors`
-`physics/nothing.py`
-src/cavirheo/gone.py
-`make nothing`
-$ cavirheo infer a.csv --window two
-$ pip install '.[nothing]'
-$ python -m validation.nothing
-""".strip().splitlines()
-
-
-def test_planted_mistakes_are_found():
-    assert [one for one in MISTAKES if not problems(re.sub(r"^\$ (.*)", r"```\n\1\n```", one))] == []
-
-
 def test_the_page_of_commands_has_every_verb():
     text = (ROOT / "docs" / "which-command.md").read_text("utf-8")
     assert [verb for verb in OPTIONS if not re.search(rf"[`/ ]{verb}[`,]", text)] == []

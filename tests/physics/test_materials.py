@@ -16,11 +16,11 @@ from cavirheo import Bubble, InputError, Medium, Newtonian, simulate, simulate_m
 from cavirheo.inference.assumptions import FITTABLE, Family
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import laws, materials
-from cavirheo.physics.accuracy import COARSE, Accuracy
+from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import FIELD, Damage
 from cavirheo.physics.laws import Elastic, Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, Viscous, Yeoh
 from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
-from cavirheo.physics.media import WATER, Pulse, Trace, medium
+from cavirheo.physics.media import WATER, Pulse, medium
 from cavirheo.physics.table import look_up
 
 
@@ -205,24 +205,16 @@ def test_every_law_by_position_and_by_name_and_described(name):
     ("text", "code", "named"),
     [
         ("", "laws.empty", EXAMPLE),
-        ("glass(1)", "laws.unknown", "'glass'; known: linear, neo-hookean, "),
         ("gnet(1, 2)", "laws.unknown", "gent?"),
         ("Carreau-Yasuda(1, 1, 1, 1)", "laws.unknown", "carreau-yasuda?"),
         ("gent", "laws.parameters", "gent(shear_modulus [Pa], limit [-])"),
-        ("gent()", "laws.parameters", "'shear_modulus'"),
-        ("gent(2e3, 40, stiffening=1)", "laws.parameters", "'stiffening'"),
         ("gent(2e3, 40, limit=40)", "laws.parameters", "'limit'"),
-        ("gent(*(2e3, 40), 40)", "laws.number", "*(2000.0, 40)"),
-        ("gent(2e3, soft)", "laws.number", "gent: limit"),
         ("gent(2e3, __import__('os').getpid())", "laws.number", "__import__('os').getpid()"),
         ("gent(1" + 400 * "0" + ", 40)", "laws.number", "shear_modulus"),
-        ("ogden((2e3, 'a'), (2, 2))", "laws.number", "ogden: moduli"),
         ("gent(-1, 40)", "physics.shear_modulus", "-1.0"),
         ("ogden((1e3,), (2, 3))", "physics.terms", "ogden"),
         ("gent(2e3, 40) +", "laws.syntax", EXAMPLE),
-        ("gent(2e3, 40)\0", "laws.syntax", EXAMPLE),
         ("2 * gent(2e3, 40)", "laws.no_law", "'2 * gent(2000.0, 40)'"),
-        ("os.getpid()", "laws.no_law", "'os.getpid()'"),
         ("gent(2e3, 40) + linear(2)", "laws.elastic_twice", "gent and linear"),
         ("newtonian(1) + cross(1, 1, 1)", "laws.viscous_twice", "newtonian and cross"),
     ],
@@ -236,7 +228,6 @@ KINETIC = {"contents": "kinetic", "accommodation": 0.07}
 SILENT = {"bubble": Bubble(motion="gilmore"), "medium": Medium(sound_speed=inf)}
 IMPOSSIBLE: dict[str, list] = {  # by the code of the refusal: texts of laws, calls, and bubbles
     "C1": ["mooney-rivlin(1e3, -2e3)"],
-    "C2": ["yeoh(1e3, 1e999)"],
     "stiffening": ["fung(1e3, -1)", "qkv(1e3, 0.1, -0.1)"],
     "limit": ["gent(1e3, 0)"],
     "segments": ["arruda-boyce(1e3, 0)"],
@@ -250,32 +241,21 @@ IMPOSSIBLE: dict[str, list] = {  # by the code of the refusal: texts of laws, ca
     "unstable": ["ogden(1e3, -2)"],
     "viscosity": ["newtonian(-0.1)", "maxwell(-1, 1e-6)", "qsls(1e3, 0, 1e-6, 0.1)"],
     "yield_stress": ["herschel-bulkley(-1, 1, 1)"],
-    "transition": ["carreau-yasuda(0.1, 0.1, 1e-4, 0.5, 0)"],
-    "infinite_rate": ["cross(0.1, -0.1, 1e-4)"],
     "time": ["powell-eyring(0.1, 0.1, -1e-4)"],
     "retardation_time": ["oldroyd-b(1, 1e-6, 2e-6)"],
     "shear_modulus": ["zener(-1, 1, 1e-6)", lambda: NeoHookean(nan)],
     "negative_viscosity": [lambda: Own(lambda s: 1 - 1e-5 * s).table()],
     "rough": [lambda: Own(lambda s: np.random.default_rng(0).uniform(size=s.shape)).table()],
     "followed_twice": [lambda: Viscoelastic(NeoHookean(1e3), None, 2 * [TotalRelaxation(0.1, 1e-6)])],
-    "not_Arm": [lambda: Viscoelastic(None, None, [Newtonian(1.0)])],
     "not_Elastic": [lambda: Viscoelastic(Newtonian(1.0), NeoHookean(1e3))],
-    "no_law": [lambda: Viscoelastic()],
     "boiling": [lambda: replace(WATER, temperature=400.0)],
-    "density": [lambda: replace(WATER, density=0.0)],
     "unknown_medium": [lambda: medium("honey")],
-    "modulus": [lambda: Damage(-0.1), lambda: Damage(1.1), lambda: Damage(0.0, 2.0)],
     "radius": [lambda: Damage(0.5, 0.9), lambda: Damage(0.5, nan)],
     "amplitude": [lambda: Pulse(nan, 1e6, 0.0)],
     "frequency": [lambda: Pulse(1e6, 0.0, 0.0)],
-    "trace_shape": [lambda: Trace([0, 1], [1])],
-    "trace_values": [lambda: Trace([0, 0], [1, 2])],
-    "relative_error": [lambda: Accuracy(relative_error=0.5)],
-    "cells": [lambda: Accuracy(4)],
     "max_radius": [lambda: simulate(NeoHookean(1e3), **WAY | {"max_radius": -1e-4})],
     "stretch": [lambda: simulate(NeoHookean(1e3), **WAY | {"stretch": 0.5})],
     "times_descend": [lambda: simulate(NeoHookean(1e3), **WAY | {"time": [0, 2e-6, 1e-6]})],
-    "times": [lambda: simulate(NeoHookean(1e3), **WAY | {"time": [0, nan]})],
     "no_fields": [lambda: simulate(NeoHookean(1e3), bubble=Bubble(exponent=1.4), fields=True, **WAY)],
     "sound_speed": [lambda: simulate(NeoHookean(1e3), **WAY | SILENT)],
     "shapes": [lambda: simulate_many(2 * [NeoHookean(1e3)], **WAY | {"max_radius": [1e-4] * 3})],
@@ -285,7 +265,6 @@ IMPOSSIBLE: dict[str, list] = {  # by the code of the refusal: texts of laws, ca
     "contents_twice": [{"exponent": 1.4} | other for other in ({"vapour_excess": "free"}, KINETIC)],
     "confinement_inertia": [{"confinement_inertia": -1.0}],
     "wall_too_near": [{"wall_distance": 100e-6}],
-    "two_walls": [{"wall_distance": 1e-3, "confinement_inertia": 0.1}],
     "vapour_excess": [{"vapour_excess": -1.0}],
     "confinement_damping": [{"confinement_damping": -0.1}, {"confinement_damping": None}],
     "free_bubble": [{"contents": "kinetic"}, {"damage": "strain"}],

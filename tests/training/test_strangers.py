@@ -52,16 +52,6 @@ def test_broken_recipe(tmp_path, name):
     assert named in str(error_of(read_recipe, tmp_path / "r.toml")).removeprefix(str(tmp_path))
 
 
-def test_a_recipe_that_is_no_file(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with (tmp_path / "huge").open("wb") as file:
-        file.truncate(1 << 30)
-    codes = {".": "files.kind", "pipe": "files.kind", "huge": "files.size", "x" * 300: "files.unreadable"}
-    assert {name: code_of(read_recipe, tmp_path / name) for name in codes} == codes
-    assert code_of(read_recipe, "/dev/zero") == "files.kind"
-    assert code_of(read_recipe, "nul\0l") == "files.unreadable"
-
-
 @pytest.fixture
 def shards(instant, tmp_path) -> Path:
     dataset.generate(PROBLEM, 1100, tmp_path / "set", progress=False)
