@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
-from conftest import ROOT, messages
+from conftest import ROOT, WATER, messages
 
 import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
@@ -15,7 +15,6 @@ from cavirheo.companions.collapse_times import CollapseTimes, read_groups
 from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
-from cavirheo.physics.media import WATER
 from cavirheo.posterior import Checks, Diagnostics
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")

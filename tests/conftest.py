@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cavirheo import InputError, verbs
+from cavirheo import Bubble, InputError, Medium, verbs
 from cavirheo.messages import Message
 from cavirheo.prior import Prior, TrainingProblem
 
 LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}
 PROBLEM = TrainingProblem("newtonian", Prior.uniform(LIQUID))
+WATER = Medium()
+FIELD, REAL = Bubble(), Bubble("kinetic", confinement_inertia="free", confinement_damping="free")
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -6,13 +6,12 @@ from itertools import zip_longest
 from math import inf
 
 import pytest
-from conftest import BDT, EXAMPLE, done, refusal
+from conftest import BDT, EXAMPLE, FIELD, REAL, WATER, done, refusal
 from files import write_curve
 
-from cavirheo import infer_many, load, read_curves
-from cavirheo.physics.bubble import FIELD, REAL, Bubble
+from cavirheo import Bubble, Medium, infer_many, load, read_curves
 from cavirheo.physics.materials import LAWS
-from cavirheo.physics.media import WATER, ZHU2025, Medium, medium
+from cavirheo.physics.media import ZHU2025, medium
 from cavirheo.reporting import result
 from cavirheo.reporting.citation import MEDIUM_KEYS, methods_paragraph, references, references_of_law
 from cavirheo.writing.document import write_json

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import typer
 from answers import answer
-from conftest import BDT, EXAMPLE, ROOT, refusal
+from conftest import BDT, EXAMPLE, FIELD, REAL, ROOT, refusal
 from recordings import write_mraw
 
+from cavirheo import Bubble
 from cavirheo.inference.analysis import Analysis
-from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import medium
 from cavirheo.verbs import app
 

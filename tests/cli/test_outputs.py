@@ -17,11 +17,11 @@ from answers import KnownAnalysis, fit, same, unanswered
 from conftest import BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
 from files import write_curve
 
-from cavirheo import RadiusCurve, read_curves
+from cavirheo import Posterior, RadiusCurve, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads, run_jobs
 from cavirheo.physics import simulate
-from cavirheo.posterior import Evidence, Posterior
+from cavirheo.posterior import Evidence
 from cavirheo.reporting import html, read_json, result, write_report
 from cavirheo.workflow.store import Store, Unfinished
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import code_of, done, refusal
+from conftest import WATER, code_of, done, refusal
 from files import text_table
 from scipy.io import savemat
 from scipy.stats import t as student
@@ -14,7 +14,6 @@ from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, SolverError, si
 from cavirheo.companions.collapse_times import read_groups, read_table
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot
 from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
-from cavirheo.physics.media import WATER
 
 EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, sound_speed=float("inf"), name="empty")
 BARE = Bubble(motion="rayleigh-plesset", exponent=1.4)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from answers import bubble
 
+from cavirheo import Posterior
 from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.which_law import choose_answers, ranked
-from cavirheo.posterior import Checks, Evidence, Posterior
+from cavirheo.posterior import Checks, Evidence
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 from answers import fit, holds, simulated
-from conftest import code_of, slow
+from conftest import FIELD, REAL, code_of, slow
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, infer
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.experiment import Experiment
-from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, Damage
+from cavirheo.physics.bubble import ACCOMMODATION, Damage
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.01)
 QUICKLY = dict(trust_input=True, material="nhkv")

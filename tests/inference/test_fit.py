@@ -7,13 +7,12 @@ from functools import partial
 import numpy as np
 import pytest
 from answers import GEL, fit, holds, simulated
-from conftest import slow
+from conftest import WATER, slow
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
 from cavirheo.physics.materials import parse
-from cavirheo.physics.media import WATER
 from validation.challenge import run_scipy
 
 R_MAX = 250e-6

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import fit, simulated
-from conftest import BDT, EXAMPLE, ROOT, code_of, rows_of
+from conftest import BDT, EXAMPLE, ROOT, WATER, code_of, rows_of
 from files import write_curve
 
 import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, predict_radius, read_curves
 from cavirheo.inference import input_warnings
 from cavirheo.landmarks import RAYLEIGH
-from cavirheo.physics.media import WATER
 from cavirheo.reporting import read_json
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import WATER
 from scipy.stats import norm
 
+from cavirheo import Bubble, simulate
 from cavirheo.arrays import relative_weights
 from cavirheo.inference.answer import open_ends, trades
 from cavirheo.inference.assumptions import Family
@@ -24,10 +26,7 @@ from cavirheo.inference.sample import (
     sample,
 )
 from cavirheo.inference.weigh import Model, pick, posterior, smooth
-from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.laws import table_of
-from cavirheo.physics.media import WATER
-from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import look_up
 from cavirheo.posterior import weighted_quantile
 from cavirheo.prior import Prior, log_normal

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import CENTRE, FLAT, NAMES, answer, bubble, empty, seen, shots
-from conftest import code_of, slow
+from conftest import FIELD, REAL, code_of, slow
 from scipy.stats import norm
 
-from cavirheo import CommonErrors, load, population
+from cavirheo import CommonErrors, Posterior, load, population
 from cavirheo.column import LOG_R_MAX, with_column
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import hidden_modulus
-from cavirheo.physics.bubble import FIELD, REAL
 from cavirheo.physics.collapse import analytic_time
-from cavirheo.posterior import Checks, Evidence, Posterior
+from cavirheo.posterior import Checks, Evidence
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json
 

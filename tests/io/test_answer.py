@@ -9,8 +9,8 @@ import pytest
 from answers import answer, bubble, seen, unanswered
 from conftest import ROOT, code_of, refused
 
-from cavirheo import load, table
-from cavirheo.posterior import Checks, Posterior
+from cavirheo import Posterior, load, table
+from cavirheo.posterior import Checks
 from cavirheo.reporting.measured import Measured
 from cavirheo.reporting.record import Result
 from cavirheo.training.dataset import generate

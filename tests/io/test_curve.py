@@ -5,11 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from conftest import code_of, error_of, slow
+from conftest import WATER, code_of, error_of, slow
 from scipy.integrate import solve_ivp
 
-from cavirheo.curve import RadiusCurve
-from cavirheo.physics.media import WATER
+from cavirheo import RadiusCurve
 
 R_MAX = 250e-6
 T_C = WATER.time_scale(R_MAX)

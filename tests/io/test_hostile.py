@@ -13,8 +13,8 @@ from conftest import code_of, error_of
 from files import put
 from scipy.io import savemat
 
-from cavirheo.errors import InputError, SolverError
-from cavirheo.io import limits, read_curves
+from cavirheo import InputError, SolverError, read_curves
+from cavirheo.io import limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "nightly"))
 from apart import each_apart

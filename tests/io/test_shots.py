@@ -8,7 +8,7 @@ import pytest
 from conftest import BDT, ROOT, code_of, refusal, refused
 from files import RADIUS, TIME, text_table
 
-from cavirheo.io import read_curves
+from cavirheo import read_curves
 from cavirheo.io.shots import read_shots, shot_numbers
 
 FILE = ROOT / "examples" / "stiff_gel.mat"

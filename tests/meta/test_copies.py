@@ -11,10 +11,10 @@ from answers import same, shots, unanswered
 from conftest import EXAMPLE, refused
 
 import cavirheo
-from cavirheo import InputError, Medium, SolverError
+from cavirheo import Bubble, InputError, Medium, SolverError
 from cavirheo.physics.materials import LAWS, Material, parse
 from cavirheo.physics.media import Pulse, Trace
-from cavirheo.posterior import Bubble, Evidence
+from cavirheo.posterior import Evidence
 from cavirheo.reporting import result
 
 WAYS = {"pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)), "copy": copy.copy, "deepcopy": copy.deepcopy}

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import WATER
 from files import cells
 from scipy.io import savemat
 from test_documentation import NUMBER, PAGES, ROOT, blocks, name
 
 import cavirheo
-from cavirheo.physics.media import WATER
 from validation.rendering import Scene, render
 
 pytestmark = [

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, read_curves, simulate
-from cavirheo.physics.laws import Fung, Newtonian, PowerLaw
+from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, read_curves, simulate
+from cavirheo.physics.laws import Fung, PowerLaw
 from cavirheo.physics.materials import Viscoelastic
 from validation import numbers, pages
 from validation.__main__ import CLAIMS

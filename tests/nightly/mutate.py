@@ -9,13 +9,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
+from conftest import WATER
 
 import cavirheo
 from cavirheo import InputError
 from cavirheo.companions import collapse_times, published_values
 from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.inference.bdt import Network
-from cavirheo.physics.media import WATER
 from cavirheo.training.recipe import read_recipe
 
 

@@ -11,16 +11,16 @@ from itertools import product
 import lagrangian
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import FIELD, WATER, slow
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, SolverError, simulate, simulate_many
 from cavirheo.physics.accuracy import Accuracy, wall_clustered
-from cavirheo.physics.bubble import ACCOMMODATION, FIELD, MOTIONS, Damage
+from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS, Damage
 from cavirheo.physics.laws import Gent, Linear, NeoHookean
 from cavirheo.physics.materials import Maxwell, UpperConvectedMaxwell, Viscoelastic, Zener, parse
-from cavirheo.physics.media import WATER, Pulse
+from cavirheo.physics.media import Pulse
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import memories_after_growth
 from validation.field_standard import neo_hookean, newtonian

@@ -9,7 +9,7 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from conftest import refused
+from conftest import FIELD, WATER, refused
 from scipy.integrate import quad
 
 from cavirheo import Bubble, InputError, Medium, Newtonian, simulate, simulate_many
@@ -17,10 +17,10 @@ from cavirheo.inference.assumptions import FITTABLE, Family
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import laws, materials
 from cavirheo.physics.accuracy import COARSE
-from cavirheo.physics.bubble import FIELD, Damage
+from cavirheo.physics.bubble import Damage
 from cavirheo.physics.laws import Elastic, Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, Viscous, Yeoh
 from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
-from cavirheo.physics.media import WATER, Pulse, medium
+from cavirheo.physics.media import Pulse, medium
 from cavirheo.physics.table import look_up
 
 

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import LIQUID, PROBLEM, ROOT, code_of, contents, refused
+from conftest import LIQUID, PROBLEM, ROOT, WATER, code_of, contents, refused
 from scipy.stats import kstest
 
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
-from cavirheo.physics.media import BU2026, WATER
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian
+from cavirheo.physics.media import BU2026
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.trajectories import BLOCK, block

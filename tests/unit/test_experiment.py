@@ -5,19 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import GEL, simulated
-from conftest import refused
+from conftest import FIELD, REAL, refused
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_t, norm
 
-from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
 from cavirheo.inference.answer import REJECTED, predictive_check
 from cavirheo.inference.assumptions import FREE, Family, Options
 from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.frames import MOST_FRAMES, compared_frames
 from cavirheo.inference.noise import GAMMA_A, Noise
-from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.prior import Prior
 
 R_MAX = 250e-6
