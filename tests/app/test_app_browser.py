@@ -169,30 +169,3 @@ def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
     page.close()
     until(lambda: visitors.forget_absent() or mine not in kept)
     assert visitors.reopen("another page", link) is None
-
-
-@pytest.mark.slow
-@pytest.mark.needs("av")
-def test_a_recording_is_measured_looked_at_and_answered_on_a_phone(visit, tmp_path):
-    page = visit(PHONE)
-    page.set_input_files(INPUT, examples()["bubble.mp4"])
-    page.wait_for_selector("#file-errors :text('--fps')")  # it waits for what the file does not state
-    page.fill("#fps input", "500000")
-    page.fill("#um-per-px input", "4")
-    page.press("#um-per-px input", "Enter")
-    page.wait_for_selector("#shots-table tbody tr")
-    page.wait_for_selector("#file-errors .failed-message", state="detached")
-    page.fill("#exclude input", "x")
-    page.press("#exclude input", "Tab")
-    page.wait_for_selector("#exclude :text('numbers')")
-    page.fill("#exclude input", "40-45")
-    page.press("#exclude input", "Tab")
-    page.wait_for_selector("#shots-table td:text('70 of 80')")
-    page.click("#to-prepare")
-    page.wait_for_selector("#prepared-curve img")
-    assert page.evaluate(FITS)
-    page.get_by_role("tab", name="1 Data").click()
-    page.click("#infer-now")
-    answered(page, 1)
-    (record,) = json.loads((take(page, tmp_path) / "result.json").read_text())["curves"]
-    assert "excluded by hand: frames 40-45" in record["notes"]

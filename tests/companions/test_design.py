@@ -152,13 +152,6 @@ def test_infer_reaches_what_is_expected():
     assert np.mean(np.ptp(ends, axis=2), axis=0) / 2.0 == pytest.approx(expected, rel=0.35)
 
 
-def test_what_cannot_be_read_or_is_not_known_tells_nothing_or_is_refused():
-    blind = told(Setting(30e-6, 1e5, 0.3e-6))
-    assert blind is None or np.all(blind.half_width > 1.0)
-    with refused("design.unknown", "trained"):
-        one().films(Setting(5e-6, 1e6, 5e-8))
-
-
 def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
     """Shots of 0.05 decades each that scatter by 0.15: as many as are advised bring the material to its interval."""
     first = shots(8, 0.15, 0.05, seed=5)

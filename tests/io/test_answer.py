@@ -63,8 +63,6 @@ def test_corner_has_marginals_and_pairs_but_not_of_a_point(posterior, tmp_path):
     assert marks == pytest.approx(1e-3 * np.quantile(draws, [0.05, 0.5, 0.95], **how))
     figure.savefig(tmp_path / "a.png")
     assert len(posterior.corner("lambda").axes) == 1
-    liquid = np.where(np.arange(900)[:, None] < 800, [[-np.inf, 8.5]], posterior.theta)  # G is 0 in most draws
-    assert len(replace(posterior, theta=liquid, log_weight=None).corner().axes) == 1
     assert code_of(replace(posterior, theta=posterior.theta[:1]).corner) == "posterior.no_draws"
     assert code_of(posterior.corner, "E") == "posterior.parameter"
 

@@ -150,18 +150,6 @@ def test_means_of_dense_frames_are_on_the_motion(shot):
     assert np.array_equal(compared_frames(usual).radius, usual.radius)
 
 
-def test_an_experiment_compares_means_and_says_so():
-    curve = simulated(noise=0.005, frames=2000, frame=5e-8, radius_std=np.full(2000, 1e-6))
-    spiked = curve.radius.copy()
-    spiked[700] *= 1.5
-    curve = replace(curve, radius=spiked)
-    there = Experiment(curve, Family("nhkv"))
-    assert len(there.measured) <= MOST_FRAMES + 2
-    assert np.sum(there.averaged) == len(there.usable) == len(there.view.normalised)
-    assert there.averaged[~there.counted].tolist() == [1.0]
-    assert "frames.averaged" in [message.code for message in there.messages]
-
-
 def test_every_free_parameter_has_a_proper_prior():
     """Walls and vapour: half of a normal, from nothing up."""
     every = Bubble("kinetic", "free", "strain", "free", None, "free", "free")
