@@ -235,7 +235,7 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
 
 def test_materials_are_typed_without_another_run(session, tmp_path):
     for k, name in enumerate("abc"):
-        session.add([single(tmp_path / f"{name}.csv", 1.0 + 0.05 * k)], QUICK)
+        session.add([single(tmp_path / f"{name}.csv", 1.02 + 0.04 * k)], QUICK)
     session.add([SOFT], QUICK, copy=True)
     names = [curve.name for curve in session.curves]
     first = infer(session, names[:4])

@@ -19,9 +19,7 @@ from cavirheo.writing.document import LIST_FILE
 
 COMMANDS = {  # shots, kills, words
     "infer": (12, 8, ["infer", "shots", "-o", "out"]),
-    "fit": (12, 4, ["fit", "shots", "--window", "2", "-o", "out"]),
     "network": (50, 5, ["infer", "shots", "--model", "bdt-viscoelastic", "-o", "out"]),
-    "references": (12, 3, ["infer", "shots", "--references", "references.csv", "-o", "out"]),
 }
 
 
@@ -67,8 +65,6 @@ def test_killed_at_random_moments(tmp_path, name):
         place.mkdir(parents=True)
         for k in range(shots):
             write_curve(place / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
-        lines = "".join(f"set {s},shot{s}?.csv\n" for s in range((shots + 9) // 10))
-        (place / "references.csv").write_text(f"set,files\n{lines}")
     assert call(words, whole) == 0, (whole.parent / "said").read_text()
     chance, before = random.Random(0), set[str]()
     for _ in range(kills):
