@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 from answers import fit, holds, simulated
-from conftest import FIELD, REAL, code_of, slow
+from conftest import REAL, code_of, slow
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, infer
 from cavirheo.inference.analysis import Analysis
@@ -79,17 +79,6 @@ def test_a_wall_that_is_given_is_in_the_answer():
     assert beside.bubble == Bubble(confinement_inertia=0.25)
     assert holds(beside, shear_modulus=5e3, viscosity=0.01)
     assert not holds(infer(curve, bubble="field", **QUICKLY), shear_modulus=5e3)
-
-
-def test_different_bubbles_have_different_names_and_titles():
-    changes = [
-        {},
-        {"damage": "strain"},
-        {"confinement_damping": 0.2, "confinement_inertia": 0.0, "wall_distance": 1e-3},
-        {"motion": "gilmore"},
-    ]
-    made = [replace(kind, **change) for kind in (REAL, FIELD) for change in changes]
-    assert len({one.name for one in made}) == len({one.title for one in made}) == len(made)
 
 
 @pytest.mark.slow

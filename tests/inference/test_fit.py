@@ -10,8 +10,6 @@ from answers import GEL, fit, holds, simulated
 from conftest import WATER, slow
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
-from cavirheo.inference.assumptions import Family, Options
-from cavirheo.inference.experiment import Experiment
 from cavirheo.physics.materials import parse
 from validation.challenge import run_scipy
 
@@ -64,17 +62,6 @@ def test_time_origin_and_scale_are_recovered_when_free():
     assert answer.units[2:] == ("s", "1")
     small = shot(maximum=(0.0, 0.99 * R_MAX), noise=0.003)  # a maximum that was read too small
     assert fit(small, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
-
-
-def test_windows():
-    curve = shot(frames=100, noise=0.003)
-    recorded = len(curve.collapse_times())
-    assert recorded > 3
-    for options, collapses in (({}, 3), ({"window": 1}, 1), ({"window": "all"}, recorded)):
-        there = Experiment(curve, Family("nhkv"), options=Options(**options))
-        assert there.view.collapses == collapses
-    timed = fit(curve, end=40e-6)
-    assert timed.checks.t_star_end == pytest.approx(40e-6 / WATER.time_scale(R_MAX), rel=1e-3)
 
 
 @pytest.mark.slow
