@@ -134,27 +134,6 @@ def test_doubled_files_are_counted_once_and_named_and_shots_are_added_to_a_file(
     assert len(bench.asked) == len(set(bench.asked)) == len(rows) == 5
 
 
-def test_no_answer_of_a_file_is_lost_when_it_is_stopped_in_the_middle(bench):
-    shutil.copy(EXAMPLE, bench.folder / "gel.csv")
-    bench.how |= {"executor": Threads(1)}
-    real = bench.answer
-
-    def stopped(one):
-        if len(bench.asked) == 3:
-            raise KeyboardInterrupt
-        return real(one)
-
-    bench.answer = stopped
-    bench.start()
-    with pytest.raises(KeyboardInterrupt):
-        bench.settle()
-    bench.watch.write()
-    assert len(bench.result.curves) == 3
-    bench.asked.append("stopped")
-    bench.start()
-    assert len(bench.settle()) == len(set(bench.asked)) - 1 == 5
-
-
 def test_the_command_answers_as_infer_does(run, tmp_path):
     (tmp_path / "in").mkdir()
     write(tmp_path / "in", 1, 2)

@@ -149,27 +149,6 @@ def test_strain_rate_is_the_mean_of_two_u_over_r():
     assert curve.strain_rate() * T_C == pytest.approx(mean, rel=0.01)
 
 
-def test_resampled_and_normalised_are_the_measured_frames_from_the_maximum_on():
-    curve = measured(step=0.05)
-    fine, t = curve.resampled(0.5e-6, 100), 0.5e-6 * np.arange(100)
-    away = np.abs(t - curve.collapse_times()[:, None]).min(axis=0) > 3e-6
-    assert fine[0] == curve.max_radius
-    assert np.max(np.abs(fine - R_MAX * shot()[0]((t + curve.time_of_max) / T_C))[away]) < 0.003 * R_MAX
-    assert np.all(fine <= curve.max_radius * (1 + 1e-12))
-    ends = measured(end=3.0)
-    assert code_of(ends.resampled, 1e-6, 100) == "curve.short"
-    short = ends.resampled(1e-6, 100, allow_short=True)
-    assert np.array_equal(np.isnan(short), np.arange(100) * 1e-6 > ends.time[-1] - ends.time_of_max)
-    gap = curve.radius.copy()
-    gap[40:43] = np.nan
-    gapped = RadiusCurve(curve.time, gap)
-    assert np.all(np.isfinite(gapped.resampled(1e-6, 60)))
-    t, r = gapped.normalised(WATER)
-    assert len(t) == len(gap) - 3
-    assert t[0] < 0
-    assert np.median(np.abs(r - shot()[0](t))) < 2e-4
-
-
 def test_noise_does_not_decide_which_frame_a_window_ends_with():
     """The largest frame of a rebound is too large: by one standard deviation of the noise in the mean."""
     exact, noise = measured(), 0.01

@@ -123,29 +123,6 @@ def small(tmp_path) -> Path:
     return tmp_path / "small.toml"
 
 
-@pytest.mark.train
-@pytest.mark.slow
-def test_a_damaged_run_is_named(instant, small, run, tmp_path):
-    pytest.importorskip("torch")
-    assert run("generate", small, "-o", "data")[0] == 0
-    words = ("train", small, "data", "-o", "run", "--threads", 1)
-    assert run(*words)[0] == 0
-    whole = tmp_path / "whole"
-    (tmp_path / "run").replace(whole)
-    good = (whole / "tiny.npz").read_bytes()
-    checkpoint = "checkpoint.safetensors"
-    damage = {checkpoint: [b"", b"\xff" * 100, good], "tiny.npz": [b"", good[:100]], "tiny.json": [b"{", b"{}"]}
-    for name, bad in ((name, bad) for name, contents in damage.items() for bad in contents):
-        shutil.rmtree(tmp_path / "run", ignore_errors=True)
-        shutil.copytree(whole, tmp_path / "run")
-        (tmp_path / "run" / name).write_bytes(bad)
-        if name == checkpoint:
-            refusal(run(*words), name)
-        else:  # what was exported is made again
-            assert run(*words)[0] == 0
-            assert (tmp_path / "run" / "tiny.npz").read_bytes() == good
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
 @pytest.mark.parametrize("most", [0, 3000])
 def test_a_full_disk(small, tmp_path, most):

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_t, norm
 
-from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
 from cavirheo.inference.answer import REJECTED, predictive_check
 from cavirheo.inference.assumptions import FREE, Family, Options
 from cavirheo.inference.emulator import emulator
@@ -148,22 +148,6 @@ def test_means_of_dense_frames_are_on_the_motion(shot):
     assert frames.averaged[collapse] < 0.2 * np.max(frames.averaged)
     usual = simulated(material, noise=noise, frames=100, stretch=stretch)
     assert np.array_equal(compared_frames(usual).radius, usual.radius)
-
-
-def test_every_free_parameter_has_a_proper_prior():
-    """Walls and vapour: half of a normal, from nothing up."""
-    every = Bubble("kinetic", "free", "strain", "free", None, "free", "free")
-    there = Experiment(shot(), Family("nhkv"), options=Options(bubble=every))
-    prior = there.prior()
-    x = prior.to_x(np.random.default_rng(1).normal(size=(20_000, len(prior.names))))
-    natural = there.natural(x.T)
-    for name, deviation in (("confinement_inertia", 0.1), ("confinement_damping", 0.3), ("vapour_excess", 3039.75)):
-        assert natural[name].min() >= 0
-        assert np.sqrt(np.mean(natural[name] ** 2)) == pytest.approx(deviation, rel=0.03)
-    assert 0.01 <= natural["accommodation"].min() < natural["accommodation"].max() <= 1
-    assert np.median(natural["accommodation"]) == pytest.approx(0.1, rel=0.1)
-    assert natural["damage_modulus"].max() <= 1 <= natural["damage_radius"].min()
-    assert there.predict(x[0]) is not None
 
 
 def test_the_default_family_has_the_stated_probabilities_of_its_switches():
