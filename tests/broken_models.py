@@ -1,5 +1,5 @@
 """Networks, each wrong in one way, with a card whose sha256 fits: `BROKEN[name]` is the code by which it is refused,
-and what writes it into a folder. Where it is the card that is wrong, it is made of that of the shipped network."""
+and what writes it into a folder. All are made of a shipped network and its card."""
 
 import hashlib
 import json
@@ -12,30 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.inference.cards import path_of
-from cavirheo.prior import FrameGrid, Prior, TrainingProblem
+import cavirheo
 
-FRAMES, WIDTH = 20, 4
-PRIOR = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
-SHIPPED = path_of("bdt-viscoelastic").with_suffix(".json")
+SHIPPED = Path(cavirheo.__file__).parent / "models" / "bdt-viscoelastic.npz"
+FRAMES = 100
 
 
 def weights() -> dict[str, np.ndarray]:
-    """Of a tiny network, in which every layer has WIDTH units."""
-    rng = np.random.default_rng(0)
-    square = ("query_key_value", 3 * WIDTH), ("attended", WIDTH), ("expand", WIDTH), ("contract", WIDTH)
-    dense = {"dense": (WIDTH, 1 + WIDTH)}
-    norms = ["norm"]
-    for branch in ("branches.0", "branches.1"):
-        dense |= {f"{branch}.dense": (WIDTH, WIDTH), f"{branch}.output": (1, WIDTH)}
-        dense |= {f"{branch}.layers.0.{name}": (size, WIDTH) for name, size in square}
-        norms += [f"{branch}.layers.0.norm_attention", f"{branch}.layers.0.norm_feed_forward"]
-    made = {"position": rng.random((FRAMES, WIDTH)), "mean": np.array([4.5, -1.5]), "std": np.array([0.9, 0.9])}
-    for name, shape in dense.items():
-        made |= {f"{name}.weight": rng.standard_normal(shape), f"{name}.bias": np.zeros(shape[0])}
-    for name in norms:
-        made |= {f"{name}.weight": np.ones(WIDTH), f"{name}.bias": np.zeros(WIDTH)}
-    return {name: np.asarray(array, np.float32) for name, array in made.items()}
+    with np.load(SHIPPED) as file:
+        return dict(file)
 
 
 def packed(arrays: Mapping[str, Any], **changed: Any) -> bytes:
@@ -60,14 +45,8 @@ def header(shape: tuple[int, ...]) -> bytes:
 
 
 def card(content: bytes) -> dict[str, Any]:
-    problem = TrainingProblem("nhkv", Prior.uniform(PRIOR), grid=FrameGrid(frames=FRAMES))
-    return json.loads(SHIPPED.read_text("utf-8")) | {
-        "name": "model",
-        "problem_id": problem.id,
-        "problem": problem.to_dict(),
-        "network": {"heads": 2, "layers": 1, "activation": "relu", "norm_epsilon": 1e-6},
-        "weights": {"sha256": hashlib.sha256(content).hexdigest(), "largest_difference_from_torch": 0.0},
-    }
+    about = json.loads(SHIPPED.with_suffix(".json").read_text("utf-8")) | {"name": "model"}
+    return about | {"weights": about["weights"] | {"sha256": hashlib.sha256(content).hexdigest()}}
 
 
 def put(folder: Path, content: bytes, about: Any = None) -> Path:
@@ -81,7 +60,7 @@ def put(folder: Path, content: bytes, about: Any = None) -> Path:
     return path
 
 
-SOUND = packed(weights())
+SOUND = SHIPPED.read_bytes()
 
 
 def sound(folder: Path) -> Path:
@@ -89,17 +68,13 @@ def sound(folder: Path) -> Path:
     return put(folder, SOUND)
 
 
-def without(name: str) -> bytes:
-    return packed({key: array for key, array in weights().items() if key != name})
-
-
 MODELS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "empty": ("model.weights", lambda: b""),
     "cut short": ("model.weights", lambda: SOUND[:-300]),
     "with objects": ("model.weights", lambda: packed(weights(), mean=np.array([{}, {}], dtype=object))),
     "with nan": ("model.weights", lambda: packed(weights(), mean=np.float32([np.nan, 1.0]))),
-    "with an array less": ("model.weights", lambda: without("branches.1.layers.0.expand.bias")),
-    "of other frames": ("model.weights", lambda: packed(weights(), position=np.ones((21, 4), np.float32))),
+    "with a single array": ("model.weights", lambda: packed({"mean": weights()["mean"]})),
+    "of other frames": ("model.weights", lambda: packed(weights(), position=np.ones((FRAMES + 1, 64), np.float32))),
     "that unpacks to a gigabyte": ("model.weights", lambda: zipped(bytes(10**9), zipfile.ZIP_DEFLATED)),
     "of a terabyte": ("model.weights", lambda: zipped(header((10**6, 10**6)))),
     "of negative sizes": ("model.weights", lambda: zipped(header((-1, 2)) + bytes(8))),
