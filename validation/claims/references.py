@@ -1,8 +1,8 @@
 """Is a default answer that of a longer run? And does another seed answer the same?
 
 Shots: of each kind of calibration.py, and the first shots of the open sets (with --data). A reference has a budget with
-more climbs, four times the draws and seven times the simulations, and another seed. Compared are the log evidence, the
-switches, and the ends of the 90 % intervals of G, mu and stretch in widths of the reference's interval; bounds by their
+more climbs, four times the draws and seven times the simulations, and another seed. Compared are the log evidence
+and the ends of the 90 % intervals of G, mu and stretch in widths of the reference's interval; bounds by their
 logarithm are left out. "seeds": two default answers of a shot, in the same way.
 """
 
@@ -19,7 +19,7 @@ from cavirheo import RadiusCurve, infer, read_curves
 from cavirheo.inference import answer
 from cavirheo.inference.sample import EMULATED
 from validation.claims import calibration
-from validation.numbers import Number, Run, share, statistic
+from validation.numbers import Number, Run, statistic
 
 LONG = replace(
     EMULATED,
@@ -48,7 +48,7 @@ def curve_of(name: str, place: int | str) -> RadiusCurve:
 
 
 def one(job: tuple[str, int | str, int, bool]) -> dict[str, Any]:
-    """Evidence, switches and intervals of one answer."""
+    """Evidence and intervals of one answer."""
     name, place, seed, long = job
     usual = answer.EMULATED
     answer.EMULATED = LONG if long else usual
@@ -59,8 +59,6 @@ def one(job: tuple[str, int | str, int, bool]) -> dict[str, Any]:
     told = found.log_weight is not None
     return {
         "evidence": found.evidence.log if found.evidence else None,
-        "switches": dict(found.switches),
-        "verdict": found.checks.verdict,
         "intervals": {n: found.interval(n) for n in SHOWN if told and n in found.parameters and not found.bound(n)},
     }
 
@@ -69,20 +67,15 @@ def compared(pairs: list[tuple[dict[str, Any], dict[str, Any]]], name: str) -> I
     both = [(this, other) for this, other in pairs if None not in (this["evidence"], other["evidence"])]
     gains = np.array([this["evidence"] - other["evidence"] for this, other in both])
     yield statistic(f"{name}.evidence", np.abs(gains), "1")
-    yield share(f"{name}.evidence.0.2", np.abs(gains) < 0.2)
-    apart, widest = [], []
+    apart = []
     for this, other in both:
         ends = [
             (np.array(this["intervals"][n]) - other["intervals"][n]) / np.ptp(other["intervals"][n])
             for n in this["intervals"] if n in other["intervals"]
         ]  # fmt: skip
         apart += list(np.ravel(ends))
-        widest.append(np.max(np.abs(ends), initial=0.0))
     yield statistic(f"{name}.ends", np.abs(apart), "widths")
     yield Number(f"{name}.ends.rms", float(np.sqrt(np.mean(np.square(apart)))), "widths", len(apart), 0.0)
-    yield share(f"{name}.ends.0.15", np.array(widest) < 0.15)
-    moved = [max(abs(this["switches"][n] - other["switches"][n]) for n in this["switches"]) for this, other in both]
-    yield statistic(f"{name}.switches", moved, "1")
 
 
 def measure(run: Run) -> Iterator[Number]:
