@@ -160,18 +160,6 @@ def test_json_is_the_document_and_quiet_says_errors_alone(lab):
     refused_cleanly(lab(*words, "nowhere.csv", "--quiet", "-o", "t"), "nowhere.csv")
 
 
-@pytest.mark.parametrize(
-    ("words", "density", "pressure"),
-    [((), 1060, 83000), (("--density", 998), 998, 83000), (("--medium", "water", "--pressure", 9e4), 998, 90000)],
-)
-def test_options_count_before_what_the_file_states_of_the_medium(run, words, density, pressure):
-    file = Path(__file__).parents[1] / "cases" / "read" / "01_gui_rho.mat"
-    for command in (("infer", *BDT), ("fit",)):
-        run(*command, file, *words, "--no-pictures", "--replace", "-o", "r")
-        (curve,) = json.loads(Path("r", "result.json").read_text())["curves"]
-        assert (curve["medium"]["density"], curve["medium"]["pressure"]) == (density, pressure)
-
-
 def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
     monkeypatch.setattr("cavirheo.writing.plots.subplots", lambda *_, **__: pytest.fail("it draws"))
     words = ("infer", "shot.csv", *BDT, "--no-pictures", "--replace", "-o", "r")
@@ -223,20 +211,6 @@ def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, a
         monkeypatch.setattr(f"cavirheo.{name}", stop)
     assert lab(verb, "shot.csv", *words.split(), "--no-pictures", "-o", "r")[0] == 130
     assert calls[0] == asked
-
-
-def test_folders_and_patterns_are_files(run, lab_answers, tmp_path):
-    (tmp_path / "gel").mkdir()
-    shot = (tmp_path / "shot.csv").rename(tmp_path / "gel" / "shot.csv")
-    frames = [line.split(",") for line in shot.read_text().splitlines() if line[:1] == "1"]
-    (tmp_path / "frames.csv").write_text(
-        "frame,radius_um\n" + "".join(f"{k},{row[2]}\n" for k, row in enumerate(frames))
-    )
-    for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--fps", 1e6]):
-        status, out, err = run("infer", *words, *BDT, "--no-pictures", "--json", "-o", "r", "--replace")
-        assert (status, err) == (0, ""), words
-        (row,) = json.loads(out)["curves"]
-        assert row["max_radius_m"] == pytest.approx(267e-6, rel=0.01)
 
 
 @pytest.fixture

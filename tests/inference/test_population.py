@@ -188,7 +188,7 @@ def test_what_cannot_be_is_refused(answers, how, code):
     assert code_of(lambda: population(answers, **how).interval("shear_modulus")) == f"population.{code}"
 
 
-def test_a_group_says_its_material():
+def test_groups_of_a_document_are_told_apart():
     pairs = []
     for name, centre, seed in (("soft", CENTRE, 1), ("stiff", CENTRE + np.array([0.4, 0.0]), 2)):
         for k, one in enumerate(shots(6, seed=seed, centre=centre)):
@@ -196,11 +196,6 @@ def test_a_group_says_its_material():
             pairs.append((curve, replace(one, checks=answer(curve).checks, stretch=8.0, evidence=Evidence(10.0, 0.1))))
     assert not result(pairs[:1], "x").groups[0].population.has_material  # a single shot
     document = result(pairs, "cavirheo infer")
-    soft = document.groups[0].population
-    found = population([one for _, one in pairs[:6]], names=[curve.name for curve, _ in pairs[:6]])
-    assert soft.shear_modulus_Pa.q05 == pytest.approx(found.interval("shear_modulus")[0])
-    assert soft.spreads_decades["viscosity"].median == pytest.approx(found.scatter("viscosity")[1])
-    assert soft.log_evidence == pytest.approx(60.0 + found.gain.log)
     apart = {one.parameter: one for one in document.differences}["shear_modulus"]
     assert (apart.first, apart.second) == ("stiff", "soft")
     assert apart.probability_higher > 0.99

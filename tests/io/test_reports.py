@@ -19,7 +19,6 @@ from cavirheo.inference.which_law import ranked
 from cavirheo.posterior import Diagnostics, Evidence
 from cavirheo.reporting import group, html, result, write_report
 from cavirheo.reporting.laws import laws_by_curve
-from cavirheo.reporting.plane import group_panels
 from cavirheo.writing import document
 from cavirheo.writing.document import Quantity
 
@@ -76,19 +75,6 @@ def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
     assert float(first["shear_modulus_Pa"]) == pytest.approx(6100.0)
     assert (first["shear_modulus_Pa_q05"], first["collapses"], last["shear_modulus_Pa"]) == ("", "2", "")
     assert (first["message"], last["message"]) == ("", "cell 3 of 5 is empty")
-
-
-def test_intervals_are_those_of_the_draws(tmp_path):
-    curve = bubble()
-    more = np.random.default_rng(1).normal([8.0, 1e-7], [0.1, 1e-8], (500, 2))
-    made = replace(answer(curve, draws=500), log_weight=np.linspace(-3.0, 0.0, 500))
-    wider = {"names": (*NAMES, "stretch", "time_origin"), "units": ("Pa", "Pa s", "1", "s")}
-    wider = replace(made, **wider, theta=np.hstack([made.theta, more]))
-    plain, row = result([(curve, made), (curve, wider)], COMMAND).curves
-    assert (plain.shear_modulus_Pa.q05, plain.shear_modulus_Pa.q95) == made.interval("shear_modulus")
-    assert plain.stretch.q05 is None  # not among the draws: no width is made up
-    assert row.stretch.q05 < 8.0 < row.stretch.q95
-    assert row.other_parameters["time_origin"].median == pytest.approx(1e-7, rel=0.05)
 
 
 @pytest.mark.parametrize("theta", [np.empty((0, 2)), np.array([[3.8, np.nan]]), np.array([[np.inf, -2.0]])])
@@ -233,31 +219,6 @@ def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
     assert "RuntimeError: the network could not be run" in answers[0].checks.message
     assert any(one.exc_info and one.exc_info[0] is RuntimeError for one in caplog.records)
-
-
-def test_in_the_plane_a_region_holds_what_it_says_and_a_bound_is_an_arrow_at_its_limit():
-    rng, pairs = np.random.default_rng(1), growing(count=3, draws=800)
-    curve, made = pairs[2]
-    theta = np.column_stack([rng.uniform(1.0, 3.6, 800), made.theta[:, 1]])
-    pairs[2] = curve, with_verdict(replace(made, theta=theta, prior={NAMES[0]: (1.0, 7.0)}), "bound")
-    document = result(pairs, COMMAND)
-    plane, _ = panels_of_group(pairs, document)
-    for (_, one), region in zip(pairs, (layer for layer in plane.layers if layer.look == "region"), strict=False):
-        corners = np.column_stack([region.x, region.y])
-        points = one.theta + np.log10([document.modulus_unit[0], 1.0])
-        edges = np.roll(corners, -1, axis=0) - corners
-        from_corner = points[:, None] - corners
-        within = edges[:, 0] * from_corner[..., 1] - edges[:, 1] * from_corner[..., 0] >= 0.0
-        assert np.mean(within.all(axis=1)) == pytest.approx(0.9, abs=0.06)
-    arrow, limit = plane.layer("arrow region"), document.curves[2].shear_modulus_Pa.q95
-    assert 10.0 ** arrow.x[0] == pytest.approx(document.modulus_unit[0] * limit)
-    assert arrow.x[1] < arrow.x[0]
-    assert len(plane.layer("estimate").x) == 0
-    assert {text for layer in plane.layers for text in layer.texts} == {"[0]", "[1]", "[2]"}
-
-
-def panels_of_group(pairs, made):
-    return group_panels(pairs, made, *made.indices_by_group()[0])
 
 
 def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path):

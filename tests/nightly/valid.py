@@ -28,14 +28,9 @@ TEXTS = {
     "curve.csv": "time_us,radius_um\n" + rows(",", TIME, RADIUS),
     "deviation.csv": "time_us,radius_um,radius_std_um\n" + rows(",", TIME, RADIUS, 0.01 * RADIUS),
     "shots.csv": "shot,time_us,radius_um\n" + rows(",", *SHOTS),
-    "semicolon.csv": "t [us];R (µm)\n" + rows(";", TIME, RADIUS, comma=True),
     "tab.txt": "# made by a program\n# time_us\tradius_um\n" + rows("\t", TIME, RADIUS),
-    "bare.txt": rows(" ", SECONDS, RADIUS),
     "separated.txt": (rows(" ", SECONDS, METRES) + "-1000 -1000\n") * 3,
-    "axes.txt": rows(" ", TIME, RADIUS, 1.02 * RADIUS),
     "frequency.csv": "Angular frequency (rad/s),G' (Pa),G'' (Pa),Strain (%)\n" + rows(",", OMEGA, STORAGE, LOSS, ONE),
-    "strain.csv": "Strain (%);Frequency (Hz);Storage modulus (kPa);Loss modulus (kPa)\n"
-    + rows(";", OMEGA, ONE, 5 / (1 + OMEGA / 90), 0.2 * ONE, comma=True),
     "intervals.txt": "[step]\nStep\tomega\tG'\tG''\n\trad/s\tPa\tPa\n" + rows("\t", ONE, OMEGA, STORAGE, LOSS),
     "times.csv": "name,rmax_um,stretch,t1_us\n" + "".join(f"s{k},{240 + k},7.{k},{22 + 0.1 * k}\n" for k in range(8)),
     "published.csv": "set,files,method,quantity,mean,std,source\n# by hand\n"
@@ -48,8 +43,6 @@ VARIABLES: dict[str, dict[str, object]] = {
     "bdt": BDT,
     "imr": {"Rnew": METRES, "t": SECONDS},
     "pixels": {"Rnew": RADIUS / 2, "deltax": 2e-6, "deltat": 1e-6},
-    "rows": {"R": np.stack([RADIUS, RADIUS]), "t": SECONDS},
-    "shifted": {"shift_normRnew": np.stack([RADIUS / 250] * 2), "Rmax": np.full(2, 250.0), "t": SECONDS},
     "times": {"pIMR_array": np.array([[250e-6 + k * 1e-6, 7 + 0.1 * k, 22e-6 + k * 1e-7] for k in range(6)])},
 }
 

@@ -39,22 +39,6 @@ def of(material="nhkv", **ranges) -> TrainingProblem:
     return TrainingProblem(material, Prior.uniform(RANGES | ranges))
 
 
-WRONG = {  # what is not of a problem; recipes have more of it (broken_recipes.py)
-    "prior.range": [lambda: of(stretch=[3.0, np.inf]), lambda: of(stretch=[3.0])],
-    "prior.name": [lambda: of(density=[900.0, 1100.0])],
-    "problem.prior": [lambda: TrainingProblem("nhkv", Prior.uniform(LIQUID)), lambda: of("newtonian")],
-    "problem.unreadable": [lambda: TrainingProblem.from_dict(GEL.to_dict() | {"medium": {"wetness": 1.0}})],
-    "problem.theta": [lambda: GEL.material([4.0, -1.0])],
-    "problem.max_radius": [lambda: GEL.grid_step(float("nan"))],
-}
-
-
-@pytest.mark.parametrize("code", WRONG)
-def test_what_is_not_of_a_problem_is_refused(code):
-    for call in WRONG[code]:
-        assert code_of(call) == code
-
-
 def test_identity_changes_with_every_part():
     assert TrainingProblem.from_dict(GEL.to_dict()).id == GEL.id
     others = [

@@ -1,8 +1,6 @@
 """Compiled code on disk: damage, no place to write and several processes at once cost time and nothing else."""
 
 import importlib.util
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -74,24 +72,3 @@ def test_without_a_folder_beside_the_source_that_of_the_user_is_used(start, tmp_
     (tmp_path / "__pycache__").write_text("a file, where the folder would be")
     assert (start(), start()) == (False, True)
     assert len(files(tmp_path / "home")) == 2
-
-
-def failing(*_, **__):
-    raise PermissionError(13, "Permission denied")
-
-
-def test_a_full_disk_leaves_no_half_file(start, tmp_path, monkeypatch):
-    monkeypatch.setattr(cache.os, "replace", failing)
-    assert not start()
-    assert not list((tmp_path / "__pycache__").glob("kernel.*nbc*"))
-
-
-@pytest.mark.slow
-def test_processes_that_compile_at_once_do_not_disturb_each_other(start, tmp_path):
-    path = os.pathsep.join([str(tmp_path), *sys.path])
-    words = [sys.executable, "-c", "import kernel; print(kernel.twice(20.0))"]
-    settings = {**os.environ, "PYTHONPATH": path}
-    started = [subprocess.Popen(words, env=settings, stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(3)]
-    assert [one.communicate() for one in started] == [(b"42.0\n", b"")] * 3
-    assert len(list((tmp_path / "__pycache__").glob("kernel.*nbc*"))) == len(files(tmp_path)) == 2
-    assert start()
