@@ -65,7 +65,7 @@ def shot(path: Path, curve: cavirheo.RadiusCurve, medium: cavirheo.Medium | None
     savemat(path, content)
 
 
-def video(path: Path, rate: float, scale: float) -> None:
+def video(path: Path, rate: float = 270e3, scale: float = 2.76) -> None:
     """A bubble as a camera of `rate` frames per second and `scale` um per pixel sees it."""
     fine = np.linspace(0.0, 200e-6, 20_000)
     gel = cavirheo.NeoHookeanKelvinVoigt(1e4, 0.06)
@@ -91,25 +91,20 @@ def write_shots(folder: Path) -> None:
     """Recordings of one shot each, or of two; the measurements that tables of references name, too."""
     shutil.copytree(ROOT / "examples", folder / "examples", ignore=shutil.ignore_patterns("tutorials"))
     stiff = cavirheo.read_curves(folder / "examples/stiff_gel.mat")[0]
-    for path in ("SHOT.mat", "SHOTS.mat", "SHOTS/first.mat", "FOLDER/gel_1/first.mat"):
+    for path in ("SHOT.mat", "SHOTS.mat", "FOLDER/gel_1/first.mat"):
         shot(folder / path, stiff)
-    shot(folder / "CELLS.mat", stiff, cavirheo.Medium(density=998.0))
     rows = (folder / "examples/soft_gel.csv").read_text("utf-8").splitlines(keepends=True)
     first = "".join(row for row in rows if row.startswith(("shot", "1,")))
     (folder / "FOLDER/water").mkdir()
-    for path in ("SHOTS.csv", "shots.csv", "FILE", "FOLDER/water/shots.csv"):
+    for path in ("SHOTS.csv", "FOLDER/water/shots.csv"):
         (folder / path).write_text(first, "utf-8")
     for k in (1, 2):
         both = "".join(row for row in rows if row.startswith(("shot", f"{2 * k - 1},", f"{2 * k},")))
         (folder / f"gel_{k}.csv").write_text(both, "utf-8")
-    shutil.copy(folder / "examples/bubble.mp4", folder)
-    video(folder / "VIDEO.mp4", 270e3, 2.76)
-    (folder / "VIDEOS").mkdir()
-    video(folder / "VIDEOS/first.mp4", 500e3, 2.5)
+    video(folder / "VIDEO.mp4")
     published = (row for row in (ROOT / "examples/published_values.csv").open(encoding="utf-8") if row[0] != "#")
     for row in [row for row in csv.DictReader(published) if row["files"] not in ("", "-")]:
-        for data in ("PATH/TO/DATA", "MEASUREMENTS"):
-            shot(folder / data / row["files"].replace("*", "first"), stiff, WATER)
+        shot(folder / "MEASUREMENTS" / row["files"].replace("*", "first"), stiff, WATER)
 
 
 def write_tables(folder: Path) -> None:
@@ -128,12 +123,9 @@ def kit(tmp_path_factory) -> Path:
     write_recipes(folder)
     write_shots(folder)
     write_tables(folder)
-    (folder / "queue.py").write_text("print(1)")  # of the user: nothing that lies beside the data is run
     infer = ["cavirheo", "infer", "examples/soft_gel.csv", "--quiet", "-o", "result"]
     done = subprocess.run(infer, cwd=folder, env=surroundings(folder), check=True, capture_output=True)
     assert (done.stdout, done.stderr) == (b"", b"")  # of the processes, too, that answered its five shots
-    shutil.copytree(folder / "result", folder / "RESULT")
-    shutil.copy(folder / "result/result.json", folder)
     return folder
 
 
