@@ -15,7 +15,7 @@ test: $(VENV)/test.done lint
 test-slow: $(VENV)/test.done
 	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder
 
-# Hundreds of hostile and odd files through every room, and thousands of damaged ones: a table, and no traceback, hang or second line; a quarter hour
+# Hundreds of hostile and odd files through every room, and thousands of damaged ones: no traceback, hang or second line; a quarter hour
 test-hostile: $(VENV)/test.done
 	$(BIN)/python -m pytest -m hostile tests/nightly/test_corpus.py tests/io/test_hostile.py
 

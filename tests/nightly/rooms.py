@@ -10,7 +10,6 @@ import re
 import sys
 import tempfile
 import traceback
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -168,9 +167,6 @@ def _done(jobs: list[tuple[str, list[str]]], files: Mapping[str, Path], given: M
     return found
 
 
-def table(found: Outcomes) -> str:
-    """Counts of each command and outcome, then every file with which something is wrong."""
-    named = ((re.sub("[ -]+", "_", room), outcome) for (room, _), (outcome, _) in found.items())
-    counts = Counter(f"{room}: {outcome}" for room, outcome in named)
-    wrong = [f"{outcome}: {room}, {key}" for (room, key), (outcome, _) in found.items() if outcome not in FINE]
-    return "\n".join([*(f"{n:6d}  {key}" for key, n in sorted(counts.items())), *sorted(wrong)])
+def wrong(found: Outcomes) -> list[str]:
+    """Every file with which something is wrong, and what."""
+    return sorted(f"{outcome}: {room}, {key}" for (room, key), (outcome, _) in found.items() if outcome not in FINE)

@@ -18,8 +18,8 @@ from scipy.optimize import brentq
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, SolverError, simulate, simulate_many
 from cavirheo.physics.accuracy import Accuracy, wall_clustered
 from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS, Damage
-from cavirheo.physics.laws import Gent, Linear, NeoHookean
-from cavirheo.physics.materials import Maxwell, UpperConvectedMaxwell, Viscoelastic, Zener, parse
+from cavirheo.physics.laws import Gent, Linear
+from cavirheo.physics.materials import Maxwell, Viscoelastic, Zener, parse
 from cavirheo.physics.media import Pulse
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import memories_after_growth
@@ -358,29 +358,18 @@ def test_damage_by_strain_follows_the_smallest_radius():
 # --- laws with memory
 
 
-MEMORIES = {  # arm, spring and a solvent's viscosity; arm and spring of the reference
-    "ucm": (UpperConvectedMaxwell, None, 0.0, lagrangian.Convected),
-    "linear": (Maxwell, None, 0.0, lagrangian.Fixed),
-    "oldroyd": (UpperConvectedMaxwell, None, 0.02, lagrangian.Convected),
-    "zener": (UpperConvectedMaxwell, NeoHookean, 0.0, lagrangian.Convected, lagrangian.neo_hookean),
-    "zener_lin": (Maxwell, Linear, 0.0, lagrangian.Fixed, lagrangian.linear),
-}
-
-
-@pytest.mark.parametrize("law", MEMORIES)
+@pytest.mark.parametrize("spring", [None, Linear], ids=["alone", "with a spring"])
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_against_the_stress_field_around_the_bubble(law, motion):
+def test_against_the_stress_field_around_the_bubble(spring, motion):
     """R, U and S of a violent collapse as lagrangian.py gets the stress from the tensor equations."""
     liquid, bubble = Medium(surface_tension=0.072), Bubble(motion=motion, exponent=1.4)
     R_max, stretch, De, mu, G = 100e-6, 4.0, 0.3, 0.05, 0.3
     t_c, p = liquid.time_scale(R_max), liquid.pressure
-    arm, spring, mu_s, of_tensors, *springs = MEMORIES[law]
-    fluid = arm(mu * p * t_c, De * t_c)
-    material = Viscoelastic(spring and spring(G * p), Newtonian(mu_s * p * t_c) if mu_s else None, [fluid])
-    memory = of_tensors(mu, De, *(make(G, 1 / stretch) for make in springs))
+    material = Viscoelastic(spring and spring(G * p), None, [Maxwell(mu * p * t_c, De * t_c)])
+    memory = lagrangian.Fixed(mu, De, *([lagrangian.linear(G, 1 / stretch)] if spring else []))
     n, t = dimensionless(material, liquid, R_max, stretch, bubble=bubble), np.linspace(0, 3, 61)
-    R, U, *stored = textbook(t, n, 0.0, mu_s, motion, lambda t: (0.0, 0.0), memory=memory, rtol=1e-9)
-    S = [*map(memory.S, R, np.transpose(stored))] - 4 * mu_s * U / R
+    R, U, *stored = textbook(t, n, 0.0, 0.0, motion, lambda t: (0.0, 0.0), memory=memory, rtol=1e-9)
+    S = [*map(memory.S, R, np.transpose(stored))]
     way = dict(max_radius=R_max, stretch=stretch, time=t * t_c, medium=liquid, relaxed=True, accuracy=to(1e-9))
     run = simulate(material, bubble=bubble, **way)
     assert run.radius / R_max == pytest.approx(R, rel=1e-6)
