@@ -150,12 +150,6 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     page.wait_for_selector("#facts .message.failed")
     page.wait_for_selector("#check-plot svg")
     assert "simulated" not in layers(page)
-    page.get_by_role("tab", name="3 Infer").click()
-    page.get_by_role("tab", name="2 Prepare").click()
-    page.wait_for_timeout(500)  # nobody types in the moment in which the steps change
-    page.fill("#rmax-um input", "-5")
-    page.press("#rmax-um input", "Tab")
-    page.wait_for_selector("#rmax-um :text('-5')")
 
 
 def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):

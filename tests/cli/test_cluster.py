@@ -135,13 +135,6 @@ def test_a_job_is_what_the_settings_of_dask_jobqueue_say(tmp_path):
     assert [word for word in ("--nworkers 4", "--nthreads 1") if word not in script] == []
 
 
-@pytest.mark.parametrize("missing", ["cores", "memory"])
-def test_what_the_settings_lack_is_named(missing):
-    pytest.importorskip("dask_jobqueue")
-    with slurm(**{missing: None}), refused("cluster.slurm", missing, "jobqueue.yaml"):
-        slurm_cluster()
-
-
 @pytest.mark.slow
 def test_a_slurm_of_one_node_makes_the_same_data_set(tmp_path):
     """Killed three times in between; the scheduler's connections are encrypted."""

@@ -123,8 +123,6 @@ def array(values: object) -> Make:
 
 
 ROWS_OF_TEXT, TWO = PLAIN.splitlines(keepends=True), lines(",", US, UM, 1.5 * UM)
-PADDED_T, PADDED_R = (np.r_[values[:-9], np.zeros(9)] for values in (TIME, RADIUS))
-COUNT = np.arange(len(TIME))
 
 
 def within(text, at=30):
@@ -144,9 +142,8 @@ def labels(*names):
     return "shot,time_us,radius_um\n" + "".join(f"{name},{row}\n" for name, row in zip(names, both, strict=True))
 
 
-N, TOP = len(US), np.full(len(US), UM.max())
+N = len(US)
 WITHOUT_TIMES = [["time_us", "radius_um"], *([None, radius] for radius in UM)]
-WHOLE, COUNTED = np.c_[COUNT, np.round(100 * UM)].astype("i4"), {"frame_rate_hz": 1e6, "um_per_px": 0.01}
 GAP = [["time_us", None, "radius_um"], *zip(US, [None] * len(US), UM, strict=True)]
 ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "metres": ("t (s);R (mm)\n" + "".join(map("{:.9g};{:.9g}\n".format, TIME, 1e3 * RADIUS)), ""),
@@ -268,25 +265,6 @@ def test_several_curves_of_one_file(tmp_path, name):
     assert np.allclose([curve.radius for curve in curves], [RADIUS, 1.5 * RADIUS], rtol=1e-6)
     assert all(any(said in note for note in curve.notes) for curve in curves)
     assert curves[0].stretch == (7.0 if name == "HDF5 groups" else None)
-
-
-REPAIRED = {  # content, options, number of shots, what each says
-    "padded with zeros": (saved(R=np.c_[PADDED_R, PADDED_R], t=np.c_[PADDED_T, PADDED_T]), {}, [1, 1], "9 rows"),
-    "R_max of pixels": (f"t_us,R_px,rmax_um\n{lines(',', US, UM / 3.2, TOP)}", {}, [1], "R_max set to"),
-    "last row cut": (HEAD + PLAIN + "250", {}, [1], "1 of 181 frames without a radius"),
-    "rate in kHz": (saved(R_um=UM, FrameRate_kHz=1e3), {}, [1], "the frame rate: FrameRate_kHz = 1e+06"),
-    "whole numbers that count": (array(WHOLE), COUNTED, [1], "'frame'"),
-}
-
-
-@pytest.mark.parametrize("name", REPAIRED)
-def test_what_is_left_out_or_repaired_is_said(tmp_path, name):
-    content, options, factors, said = REPAIRED[name]
-    curves = read_curves(put(tmp_path / "a.csv", content), **options)
-    assert len(curves) == len(factors)
-    assert [curve.max_radius for curve in curves] == pytest.approx([RADIUS.max()] * len(curves), rel=0.01)
-    assert all(len(curve.time) >= N - 9 for curve in curves)
-    assert all(any(said in note for note in (*curve.notes, *curve.hints)) for curve in curves)
 
 
 def test_what_is_cleaned_is_counted(tmp_path):

@@ -17,10 +17,8 @@ from cavirheo import read_curves
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import LIST_FILE
 
-COMMANDS = {  # shots, kills, words
-    "infer": (12, 8, ["infer", "shots", "-o", "out"]),
-    "network": (50, 5, ["infer", "shots", "--model", "bdt-viscoelastic", "-o", "out"]),
-}
+SHOTS, KILLS = 12, 8
+INFER = ["infer", "shots", "-o", "out"]
 
 
 def call(words: list[str], folder: Path, more: int = 0, wait: float | None = None) -> int | None:
@@ -56,20 +54,18 @@ def documents(folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMMANDS)
-def test_killed_at_random_moments(tmp_path, name):
-    shots, kills, words = COMMANDS[name]
+def test_killed_at_random_moments(tmp_path):
     (curve, *_) = read_curves(EXAMPLE)
     whole, folder = tmp_path / "whole" / "here", tmp_path / "killed" / "here"
     for place in (whole, folder):
         place.mkdir(parents=True)
-        for k in range(shots):
+        for k in range(SHOTS):
             write_curve(place / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
-    assert call(words, whole) == 0, (whole.parent / "said").read_text()
+    assert call(INFER, whole) == 0, (whole.parent / "said").read_text()
     chance, before = random.Random(0), set[str]()
-    for _ in range(kills):
-        more = chance.randint(0, 2 * shots // kills)
-        if call(words, folder, more, chance.uniform(0.0, 1.0)) is not None or (before and not kept(folder)):
+    for _ in range(KILLS):
+        more = chance.randint(0, 2 * SHOTS // KILLS)
+        if call(INFER, folder, more, chance.uniform(0.0, 1.0)) is not None or (before and not kept(folder)):
             break  # all was written
         now = kept(folder)
         assert before <= now  # what was answered is there
@@ -78,5 +74,5 @@ def test_killed_at_random_moments(tmp_path, name):
         for path in (folder / "out").rglob("*.json"):
             json.loads(path.read_text())
     assert before
-    assert call(words, folder) == 0, (folder.parent / "said").read_text()
+    assert call(INFER, folder) == 0, (folder.parent / "said").read_text()
     assert documents(folder / "out") == documents(whole / "out")

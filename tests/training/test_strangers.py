@@ -1,6 +1,5 @@
 """Networks, recipes and training sets that are damaged or hostile: each is refused in one line, and nothing hangs."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -73,15 +72,6 @@ def stored(name, make):
     return damage
 
 
-def attribute(name, value=None):
-    def damage(path):
-        with h5py.File(path, "a") as file:
-            del file.attrs[name]
-            file.attrs.update({} if value is None else {name: value})
-
-    return damage
-
-
 PETABYTE = {"shape": (10**12, 100), "dtype": "f4", "chunks": (10, 100)}
 SHARDS = {  # what is done to one of three files, and the code by which their set is refused
     "no theta": (stored("theta", lambda kept: None), "dataset."),
@@ -89,9 +79,6 @@ SHARDS = {  # what is done to one of three files, and the code by which their se
     "radius of text": (stored("radius", lambda kept: {"data": kept.astype("S8")}), "dataset."),
     "radius of another file": (stored("radius", lambda kept: h5py.ExternalLink("other", "radius")), "limits."),
     "radius of a petabyte": (stored("radius", lambda kept: PETABYTE), "limits."),
-    "problem nested deeply": (attribute("problem", "[" * 20_000), "dataset."),
-    "problem of another law": (attribute("problem", json.dumps(PROBLEM.to_dict() | {"material": "honey"})), "problem."),
-    "total huge": (attribute("total", 2**62), "dataset."),
     "cut short": (lambda path: os.truncate(path, 1000), "dataset.unreadable"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "dataset.unreadable"),
     "in another's place": (lambda path: shutil.copy(path, path.with_name("shard-00001.h5")), "dataset.shape"),
