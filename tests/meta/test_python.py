@@ -12,7 +12,6 @@ from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve
 from cavirheo.inference.which_law import rank_laws
 from cavirheo.parameters import matching
 from cavirheo.physics.media import medium
-from cavirheo.prior import Prior, TrainingProblem
 
 TIME = np.arange(100) * 1e-6
 RADIUS = 50e-6 + 150e-6 * np.abs(np.cos(TIME / 15e-6)) * np.exp(-TIME / 60e-6)
@@ -96,12 +95,6 @@ def test_a_constant_in_another_unit_is_refused_and_can_be_insisted_on(name, give
             make(**{name: given})
     if name not in ("temperature", "pressure", "vapour_reference_temperature"):  # the liquid would boil
         assert getattr(medium("water", unusual=True, **{name: given}), name) == given
-
-
-def test_a_problem_of_an_unusual_medium_is_read_back():
-    prior = Prior.uniform({"log10_viscosity": [-3, 0], "stretch": [3, 9]})
-    problem = TrainingProblem("newtonian", prior, medium=Medium(13534.0, surface_tension=0.485, unusual=True))
-    assert TrainingProblem.from_dict(problem.to_dict()).id == problem.id
 
 
 def test_a_parameter_is_named_by_symbol_natural_name_or_column():

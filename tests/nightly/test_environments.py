@@ -41,7 +41,6 @@ BADLY = {  # where a command may also say that it cannot
 }
 CASES = [(case, command) for case in WELL for command in ("infer", "rheometer", "models")]
 CASES += [(case, command) for case in BADLY for command in COMMANDS]
-ENDS = {".json": b"\n}\n", ".csv": b"\n", ".html": (b"</html>", b"</html>\n"), ".png": b"IEND\xaeB`\x82"}
 
 
 @pytest.fixture(scope="module")
@@ -79,4 +78,3 @@ def test_works_or_says_in_one_line_what_it_lacks(here, tmp_path, case, command):
         elif path.suffix != ".h5":  # what is left is complete
             assert path.suffix not in (".tmp", ".part"), path
             assert content, path
-            assert content.endswith(ENDS.get(path.suffix, b"")), path
