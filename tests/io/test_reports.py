@@ -17,7 +17,7 @@ from cavirheo.column import read_column
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.which_law import ranked
 from cavirheo.posterior import Diagnostics, Evidence
-from cavirheo.reporting import group, html, result, write_report
+from cavirheo.reporting import html, result, write_report
 from cavirheo.reporting.laws import laws_by_curve
 from cavirheo.writing import document
 from cavirheo.writing.document import Quantity
@@ -180,18 +180,6 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
         (one,) = result(growing(power, count=count, verdict=verdict), COMMAND).groups
         said = [message.text for message in one.messages if message.code == "group.doubt.trend"]
         assert [trend in text for text in said for trend in trends or []] == [True] * bool(trends)
-
-
-def test_of_groups_without_a_trend_few_show_one():
-    rng, seen = np.random.default_rng(7), 0
-    (row, *_) = result(growing(count=1), COMMAND).curves
-    for _ in range(200):
-        shots = [
-            row.model_copy(update={"max_radius_m": size, "viscosity_Pa_s": Quantity(median=value)})
-            for size, value in np.exp(rng.normal(size=(8, 2)))
-        ]
-        seen += bool(group.size_trends(shots))
-    assert seen <= 8
 
 
 def test_no_cell_of_a_table_is_a_formula(tmp_path):

@@ -167,14 +167,11 @@ def test_response_with_condensation_at_a_finite_rate(medium, accommodation):
     within(4e-5, error=wave_error(Newtonian(4e-3), 20e-6, medium, bubble, Accuracy(256, 1e-9)))
 
 
-def textbook(
-    t_star, n, G, mu, motion, far, *, stretch=None, whole=True, inertia=0.0, damping=0.0, memory=None, rtol=1e-12
-):
+def textbook(t_star, n, G, mu, motion, far, *, inertia=0.0, damping=0.0, memory=None, rtol=1e-12):
     """R(t) and U(t) by an explicit method from the equations as printed: n of the wall's pressure b, p_inf = rho = 1.
 
     Gilmore: (1-U/c) R R'' + 3/2 (1-U/3c) U^2 = (1+U/c) h + (1-U/c) (R/c) h', h = int dp/rho from far to the wall,
-    p + B = (1 + B) rho^m, c^2 = dp/drho at the wall; Keller-Miksis: h = b - f, c constant, no (1-U/c) before h', which
-    Gilmore's equation lacks too where it is not `whole`. `stretch` of the solid, where it is not that of the gas. Walls
+    p + B = (1 + B) rho^m, c^2 = dp/drho at the wall; Keller-Miksis: h = b - f, c constant, no (1-U/c) before h'. Walls
     add inertia (R^2 R'' + 2 R U^2) to the left, so that the liquid's energy is R^3 U^2 (1 + inertia R)/2, and take
     damping R^2 U from b, as sound along a tube does. A `memory` of lagrangian.py adds its stress to b and what it
     carries to the result; the rate of that stress is a difference.
@@ -184,7 +181,7 @@ def textbook(
     def rhs(t, y):
         R, U, stored = y[0], y[1], y[2:]
         f, f_t = far(t)
-        q, p = 1 / (R * (stretch or n.stretch)), n.pv + gas * R ** (-3 * n.polytropic)
+        q, p = 1 / (R * n.stretch), n.pv + gas * R ** (-3 * n.polytropic)
         b = p - 1 / (n.We * R) - G * (5 - 4 * q - q**4) / 2 - 4 * mu * U / R - damping * R * R * U - 1
         b_t = (-3 * n.polytropic * (p - n.pv) + 1 / (n.We * R) - 2 * G * (q + q**4)) * U / R + 4 * mu * (U / R) ** 2
         b_t -= 2 * damping * R * U * U
@@ -197,7 +194,7 @@ def textbook(
             wall, away = 1 + m * b / C**2, 1 + m * f / C**2
             h = C**2 / (m - 1) * (wall ** (1 - 1 / m) - away ** (1 - 1 / m))
             c, per_b, h_t = C * wall ** ((m - 1) / (2 * m)), wall ** (-1 / m), -(away ** (-1 / m)) * f_t
-            late = 1 - U / c if whole else 1.0
+            late = 1 - U / c
         else:
             h, c, per_b, h_t, late = b - f, C, 1.0, -f_t, 1.0
         h_t += per_b * b_t
