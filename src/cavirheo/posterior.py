@@ -16,6 +16,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import (
+    LOG10,
     Bound,
     bound_of,
     column_name,
@@ -268,18 +269,15 @@ class Posterior:
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Central credible interval with the probability `level`, in natural units; None for a point or failed answer,
-        which has no width. The high end of an upper bound on a value that may be exactly 0 is that given it is not 0:
-        the bound then does not depend on how probable 0 is. Raises InputError: as `draws`, or the level is not between
-        0 and 1."""
+        which has no width. The high end of an upper bound of the law's parameters is by `upper_limit`. Raises
+        InputError: as `draws`, or the level is not between 0 and 1."""
         check_level(level)
         values = self.draws(name)
         if len(values) < 2:
             return None
         low, high = weighted_quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], self.log_weight).tolist()
-        above = values > 0.0
-        if self.bound(name) == "upper" and 0 < np.count_nonzero(above) < len(above):
-            log_weight = None if self.log_weight is None else self.log_weight[above]
-            high = float(weighted_quantile(values[above], 0.5 + 0.5 * level, log_weight))
+        if self.bound(name) == "upper" and self._prior_name(name).startswith(LOG10):
+            high = upper_limit(values, 0.5 + 0.5 * level, self.log_weight)
         return low, high
 
     def _prior_name(self, name: str) -> str:
@@ -383,6 +381,17 @@ def intervals(
     return {
         natural_name(name): tuple(to_natural(name, column).tolist()) for name, column in zip(names, ends.T, strict=True)
     }
+
+
+def upper_limit(values: Floats, level: float, log_weight: Floats | None = None) -> float:
+    """The value below which a parameter is with this probability, from draws (k,) with log weights (k,), where they
+    reach down to 0. The prior of a limit is flat in the value, not in its logarithm as that of the draws: it hangs
+    neither on how far down the range of the logarithm goes, nor on the probability that the value is exactly 0."""
+    above = values > 0.0
+    if not np.any(above):
+        return 0.0
+    flat = np.log(values[above]) + (0.0 if log_weight is None else log_weight[above])
+    return float(weighted_quantile(values[above], level, flat))
 
 
 def weighted_quantile(values: Floats, levels: ArrayLike, log_weight: Floats | None) -> Floats:

@@ -164,6 +164,19 @@ def test_bounds_multiply_as_on_a_grid(viscosity, error):
     assert np.all(np.abs(found - exact) < [0.25, 0.12])
 
 
+@pytest.mark.parametrize("least", [-4.0, -7.0])
+def test_an_upper_bound_hangs_neither_on_the_end_of_the_range_nor_on_the_probability_of_zero(least):
+    """Of the likelihood exp(-G/a) it is a ln 20, wherever the range of log10 G begins, and if G may be 0."""
+    modulus = np.log10(2e3)
+    places = np.linspace(least, 7.0, 20000)
+    theta = np.column_stack([np.append(places, -np.inf), np.full(20001, -2.0)])
+    log_weight = np.append(-(10.0 ** (places - modulus)), 7.0)
+    prior = {"log10_shear_modulus": (least, 7.0)}
+    answer = replace(seen(CENTRE, 0.05), theta=theta, log_weight=log_weight, prior=prior)
+    assert answer.bound("G") == "upper"
+    assert answer.interval("G")[1] == pytest.approx(2e3 * np.log(20.0), rel=0.01)
+
+
 def test_a_value_that_a_single_shot_gives_is_not_that_of_the_material():
     """Of ten shots nine only bound mu: so does the material, and it is no value with an interval."""
     answers, _ = one_sided(10, 0.01, [0.0005] + [0.02] * 9, seed=2)

@@ -2,7 +2,7 @@
 
 Truths: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max 100 to
 400 um. Kinds: "real": a neo-Hookean gel, log10 of the accommodation (0.01 to 1) uniform, confinement inertia and
-damping from halves of normals, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the
+damping from squares of normals, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the
 real bubble; "stiffening": Fung's spring that is 1.3 to 20 times as stiff at R_max, the real bubble. 100 frames over
 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame, radii by a scale and
 R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. Kind
@@ -32,7 +32,7 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.answer import NEEDED
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.emulator import LARGEST_PULL, features
-from cavirheo.inference.experiment import BETA, BOUND_SCALES, ZETA, Experiment
+from cavirheo.inference.experiment import BETA, MOST_ROOT, ZETA, Experiment
 from cavirheo.parameters import USUAL_STRETCH
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
@@ -42,7 +42,7 @@ from cavirheo.physics.media import WATER
 from validation.numbers import Number, Run, coverage, share, statistic
 
 RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4.0, 11.0)}
-WALLS = ("confinement_inertia", "confinement_damping")  # of the real bubble: half-normal
+WALLS = ("confinement_inertia", "confinement_damping")  # of the real bubble
 LEVELS = (0.5, 0.9)
 FIRST = 2000  # seed of the first shot: on those before it settings were chosen
 KINDS = ("real", "field", "liquid", "stiffening", "prior")  # of truths
@@ -87,7 +87,7 @@ def of_kind(kind: str, rng: np.random.Generator) -> tuple[dict[str, float], Mate
 
 def real_bubble(rng: np.random.Generator) -> Bubble:
     accommodation = float(10 ** rng.uniform(-2.0, 0.0))
-    inertia, damping = truncnorm(0.0, BOUND_SCALES).rvs(2, random_state=rng).tolist()
+    inertia, damping = (truncnorm(0.0, MOST_ROOT).rvs(2, random_state=rng) ** 2).tolist()
     return Bubble("kinetic", accommodation, confinement_inertia=BETA * inertia, confinement_damping=ZETA * damping)
 
 

@@ -306,7 +306,7 @@ def _at_prior_ends(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str
     for name, values in zip(prior.names, u.T, strict=True):
         for end, beyond in (("lower", values < -PRIOR_END), ("upper", values > PRIOR_END)):
             usual = name in ZERO_BY_DEFAULT and end == "lower"
-            if name in shot.free and not usual and weight @ beyond > 0.5:
+            if name in (*shot.free, *shot.walls) and not usual and weight @ beyond > 0.5:
                 ends[name] = end
     return ends
 

@@ -24,12 +24,12 @@ from cavirheo.inference.answer import INSIDE, ResidualSource
 from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
 from cavirheo.inference.emulator import Bubbles, Camera, emulator, outside
 from cavirheo.inference.experiment import (
-    BOUND_SCALES,
     BOUND_SIGMAS,
+    MOST_ROOT,
     QUICK_INSTANTS,
     Experiment,
     exposure_nodes,
-    half_normal_scales,
+    wall_scales,
 )
 from cavirheo.inference.sample import expand
 from cavirheo.parallel import run_jobs
@@ -111,10 +111,10 @@ class Draws:
         elif self.bubble.accommodation != INFERRED:
             accommodation[:] = given["accommodation"]
         walls = dict[str, Floats]()
-        for name, width in half_normal_scales(self.medium).items():
+        for name, scale_of_wall in wall_scales(self.medium).items():
             walls[name] = np.full(k, given.get(name, 0.0))
             if getattr(self.bubble, name) == INFERRED:
-                walls[name] = np.minimum(np.abs(width * rng.normal(size=k)), BOUND_SCALES * width)
+                walls[name] = scale_of_wall * np.minimum(np.abs(rng.normal(size=k)), MOST_ROOT) ** 2
         size, whole = np.full(k, setting.max_radius), np.ones(k)
         law = self.family.material(self.law)
         bubbles = Bubbles(

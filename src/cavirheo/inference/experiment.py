@@ -5,8 +5,9 @@ motion by a factor (docs/method/posterior.md):
 
     y_i = <R(t_i - t_0)>/(scale R_max) + e_i,    R(0) = scale x factor x R_max,    R_max that of the curve.
 
-The parameters x are log10 of the law's parameters, log10 of the shot's (such as the stretch, if it is not given), and
-the free ones of t_0, scale, factor, walls and vapour as fractions of their half-widths about the middle, from -1 to 1.
+The parameters x are log10 of the law's parameters, log10 of the shot's (such as the stretch, if it is not given), the
+free ones of t_0, scale and factor as fractions of their half-widths about the middle, from -1 to 1, and roots of the
+free ones of walls and vapour over their scale.
 """
 
 from __future__ import annotations
@@ -40,9 +41,11 @@ MIN_CLOCK, MIN_FACTOR = 0.02, 0.015  # smallest half-widths of the priors of the
 NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 FIELD_PROBABILITY = 0.2  # prior probability that a bubble is the field's
 SOLVER_ERROR = 1e-3  # smallest noise over R_max that is used: the error of the solver
-# scales of the half-normal priors of walls (inertia, damping) and of vapour (over p_inf), which are cut at BOUND_SCALES
-BETA, ZETA, EXCESS = 0.1, 0.3, 0.03
-BOUND_SCALES = 10.0 / 3.0  # in these scales
+BETA, ZETA, EXCESS = 0.05, 0.15, 0.015
+"""Scales of the priors of walls (inertia, damping) and of vapour (over p_inf): each is its scale times the square of a
+normal number (chi squared), up to MOST_ROOT. Bubbles far from walls are likely then, and those near them not excluded.
+"""
+MOST_ROOT = 2.58
 BOUND_SIGMAS = 3.0  # standard deviations from the middle to the bound of radius scale and R_max factor
 CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
 CLEAN_MISFIT = 1e-3  # largest RMS misfit over R_max of a simulation of such a curve
@@ -59,8 +62,8 @@ _EMULATED = {
 }
 
 
-def half_normal_scales(medium: Medium) -> dict[str, float]:
-    """Scales of the half-normal priors of walls and of vapour above saturation (Pa), by parameter of the bubble."""
+def wall_scales(medium: Medium) -> dict[str, float]:
+    """Scales of the priors of walls and of vapour above saturation (Pa), by parameter of the bubble."""
     return dict(zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * medium.pressure), strict=True))
 
 
@@ -115,9 +118,9 @@ class Experiment:
         widths = {"t0": self._clock, "scale": (1.0, options.scale_bound), "rmax": (1.0, read)}
         self.free: dict[str, tuple[float, float]] = {FREE[name]: widths[name] for name in options.free}
         bubble = options.bubble
-        for name, width in half_normal_scales(medium).items():
-            if getattr(bubble, name) == "free":
-                self.free[name] = (0.5 * BOUND_SCALES * width, 0.5 * BOUND_SCALES * width)
+        self.walls: dict[str, float] = {
+            name: scale for name, scale in wall_scales(medium).items() if getattr(bubble, name) == "free"
+        }
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
         message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
         require(bubble.damage == "none" or family.elastic, message, "physics.damage_without_elasticity")
@@ -127,10 +130,11 @@ class Experiment:
             "damage_modulus": bubble.damage != "none", "damage_radius": bubble.damage != "none",
         }  # fmt: skip
         self.log_names: tuple[str, ...] = tuple(name for name, free in free_logs.items() if free)  # of the shot; log10
-        self.shot_names: tuple[str, ...] = (*self.log_names, *self.free)
+        self.shot_names: tuple[str, ...] = (*self.log_names, *self.free, *self.walls)
         self.law_size: int = len(family.parameters)  # number of parameters of the law, the first in x
         self.names: tuple[str, ...] = (*family.parameters, *self.shot_names)
-        ranges = [PARAMETERS[name].search_range if name in self.log_names else (-1.0, 1.0) for name in self.shot_names]
+        ranges = [PARAMETERS[name].search_range for name in self.log_names]
+        ranges += [(-1.0, 1.0)] * len(self.free) + [(0.0, MOST_ROOT)] * len(self.walls)
         self.bounds: Floats = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
         requested, recorded = options.window, len(curve.collapse_times())
         if requested is None and options.end is None and recorded:
@@ -188,8 +192,11 @@ class Experiment:
             values["stretch"] = self.stretch
         for name, value in zip(self.log_names, x[self.law_size :], strict=False):
             values[name] = 10.0**value
-        for (name, (middle, width)), value in zip(self.free.items(), x[len(x) - len(self.free) :], strict=True):
+        camera, walls = np.split(x[self.law_size + len(self.log_names) :], [len(self.free)])
+        for (name, (middle, width)), value in zip(self.free.items(), camera, strict=True):
             values[name] = value * width + middle
+        for (name, scale), root in zip(self.walls.items(), walls, strict=True):
+            values[name] = scale * root**2
         return values
 
     def bubble_with(self, natural: Mapping[str, Any]) -> Bubble:
@@ -209,8 +216,9 @@ class Experiment:
             low, high = self.bounds[i]
             if name in self.free:
                 middle, width = self.free[name]
-                usual = -0.8 if name in ZERO_BY_DEFAULT else 0.0
-                x[i] = np.clip((best[name] - middle) / width if name in best else usual, low, high)
+                x[i] = np.clip((best[name] - middle) / width if name in best else 0.0, low, high)
+            elif name in self.walls:
+                x[i] = np.clip(np.sqrt(best.get(name, 0.25 * self.walls[name]) / self.walls[name]), low, high)
             elif best.get(name) == 0.0 and name in self.family.atoms:
                 x[i] = -np.inf
             else:
@@ -235,8 +243,8 @@ class Experiment:
         the atoms of the family; the stretch is normal about USUAL_STRETCH, or
         about what the file or the plateau gives. A real bubble is the field's
         with FIELD_PROBABILITY: its accommodation is then infinite. Time origin: uniform within its bound. Radius scale
-        and R_max factor: normal, with a third of their bound as standard deviation. Walls and vapour above saturation:
-        half-normal."""
+        and R_max factor: normal, with a third of their bound as standard deviation. Roots of walls and vapour above
+        saturation: half-normal."""
         zero = np.array([self.family.atoms.get(name, 0.0) for name in self.names])
         infinite, mean, std = np.zeros((3, len(self.names)))
         std[:] = np.inf
@@ -250,8 +258,8 @@ class Experiment:
                 mean[i], std[i] = float(np.log10(value)), deviation / (value * _LN10)
             if name in ("radius_scale", "max_radius_factor"):
                 std[i] = 1.0 / BOUND_SIGMAS
-            if name in ZERO_BY_DEFAULT:
-                mean[i], std[i] = -1.0, 2.0 / BOUND_SCALES
+            if name in self.walls:
+                mean[i], std[i] = 0.0, 1.0
         low, high = self.bounds.T
         return Prior(self.names, low, high, mean, std, zero, infinite)
 

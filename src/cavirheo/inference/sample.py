@@ -12,7 +12,7 @@ find the evidence twice as far too low.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TypeVar
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from cavirheo.arrays import Floats, log_sum
+from cavirheo.arrays import Bools, Floats, log_sum
 from cavirheo.inference.noise import Noise
 from cavirheo.prior import log_normal
 
@@ -39,6 +39,7 @@ DIFFERENCE = 1e-3  # step of finite differences in u
 WALKED = 4  # steps of walkers, of which the last half are likely places
 LENGTHS = np.array([0.25, 0.5, 1.0])  # of these steps, over the best one for a normal density
 JITTER = 1e-4  # in u, of a step
+FORGOTTEN = 30.0  # log weight below the largest from which on a draw is not looked at again
 Frames = Callable[[Floats], Floats]  # residuals (k, n) at u (k, d)
 T = TypeVar("T")
 Requests = Generator[Floats, Floats, T]  # a computation that asks for residuals: it yields u (k, d) and is sent (k, n)
@@ -415,7 +416,7 @@ class Rounds:
 
     Attributes:
         mixtures, sizes: of the rounds.
-        u: (k, d); frames: (k, n) what was computed there.
+        u: (k, d) the draws that are not forgotten; frames: (k, n) what was computed there.
         densities: (rounds, k) log density of each mixture there.
     """
 
@@ -428,7 +429,12 @@ class Rounds:
     @property
     def log_drawn(self) -> Floats:
         """(k,) log density of all rounds together."""
-        return log_sum(self.densities + np.log(np.array(self.sizes) / len(self.u))[:, None], axis=0)
+        return log_sum(self.densities + np.log(np.array(self.sizes) / sum(self.sizes))[:, None], axis=0)
+
+    def without(self, forgotten: Bools) -> Rounds:
+        """Without these draws (k,), which weigh nothing, but have been drawn."""
+        kept = ~forgotten
+        return replace(self, u=self.u[kept], frames=self.frames[kept], densities=self.densities[:, kept])
 
     def and_from(self, mixture: Mixture, size: int, frames: Frames, rng: np.random.Generator) -> Rounds:
         """These rounds and another one."""
@@ -471,13 +477,16 @@ def sample(
         size = sizes[min(done, len(sizes) - 1)]
         rounds = rounds.and_from(mixture, size, frames, rng)
         value = np.concatenate([value, log_density(rounds.u[-size:], rounds.frames[-size:])])
-    order = rng.permutation(len(value))
+    order, drawn = rng.permutation(len(value)), sum(rounds.sizes)
     top = np.max(log_weight)
     weight = np.exp(log_weight - top) if np.isfinite(top) else np.zeros(len(value))
-    mean = max(float(np.mean(weight)), 1e-300)
-    error = float(np.std(weight) / np.sqrt(len(value)) / mean)
-    log_weight = log_weight[order] - top - np.log(mean * len(value))
-    return Draws(rounds.u[order], value[order], log_weight, float(top + np.log(mean)), error), rounds
+    mean = max(float(np.sum(weight)) / drawn, 1e-300)
+    variance = float(np.sum(weight**2)) / drawn - mean**2
+    error = float(np.sqrt(max(variance, 0.0) / drawn) / mean)
+    log_evidence = float(top + np.log(mean))
+    shares = log_weight[order] - log_evidence - np.log(drawn)
+    forgotten = log_weight < top - FORGOTTEN
+    return Draws(rounds.u[order], value[order], shares, log_evidence, error), rounds.without(forgotten)
 
 
 def walked(

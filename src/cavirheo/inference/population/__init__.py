@@ -39,7 +39,7 @@ from cavirheo.parameters import (
 )
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import TRUSTED, Evidence, Heap, Posterior, check_level
+from cavirheo.posterior import TRUSTED, Evidence, Heap, Posterior, check_level, upper_limit
 from cavirheo.prior import Prior
 from cavirheo.writing import digits, export, plots
 from cavirheo.writing.document import Quantity
@@ -155,11 +155,14 @@ class Population:
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """Central interval of the material's parameter with the probability `level`, SI; of a G with a limit 0 and the
-        limit. Raises InputError: as `draws`, or the level is not between 0 and 1."""
+        limit, of other upper bounds as `upper_limit`. Raises InputError: as `draws`, or the level is not between 0 and
+        1."""
         check_level(level)
         if (limit := self._limit_of(name)) is not None:
             return 0.0, limit
         low, _, high = self._ends(self.centre, name, level)
+        if self.bound(name) == "upper":
+            return 10.0**low, upper_limit(self.draws(name), 0.5 + 0.5 * level)
         return 10.0**low, 10.0**high
 
     def median(self, name: str) -> float:

@@ -96,7 +96,7 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
     limit = None
     if LIKELY < switches["liquid"] < 1.0 - LIKELY:
         gel = max(log_ratios, key=lambda state: log_probability[state])
-        density = np.exp(log_ratios[gel] - np.max(log_ratios[gel]))
+        density = np.exp(log_ratios[gel] - np.max(log_ratios[gel])) * 10.0**grid  # flat in G, as `upper_limit`
         limit = float(10.0 ** np.interp(0.95, np.cumsum(density) / np.sum(density), grid))
     return Shared(conditioned, switches, limit)
 
