@@ -11,13 +11,14 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
+from pkgutil import resolve_name
 from threading import Event
 
 import httpx
 import numpy as np
 import pytest
 from answers import same
-from conftest import refused, until
+from conftest import ANSWER, refused, until
 from files import write_curve
 from recordings import RATE, SCALE, film
 
@@ -26,7 +27,6 @@ from cavirheo.app.page import uploaded_paths
 from cavirheo.app.session import PAGE_FIELDS, PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, sliders, what_if
 from cavirheo.app.words import shots_table
-from cavirheo.inference.analysis import Analysis
 from cavirheo.io.subprocess_reader import Reader
 
 SOFT = examples()["soft_gel.csv"]
@@ -230,14 +230,15 @@ def test_materials_are_typed_without_another_run(session, tmp_path):
 
 def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
     session.add([SOFT], QUICK, copy=True)
+    answer = resolve_name(ANSWER)
 
-    def again(analysis, curve, answer=Analysis.answer, **options):
+    def again(analysis, curve, **options):
         with refused("parallel.busy"):
             infer(session, ["soft_gel[2]"])
         session.clear()
         return answer(analysis, curve, **options)
 
-    monkeypatch.setattr(Analysis, "answer", again)
+    monkeypatch.setattr(ANSWER, again)
     with refused("app.changed"):
         infer(session, ["soft_gel[1]"])
     assert session.answers is None
@@ -313,7 +314,7 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
 
 
 def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path, monkeypatch):
-    hold, begun, real = Event(), Event(), Analysis.answer
+    hold, begun, real = Event(), Event(), resolve_name(ANSWER)
 
     def held(analysis, curve, **options):
         if curve.name == "long":  # asked nowhere else: an answer that is kept would not be held
@@ -321,7 +322,7 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path
             hold.wait(60)
         return real(analysis, curve, **options)
 
-    monkeypatch.setattr(Analysis, "answer", held)
+    monkeypatch.setattr(ANSWER, held)
     long = ask(client, single(tmp_path / "long.csv", 1.037), call="submit", model=QUICK.model)
     assert begun.wait(60)
     assert len(ask(client, single(tmp_path / "b.csv"), model=QUICK.model)["curves"]) == 1

@@ -6,16 +6,16 @@ import sys
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import typer
 from answers import answer
-from conftest import BDT, EXAMPLE, FIELD, REAL, ROOT, refusal
+from conftest import ANSWER, BDT, EXAMPLE, FIELD, REAL, ROOT, refusal
 from recordings import write_mraw
 
 from cavirheo import Bubble
-from cavirheo.inference.analysis import Analysis
 from cavirheo.physics.media import medium
 from cavirheo.verbs import app
 
@@ -214,13 +214,13 @@ def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, a
 
 
 @pytest.fixture
-def lab_answers(lab, monkeypatch) -> list[Analysis]:
+def lab_answers(lab, monkeypatch) -> list[Any]:
     """Known answers instead of inference; returns what was asked."""
-    calls: list[Analysis] = []
+    calls = []
 
     def answered(analysis, curve, *_, **__):
         calls.append(analysis)
         return answer(curve)
 
-    monkeypatch.setattr(Analysis, "answer", answered)
+    monkeypatch.setattr(ANSWER, answered)
     return calls

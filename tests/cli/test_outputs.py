@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -14,12 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import KnownAnalysis, fit, same, unanswered
-from conftest import BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
+from conftest import ANSWER, BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
 from files import write_curve
 
-from cavirheo import Posterior, RadiusCurve, read_curves
-from cavirheo.inference.analysis import Analysis
-from cavirheo.parallel import Threads, run_jobs
+from cavirheo import Posterior, RadiusCurve, infer_many, read_curves
+from cavirheo.parallel import Threads
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import html, read_json, result, write_report
@@ -91,7 +89,7 @@ def test_a_run_knows_its_own_answers_again_and_leaves_those_of_others(run, tmp_p
     for other in (["b.csv"], ["a.csv", "--density", 1050], ["a.csv", "b.csv"]):
         assert run("infer", *other, *words)[0] == 2
     with monkeypatch.context() as interrupted:
-        interrupted.setattr(Analysis, "answer", stopped)
+        interrupted.setattr(ANSWER, stopped)
         for more in ([], ["--seed", 1, "--replace"]):
             status, _, err = run("infer", "a.csv", *words[:-1], *more)
             assert (status, "earlier answers stay" in err) == (130, True)
@@ -258,6 +256,4 @@ def test_ctrl_c_in_compiled_code_fails_no_curve(monkeypatch):
 
     monkeypatch.setattr("cavirheo.inference.analysis.Experiment", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        Analysis().answer(read_curves(EXAMPLE)[0])
-    (worked_in_main_thread,) = run_jobs(lambda _: threading.current_thread() is threading.main_thread(), [0], 1)
-    assert not worked_in_main_thread
+        infer_many(read_curves(EXAMPLE)[:1], workers=1)

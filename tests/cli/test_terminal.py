@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import NAMES, answer, bubble, sweeps_of, times_of, with_verdict
-from conftest import EXAMPLE, ROOT, done, refusal, rows_of
+from conftest import EXAMPLE, PROBLEM, done, refusal, rows_of
 from files import write_curve
 
 from cavirheo import loading, read_curves
@@ -15,7 +15,6 @@ from cavirheo.inference.cards import card, path_of
 from cavirheo.reporting import result, screen, write_report
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset
-from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import as_json, write_json
 
@@ -123,7 +122,7 @@ def test_show_a_measurement_a_training_set_and_networks(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
     write_curve(tmp_path / "shot.csv", curve)
     write_curve(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
-    dataset.generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 4, tmp_path / "set", seed=3)
+    dataset.generate(PROBLEM, 4, tmp_path / "set", seed=3)
     cards = {name: card(path_of(name)) for name in ("emulator", "bdt-viscoelastic", "bdt-viscous")}
     for name, parts in (
         ("shot.csv", ("shot", "267", "131 of 160", "1000")),

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import pytest
 from answers import answer as answer_of
-from conftest import EXAMPLE, ROOT, done, refusal, refused, rows_of
+from conftest import ANSWER, EXAMPLE, ROOT, done, refusal, refused, rows_of
 from files import write_curve
 
 from cavirheo import load, read_curves
 from cavirheo.companions.published_values import read_references
-from cavirheo.inference.analysis import Analysis
 
 HEAD = "set,files,method,quantity,mean,std"
 REFERENCES = f"""# by hand
@@ -33,7 +32,7 @@ def folder(tmp_path, monkeypatch) -> Path:
     def answer(asked, curve, *_, **__):
         return answer_of(curve, *ANSWERS.get(curve.name, (4e3, 0.02)), verdict="ok", material="nhkv", draws=200)
 
-    monkeypatch.setattr(Analysis, "answer", answer)
+    monkeypatch.setattr(ANSWER, answer)
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")  # other processes would answer themselves
     data = tmp_path / "data"
     (data / "gel_a").mkdir(parents=True)

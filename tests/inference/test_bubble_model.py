@@ -7,9 +7,6 @@ from answers import fit, holds, simulated
 from conftest import REAL, code_of, slow
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, infer
-from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.assumptions import Family
-from cavirheo.inference.experiment import Experiment
 from cavirheo.physics.bubble import ACCOMMODATION, Damage
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.01)
@@ -48,9 +45,12 @@ def test_what_is_given_is_not_inferred():
     answer = fit(shot(contents="kinetic"), bubble=Bubble("kinetic", 0.05, confinement_damping=0.1), **QUICKLY)
     assert not {"accommodation", "confinement_damping"} & set(answer.parameters)
     assert (answer.best["accommodation"], answer.best["confinement_damping"]) == (0.05, 0.1)
-    about = Analysis("fit", bubble=Bubble("kinetic", wall_distance=2e-3)).options
-    beside_a_wall = Experiment(shot(), Family("nhkv"), options=about)
-    assert beside_a_wall.bubble["confinement_inertia"] == pytest.approx(250e-6 / 4e-3)
+
+
+def test_a_wall_at_a_distance_adds_the_inertia_of_its_image():
+    distant, confined = shot(wall_distance=2e-3), shot(confinement_inertia=250e-6 / 4e-3)
+    assert distant.radius == pytest.approx(confined.radius)
+    assert distant.radius != pytest.approx(shot().radius, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,7 @@ from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import hidden_modulus
 from cavirheo.physics.collapse import analytic_time
 from cavirheo.posterior import Checks, Evidence
-from cavirheo.reporting import result
-from cavirheo.writing.document import write_json
+from cavirheo.reporting import result, write_report
 
 EXACT = CommonErrors(0.0, 0.0, 0.0, 0.0)
 
@@ -246,8 +245,8 @@ def test_a_declared_column_gives_the_group_its_slope(tmp_path):
     assert without.scatter("shear_modulus")[1] > 0.13
     assert code_of(without.trend, "viscosity") == "population.along"
     assert [one.column["c"] for one in declared(tmp_path / "d.csv", "shot,c\ngel,1\nshot 2,5\n", 4)] == [1, 1, 5, 1]
-    write_json(tmp_path / "result.json", made)
-    assert load(tmp_path / "result.json").curves[4].column == {"concentration": 0.5}
+    write_report(tmp_path, list(zip(curves, answers, strict=True)), made, draw=False)
+    assert load(tmp_path).curves[4].column == {"concentration": 0.5}
 
 
 def test_the_word_R_max_gives_the_slope_over_the_size():

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import answer, bubble, seen, unanswered
-from conftest import ROOT, code_of, refused
+from conftest import PROBLEM, code_of, refused
 
 from cavirheo import Posterior, load, table
 from cavirheo.posterior import Checks
 from cavirheo.reporting.measured import Measured
 from cavirheo.reporting.record import Result
 from cavirheo.training.dataset import generate
-from cavirheo.training.recipe import read_recipe
 
 CHECKS = Checks("ok", (), 0.0064, 0.005, 0.02, 4, 4.02, *np.zeros((4, 9000)))
 
@@ -112,7 +111,7 @@ def test_load_takes_the_one_document_or_training_set_of_a_folder_and_refuses_ano
     assert code_of(load, tmp_path) == "loading.folder"
     assert load(tmp_path, Result).curves == []
     (tmp_path / "measure.json").unlink()
-    generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 2, tmp_path / "set", progress=False)
+    generate(PROBLEM, 2, tmp_path / "set", progress=False)
     assert len(load(tmp_path / "set")) == 2
 
 

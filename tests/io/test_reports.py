@@ -6,15 +6,15 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
 from answers import COMMAND, NAMES, Page, answer, bubble, empty, unanswered, with_verdict
-from conftest import refused, rows_of
+from conftest import ANSWER, refused, rows_of
 
 from cavirheo import Bubble, infer_many, load, population
 from cavirheo.column import read_column
-from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.which_law import ranked
 from cavirheo.posterior import Diagnostics, Evidence
 from cavirheo.reporting import html, result, write_report
@@ -193,16 +193,20 @@ def test_no_cell_of_a_table_is_a_formula(tmp_path):
     assert list(read_column(tmp_path / "a.csv")[1]) == names
 
 
+MEDIUM = ANSWER.replace("answer", "medium_for")
+
+
 def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
     """Also what no error of ours is: a row without an answer that names it, and its traceback in the log."""
     good, bad = bubble(), replace(bubble(), meta={"name": "bad"})
+    medium_for = resolve_name(MEDIUM)
 
-    def broken(self, curve, medium_for=Analysis.medium_for):
+    def broken(self, curve):
         if curve.name == "bad":
             raise RuntimeError("the network could not be run")
         return medium_for(self, curve)
 
-    monkeypatch.setattr(Analysis, "medium_for", broken)
+    monkeypatch.setattr(MEDIUM, broken)
     answers = infer_many([bad, good], model="bdt-viscoelastic", workers=1)
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
     assert "RuntimeError: the network could not be run" in answers[0].checks.message
