@@ -5,23 +5,8 @@ import pytest
 from answers import bubble
 
 from cavirheo import Posterior
-from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.which_law import choose_answers, ranked
 from cavirheo.posterior import Checks, Evidence
-
-
-@pytest.mark.parametrize(
-    ("evidence", "sizes", "within"),
-    [
-        ([(0.0, 0.1), (-2.9, 0.1)], [4, 3], [1, 0]),  # within a factor of 20: the simplest first
-        ([(0.0, 0.1), (-3.3, 0.1)], [4, 3], [0]),
-        ([(0.0, 0.1), (-3.3, 0.4)], [4, 3], [1, 0]),  # or within the error of the difference
-        ([(-1.0, 0.1), None, (0.0, 0.1)], [3, 1, 3], [2, 0]),  # as many parameters: the larger evidence
-        ([None, (-np.inf, np.inf)], [3, 3], []),
-    ],
-)
-def test_one_rule_chooses_models(evidence, sizes, within):
-    assert contenders([one and Evidence(*one) for one in evidence], sizes) == within
 
 
 def weighed(law="", log=None, error=0.1, **more) -> Posterior:
