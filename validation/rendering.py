@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import require
-from cavirheo.video.formats import Pixels, require_library, write_movie
+from cavirheo.video.formats import Pixels, require_library
 
 _SUBPIXELS = 3  # subpixels along a pixel's side
 _MOMENTS = 65  # times within an exposure at which the bubble is drawn
@@ -78,7 +80,7 @@ class Film:
 
             imwrite(path, self.frames, photometric="minisblack")
         else:
-            write_movie(path, self.frames, crf if path.suffix == ".mp4" else None)
+            _write_movie(path, self.frames, crf if path.suffix == ".mp4" else None)
 
 
 def render(time: ArrayLike, radius: ArrayLike, *, frames: int, scene: Scene | None = None, seed: int = 0) -> Film:
@@ -189,3 +191,22 @@ class _Camera:
         if scene.bright_centre:
             inside = inside - scene.bright_centre * np.exp(-((away / (0.3 * radii[_MOMENTS // 2] + 0.1)) ** 4))
         return np.asarray(inside * np.interp(away, table, share, right=0.0))
+
+
+def _write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
+    """Encode frames, (height, width) or (height, width, 3), in H.264 of the quality `crf`, or if it is None in lossless
+    FFV1. They are cut to an even height and width, and played at 10 per second."""
+    require_library("av")
+    import av
+
+    codec, options = ("ffv1", {}) if crf is None else ("libx264", {"crf": str(crf)})
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream(codec, rate=10, options=options)
+        for k, frame in enumerate(frames):
+            pixels = "rgb24" if frame.ndim == 3 else "gray16le" if frame.dtype == np.uint16 else "gray"
+            height, width = (size // 2 * 2 for size in frame.shape[:2])
+            if k == 0:
+                stream.height, stream.width, stream.pix_fmt = height, width, pixels if crf is None else "yuv420p"
+            even = np.ascontiguousarray(frame[:height, :width])
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format=pixels)))
+        container.mux(stream.encode())

@@ -94,6 +94,7 @@ TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
 Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
 COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
+ExposureUs = Annotated[Any, number(_EXPOSURE, INPUT)]
 _CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damping and inertia of walls; field: equilibrium, unbounded"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
@@ -115,7 +116,7 @@ class FileSettings:
     rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
     shots: Shots = None
     group: Group = "auto"
-    exposure_us: Annotated[Any, number(_EXPOSURE, INPUT)] = None
+    exposure_us: ExposureUs = None
 
     def __post_init__(self) -> None:
         if self.shots is not None:
@@ -185,17 +186,14 @@ class BubbleOptions:
 
         Raises InputError: an unknown name, or impossible values.
         """
-        from cavirheo.physics.bubble import DAMAGES, bubbles_of
+        from cavirheo.physics.bubble import bubbles_of
 
-        damages = [word.strip() for word in self.damage.split(",")]
-        if not set(damages) <= set(DAMAGES):
-            raise InputError(f"--damage must be {', '.join(DAMAGES)}, got {self.damage!r}", "option.damage")
         values = self.bubble_values
-        if self.bubble is None and not values and damages == ["none"]:
+        if self.bubble is None and not values and self.damage == "none":
             return None
-        names = "real" if self.bubble is None else self.bubble
-        bubbles = [bubble for name in names.split(",") for bubble in bubbles_of(name.strip())]
-        return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in bubbles for damage in damages)
+        named = [bubble for name in (self.bubble or "real").split(",") for bubble in bubbles_of(name.strip())]
+        damages = [word.strip() for word in self.damage.split(",")]
+        return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in named for damage in damages)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,7 +213,7 @@ class Settings(Liquid, FileSettings, BubbleOptions):
         check_max_radius(max_radius)
         check_camera(self.fps, self.um_per_px)
         liquid = self.liquid
-        camera = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px}
+        camera = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px, "exposure": self.exposure}
         table = {"density": liquid.density, "pressure": liquid.pressure, "max_radius": max_radius, "group": self.group}
         return table | camera
 

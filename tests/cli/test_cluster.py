@@ -22,7 +22,7 @@ from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
 from cavirheo.workflow.cluster import Workers, identity, required_identity, slurm_cluster
-from cavirheo.workflow.store import Unfinished
+from cavirheo.workflow.store import Store, analyse_all
 
 
 @pytest.fixture(scope="module")
@@ -56,12 +56,12 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
 
 def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
     curves, analysis = read_curves(EXAMPLE), Analysis(model="bdt-viscoelastic", seed=4)
-    here = Unfinished(tmp_path / "here", visible=False).answers(curves, analysis)
-    there = Unfinished(tmp_path / "there", visible=False, executor=workers).answers(curves, analysis)
+    here = analyse_all(curves, {"": analysis}, Store(tmp_path / "here"), visible=False)[""]
+    there = analyse_all(curves, {"": analysis}, Store(tmp_path / "there"), workers, visible=False)[""]
     assert list(here) == list(there) == list(range(len(curves)))
     for k, mine in here.items():
         assert same(replace(mine, seconds=0.0), replace(there[k], seconds=0.0))
-    names = [sorted(path.name for path in (tmp_path / way / "unfinished").iterdir()) for way in ("here", "there")]
+    names = [sorted(path.name for path in (tmp_path / way).iterdir()) for way in ("here", "there")]
     assert len({*names[0]} & {*names[1]}) == len(curves)  # so that each goes on where the other stopped
 
 

@@ -24,7 +24,7 @@ GOOD = {  # a call that would compute, without the option that is tried
     "measure": "film.mraw",
     "infer": "shot.csv", "fit": "shot.csv", "which-law": "shot.csv", "compare": "result.json --references refs.csv",
     "collapse-time": "times.csv", "rheometer": "sweep.csv", "generate": "recipe.toml -o d",
-    "simulate": "-o o --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1",
+    "simulate": "-o o --rmax-um 100 --stretch 5 --material nhkv(1e3,0.1)",
     "train": "recipe.toml d -o r", "app": "", "models": "", "laws": "", "show": "shot.csv",
     "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
 }  # fmt: skip
@@ -71,9 +71,9 @@ measure [sf]*.*
 measure film.mraw --roi 0,0,99,99
 which-law missing.csv --laws nhkv,foo | foo
 infer missing.csv --rmax-um -5 | got '-5'
-simulate -o o --rmax-um 90 --stretch 5 --material newtonian --shear-modulus 5 --viscosity 1 | shear_modulus
-simulate -o o --rmax-um 90 --stretch 5 --material gent --shear-modulus 2e3 | gent(shear_modulus [Pa], limit [-])
-simulate -o o --rmax-um 90 --stretch 5 --material nhkv(2e3,0.1) --viscosity 0.1 --stiffening 1 | --viscosity, --stiff
+simulate -o o --rmax-um 90 --stretch 5 --material nhkv(2e3) | viscosity
+simulate -o o --rmax-um 90 --stretch 5 --material gent | gent(shear_modulus [Pa], limit [-])
+simulate -o o --rmax-um 90 --stretch 5 | --material
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --fps 1e15 | frames
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --contents kinetic | --polytropic
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --accommodation 0.1 | --contents kinetic
@@ -125,7 +125,6 @@ NEEDED = [
     ("cavirheo[app]", "gradio", "app --no-browser"),
     ("cavirheo[video]", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
     ("cavirheo[cluster]", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
-    ("cavirheo[cluster]", "dask_jobqueue", "generate recipe.toml -n 2 -o d --slurm 2"),
     ("cavirheo[train]", "torch", "train recipe.toml d -o r"),
 ]
 

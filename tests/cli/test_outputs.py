@@ -21,7 +21,7 @@ from cavirheo.parallel import Threads
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import html, read_json, result, write_report
-from cavirheo.workflow.store import Store, Unfinished
+from cavirheo.workflow.store import Store, analyse_all
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs
 
 VERBS = {  # what each writes first, and a call that is complete but for -o
@@ -128,6 +128,15 @@ def test_nothing_is_written_through_a_link_of_somebody_else(tmp_path, name, link
     assert theirs.read_text() == "measured with care"
 
 
+<<<<<<< HEAD
+=======
+def test_answers_are_kept_in_no_folder_of_somebody_else(tmp_path):
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "unfinished").symlink_to(tmp_path / "theirs")
+    assert code_of(Store, tmp_path / "unfinished") == "document.folder"
+
+
+>>>>>>> f242888f (watch looks, reads and answers in steps; one store of answers by keys; which-law takes the options of infer; simulate takes a material with its numbers)
 @pytest.mark.parametrize("line", ["{", "[]", '{"kind": "r", "name": "../secret", "sha256": "%s"}', "\xff"])
 def test_a_strange_list_does_no_harm(tmp_path, line):
     (tmp_path / "secret").write_text("x")
@@ -190,14 +199,13 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
         return replace(answer, seconds=float(curve.name[-2]))
 
     def answers(curves, seed=0):
-        run = Unfinished(tmp_path, executor=Threads(1))
-        return run, run.answers(curves, KnownAnalysis(of=of, seed=seed))
+        store = Store(tmp_path / "unfinished")
+        return store, analyse_all(curves, {"": KnownAnalysis(of=of, seed=seed)}, store, Threads(1))[""]
 
-    run, found = answers(curves)
-    assert (run.interrupted, list(found)) == (True, [0, 1])
+    _, found = answers(curves)
+    assert list(found) == [0, 1]
     most = 99
-    run, found = answers(curves[::-1])  # in any order
-    assert not run.interrupted
+    store, found = answers(curves[::-1])  # in any order
     assert [one.seconds for one in found.values()] == [5.0, 4.0, 3.0, 2.0, 1.0]
     assert asked == ["1", "2", "5", "4", "3"]
     answers([curve.labelled(name=f"{curve.name} (2)", group="gel", source="elsewhere.csv") for curve in curves])
@@ -208,10 +216,10 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
     assert len(asked) == 12  # other curves
     (tmp_path / "unfinished" / "notes.txt").write_text("mine")
     before = len(contents(tmp_path))
-    run.remove()
+    store.remove_used()
     assert len(contents(tmp_path)) == before - 5  # what the other runs kept is theirs
-    other.remove()
-    third.remove()
+    other.remove_used()
+    third.remove_used()
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
 
 
@@ -223,7 +231,7 @@ def test_a_failed_answer_is_asked_for_again(tmp_path):
         return unanswered("too little memory")
 
     for _ in range(2):
-        Unfinished(tmp_path, executor=Threads(1)).answers(read_curves(EXAMPLE)[:1], KnownAnalysis(of=fails))
+        analyse_all(read_curves(EXAMPLE)[:1], {"": KnownAnalysis(of=fails)}, Store(tmp_path), Threads(1))
     assert len(asked) == 2
 
 

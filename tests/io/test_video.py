@@ -338,7 +338,7 @@ def test_folders_of_images_and_films_of_two_files_are_one_recording_each(folder,
 
 
 def test_the_command_writes_what_can_be_read_again(run, folder, whole):
-    done(run("measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out", "--overlay"))
+    done(run("measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out"))
     rows, (_, curve) = rows_of("out/measured.csv"), whole
     (again,) = cavirheo.read_curves("out/measured.csv")
     assert again.radius == pytest.approx(curve.radius, rel=1e-4, nan_ok=True)
@@ -349,7 +349,6 @@ def test_the_command_writes_what_can_be_read_again(run, folder, whole):
     assert about["max_radius_m"] == pytest.approx(curve.max_radius)
     assert sum(about["flags"].values()) == FRAMES
     assert Image.open("out/contact.png").size[0] > 400
-    assert len(read(Path("out/overlay.mp4")).frames) == FRAMES
     assert cavirheo.load("out").max_radius_px > 23
     assert run("show", "out")[0] == 0
 

@@ -217,7 +217,7 @@ class Page:
         begin = bind(starts, self._begin_run, [self.chosen_shots, *settings], queue=False)
         bind(begin.success, self._answer, [self.chosen_shots], slow=True, **_RUNS)
         bind(self.timer.tick, self._refresh_answers, outputs=[self.timer, self.answers], queue=False)
-        bind(self.stop.click, lambda session: session.runs.stopped.set(), queue=False)
+        bind(self.stop.click, self._stop, queue=False)
         js = "() => [document.body.dataset.picked]"
         bind(self.answers.click, self._open_check, shot, js=js, **_LATEST)
         bind(self.checked_shot.select, self._show_check, shot)
@@ -331,12 +331,16 @@ class Page:
 
     def _begin_run(self, session: Session, chosen: list[str], *settings: Any) -> _Updates:
         session.apply_settings(PageSettings(**_page_values(settings)))
-        if session.runs.ready():
+        if session.run is None or not session.run.working:
             session.run = Run(chosen)
         return {self.steps: gr.Tabs(selected=3), **self._refresh_answers(session)}
 
+    def _stop(self, session: Session) -> None:
+        if session.run:
+            session.run.stopped.set()
+
     def _refresh_answers(self, session: Session) -> _Updates:
-        return {self.timer: gr.Timer(active=bool(session.run.records)), self.answers: words.answers(session)}
+        return {self.timer: gr.Timer(active=session.run is not None), self.answers: words.answers(session)}
 
     def _answer(self, session: Session, chosen: list[str]) -> _Updates:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
@@ -397,7 +401,7 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
 
     def infer(files: list[gr.FileData], *options: Any) -> dict[str, Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
-        session = Session(visitors.limits, visitors.reader, visitors.measurer, visitors.store)
+        session = Session(visitors.limits, visitors.reader, visitors.measurer, visitors.shared)
         try:
             with uploaded_paths([str(dict(file)["path"]) for file in files or []]) as paths:
                 session.add(paths, PageSettings(**_page_values(options)))
@@ -409,7 +413,7 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
         except (InputError, SolverError) as error:
             raise gr.Error(str(error), title="Not done", print_exception=False) from None
         finally:
-            visitors.end_session(session)
+            session.close()
 
     plain = signature(infer)
     kind = Parameter.POSITIONAL_OR_KEYWORD

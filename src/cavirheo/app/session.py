@@ -7,13 +7,13 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number_list, require
@@ -21,14 +21,12 @@ from cavirheo.inference.analysis import DEFAULT
 from cavirheo.inference.cards import shipped
 from cavirheo.io.files import pixels_of, without_headers
 from cavirheo.io.subprocess_reader import Reader
-from cavirheo.parallel import Job, Output, cores
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.material import cached_material_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.settings import Exclude, InferSettings, checked
 from cavirheo.video.formats import is_video
-from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
 
 UPLOAD_FOLDER = "your files"  # the folder of a visitor, which names the group of single-shot files
@@ -131,54 +129,14 @@ class Measured(NamedTuple):
     problems: list[str]
 
 
-class Stoppable:
-    """Runs one list of jobs at a time, on all cores, until another thread sets `stopped`; `busy` is locked while a list
-    runs."""
-
-    def __init__(self) -> None:
-        self.busy = threading.Lock()
-        self.stopped = threading.Event()
-        self._unfinished: set[Future[Any]] = set()  # jobs that were running at the stop: they end by themselves
-
-    def ready(self) -> bool:
-        """Whether no list runs; if so, an earlier stop is cleared."""
-        if free := not self.busy.locked():
-            self.stopped.clear()
-        return free
-
-    def run_jobs(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> list[Output | None]:
-        """function(job) of each job, in their order; None for jobs that had not ended at the stop.
-
-        Raises InputError: stopped before the first job ended, or the previous list still runs.
-        """
-        free = self.busy.acquire(blocking=False)
-        require(free, "the run before goes on: stop it, or wait for its end", "parallel.busy")
-        try:
-            wait(self._unfinished)  # so a user who stops and starts repeatedly gets no more cores
-            pool = ThreadPoolExecutor(cores())
-            tasks = [pool.submit(function, job) for job in jobs]
-            unfinished = set(tasks)
-            while unfinished and not self.stopped.is_set():
-                unfinished = wait(unfinished, timeout=0.1, return_when=FIRST_COMPLETED).not_done
-            pool.shutdown(wait=False, cancel_futures=True)
-            self._unfinished = {task for task in unfinished if not task.cancelled()}
-        finally:
-            self.busy.release()
-        stopped = "stopped before a shot was done: nothing has changed"
-        require(len(unfinished) < len(tasks), stopped, "parallel.stopped")
-        return [None if task in unfinished else task.result() for task in tasks]
-
-
 class Run:
-    """A run while it lasts: how far it is."""
+    """A run while it lasts: how far it is, and whether it is to stop."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.records: dict[str, CurveRecord | None] = dict.fromkeys(names)  # each shot's answer so far, or None
-        self._began = self._latest = time.monotonic()  # s, when the run began, and when the latest answer came
-
-    def add(self, record: CurveRecord) -> None:
-        self.records[record.name] = record
-        self._latest = time.monotonic()
+        self.began = time.monotonic()
+        self.working = False  # it has its turn among the runs of all visitors
+        self.stopped = threading.Event()
 
     @property
     def ready(self) -> list[CurveRecord]:
@@ -187,31 +145,31 @@ class Run:
 
     @property
     def seconds(self) -> tuple[float, float | None]:
-        """(s since the run began, s that are left by the shots so far; None before the first, or if it takes longer)"""
-        now = time.monotonic()
+        """(s since the run began, s that are left by the shots so far; None before the first)"""
+        passed = time.monotonic() - self.began
         done = len(self.ready)
-        if not done:
-            return now - self._began, None
-        left = (self._latest - self._began) / done * (len(self.records) - done) - (now - self._latest)
-        return now - self._began, left if left > 0.0 else None
+        return passed, passed / done * (len(self.records) - done) if done else None
+
+
+Shared = WeakValueDictionary[str, Posterior]  # answers of all visitors by their keys, while a session keeps them
 
 
 class Session:
     """The state of one visitor. The files are in a temporary folder, which is removed with the session."""
 
     def __init__(
-        self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, store: Store | None = None
+        self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, shared: Shared | None = None
     ) -> None:
         self.limits = limits
         self.reader = reader
         self.measurer = measurer or reader  # separate: reading tables need not wait for a recording
-        self.store = store or Store()  # answers, shared by all visitors
-        self.keys: set[str] = set()  # of this visitor's answers in it
+        self.shared: Shared = WeakValueDictionary() if shared is None else shared
+        self.kept: dict[str, Posterior] = {}  # this visitor's answers, by their keys
         self.settings = PageSettings()
         self.error_message = ""  # error message of the last event
         self.link = token_urlsafe(16)  # secret: a page with it in its address opens this session
         self.lock = threading.RLock()  # held while the session is read or changed, but not while a run answers shots
-        self.runs = Stoppable()  # computations on shots
+        self.run: Run | None = None
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
         self.clear()
@@ -226,7 +184,10 @@ class Session:
         self.materials: dict[str, str] = {}  # by shot, as the visitor typed them
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
-        self.run = Run([])
+        self.kept.clear()
+        if self.run:
+            self.run.stopped.set()
+        self.run = None
 
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Move or copy the files into the session, and read them; unreadable ones are removed. Raises InputError: too
@@ -275,14 +236,20 @@ class Session:
             sources += [curve.labelled(source=str(path)) for curve in self.measured[path].curves]
             failed += [] if self.measured[path].curves else self.measured[path].problems
         curves, problems = self.reader.read(sources, **settings.read_options)
-        if exposure := settings.camera["exposure"]:
-            curves = [curve.labelled(exposure_s=exposure) for curve in curves]
         return curves, failed + problems
 
     @property
     def names(self) -> list[str]:
         """Names of the shots."""
         return [curve.name for curve in self.curves]
+
+    def start(self, names: Sequence[str]) -> Run:
+        """Start the run that waits, or else a new one. Raises InputError: one goes on."""
+        going_on = self.run is not None and self.run.working
+        require(not going_on, "the run before goes on: stop it, or wait for its end", "parallel.busy")
+        self.run = self.run or Run(names)
+        self.run.working = True
+        return self.run
 
     def regroup(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Return the pairs with each curve in the group of its typed material, or else in the group of its file."""
@@ -330,7 +297,8 @@ class Session:
         raise InputError(f"{name} has no answer: infer first (step 3)", "app.no_answer")
 
     def close(self) -> None:
-        self.runs.stopped.set()
+        self.clear()
+        cached_material_of.cache_clear()
         self._temporary.cleanup()
 
     def _unused_path(self, name: str) -> Path:
@@ -349,7 +317,7 @@ class Visitors:
         self.limits = limits
         self.reader = Reader(limits.read_seconds, processes=limits.readers)
         self.measurer = Reader(limits.film_seconds, prestart=False)
-        self.store = Store(capacity=200)  # two answers per shot
+        self.shared: Shared = WeakValueDictionary()
         self._lock = threading.RLock()
         self._pages: dict[str, Session] = {}  # session of each page, in the order of use
         self._left: dict[str, float] = {}  # of each page that left: when it is to be forgotten
@@ -366,7 +334,7 @@ class Visitors:
             raise InputError("no session: reload the page")
         with self._lock:
             self._left.pop(name, None)
-            session = self._pages.pop(name, None) or Session(self.limits, self.reader, self.measurer, self.store)
+            session = self._pages.pop(name, None) or Session(self.limits, self.reader, self.measurer, self.shared)
             self._pages[name] = session
             for unused in self._sessions[self.limits.visitors :]:
                 self._forget([page for page, other in self._pages.items() if other is unused])
@@ -398,15 +366,7 @@ class Visitors:
             session = self._pages.pop(name, None)
             self.on_forget(name)
             if session and session not in self._pages.values():
-                self.end_session(session)
-
-    def end_session(self, session: Session) -> None:
-        """Close a session, and remove the answers that no other session uses."""
-        session.close()
-        with self._lock:
-            shared = set().union(*(visitor.keys for visitor in self._sessions))
-        self.store.remove(session.keys - shared)
-        cached_material_of.cache_clear()
+                session.close()
 
     def close(self) -> None:
         """Close all sessions, and end the processes that read files."""

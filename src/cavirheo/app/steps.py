@@ -5,17 +5,18 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cavirheo.app.session import Answers, PageSettings, Run, Session
+from cavirheo.app.session import Answers, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.what_if import checks_with, slider
 from cavirheo.io import write_csv
-from cavirheo.parallel import cores, run_on_any_core
+from cavirheo.parallel import Threads, cores, run_on_any_core
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import group_pictures, result, write_report
 from cavirheo.reporting.answer import curve_record
@@ -39,32 +40,38 @@ def examples() -> dict[str, Path]:
 
 
 def infer(session: Session, names: Sequence[str]) -> Answers:
-    """Return the answers of the chosen shots, and keep them in the session; a stop leaves out unfinished shots. Raises
-    InputError: no or too many shots, stopped before the first answer, or files or settings changed during the run."""
+    """Return the answers of the chosen shots, and keep them in the session; after a stop no further shot is waited
+    for. Raises InputError: no shots, another run goes on, or files or settings changed during the run."""
     with session.lock:
         settings, curves = session.settings, session.curves
         chosen = [curve for curve in curves if curve.name in names]
-    require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
-    run, workers = session.run, max(cores() // len(chosen), 1)
+        require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
+        run = session.start(names)
+    workers = max(cores() // len(chosen), 1)
 
     def answer_one(curve: RadiusCurve) -> tuple[RadiusCurve, Posterior]:
         key = settings.analysis.key(curve)
-        session.keys.add(key)  # visitors with one file share one answer, which is removed with the last of them
-        answer = session.store.get(key)
+        answer = session.shared.get(key)  # visitors with one file share one answer
         if answer is None:
             answer = run_on_any_core(partial(settings.analysis.answer, curve, workers=workers))
-            session.store.put(key, answer)
+        session.kept[key] = session.shared[key] = answer
         pair = curve, with_source_of(answer, curve)
-        run.add(curve_record(*session.regroup([pair])[0]))
         return pair
 
+    answered = dict[int, tuple[RadiusCurve, Posterior]]()
     try:
-        pairs = [pair for pair in session.runs.run_jobs(answer_one, chosen) if pair]
+        with closing(Threads().map_unordered(answer_one, chosen)) as flow:
+            for index, pair in flow:
+                answered[index] = pair
+                run.records[pair[0].name] = curve_record(*session.regroup([pair])[0])
+                if run.stopped.is_set():
+                    break
+        pairs = [answered[index] for index in sorted(answered)]
         names_answered = [curve.name for curve, _ in pairs]
         pooled = _pool_answers(session, pairs, [name for name in names if name not in names_answered], settings)
     finally:
-        if not session.runs.busy.locked():  # an earlier run, which continues, uses it
-            session.run = Run([])
+        with session.lock:
+            session.run = None if session.run is run else session.run
     with session.lock:
         if session.curves is not curves or session.settings != settings:
             changed = "files or settings were changed while it ran: its answers are dropped; run it again"

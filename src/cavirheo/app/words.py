@@ -136,7 +136,7 @@ def answers(session: Session) -> str:
     the answers so far, without pictures."""
     current = session.answers
     run = session.run
-    if run.records:
+    if run:
         current = Answers([], result_of(run.ready, ""), [], session.settings, {})
     if current is None:
         return render("hint", NO_ANSWERS)
@@ -148,7 +148,7 @@ def answers(session: Session) -> str:
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.render_macro("curves_table", document, rows, [row.name for row in rows], title)
     explanation = html.render_macro("reading"), *methods_paragraph(document)
-    stale = session.stale and not run.records
+    stale = session.stale and not run
     done = len(document.curves), current.not_run
     return render("answers", stale, run, *done, groups, shots, curves_by_message(rows), *explanation)
 

@@ -38,7 +38,6 @@ _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is
     "result.csv": "result.json",
     "comparison.csv": "result.json",
     "shots.csv": "collapse-time.json",
-    "overlay.mp4": "measure.json",
 }
 
 

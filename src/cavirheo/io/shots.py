@@ -55,7 +55,7 @@ def read_curves(
         frame_rate_hz: 1/s, of a recording, and of a table without times, or with times of too few digits.
         shots: the curves to return, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file; None: all.
         um_per_px: micrometres per pixel, of a recording (measured as by `cavirheo.measure`) or of a table in pixels.
-        exposure: s, of a frame of a recording.
+        exposure: s, of a frame.
         exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
 
     Returns:
@@ -81,6 +81,7 @@ def read_curves(
     with guarded(path, _EXPECTED) as source:
         curves = _read(source, density, pressure, Camera(frame_rate_hz, um_per_px))
         origin: dict[str, Any] = {"group": path.stem, "source": printable(str(path)), "source_sha256": source.sha256}
+        origin |= {"exposure_s": exposure} if exposure else {}
         labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
         labels = labels if len(curves) > 1 else [path.stem]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)

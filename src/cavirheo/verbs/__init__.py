@@ -25,6 +25,11 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
     (documents, "models"),
     (machine, "generate train"),
 )
+_EXTRAS = {  # libraries that a part of the program needs, and the extra that installs them
+    "gradio": "app",
+    **dict.fromkeys(("torch", "safetensors"), "train"),
+    **dict.fromkeys(("distributed", "dask", "dask_jobqueue", "cryptography"), "cluster"),
+}
 _UsageError: Any = typer.BadParameter.__base__  # an error in the call; typer has no public name for it
 app = typer.Typer(
     no_args_is_help=True,
@@ -70,6 +75,12 @@ def main() -> None:
         else:
             where = error.ctx.command_path if error.ctx else "cavirheo"
             say(f"error: {message.rstrip('.')}; see {where} --help")
+        sys.exit(2)
+    except ModuleNotFoundError as error:
+        library = (error.name or "").partition(".")[0]
+        if library not in _EXTRAS:
+            raise
+        say(f'error: this needs {library}: pip install "cavirheo[{_EXTRAS[library]}]"')
         sys.exit(2)
     except (InputError, SolverError, OSError) as error:
         say(f"error: {error}")

@@ -156,7 +156,7 @@ class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
             raise InputError(message, "design.group")
         rig = Rig(
             max_radius=[1e-6 * end for end in self.rmax_um],
-            frame_rate=_parse_numbers("--fps", self.fps),
+            frame_rate=options.numbers("--fps", self.fps, float, ",", "numbers with commas"),
             frames=self.frames,
             noise=1e-6 * self.noise_um,
             relative_noise=0.01 * self.noise_percent,
@@ -174,10 +174,3 @@ class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
             document = design(self.result, rig, ranges=ranges, wanted=wanted, done=advance, **keywords)
         run.write_document(outputs, document.model_copy(update=run.document_fields))
         run.end(f"written to {self.out}")
-
-
-def _parse_numbers(option: str, text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(f"{option} must be numbers with commas, got {text!r}", "option.numbers") from None

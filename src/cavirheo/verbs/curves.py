@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,8 +16,10 @@ from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
-    from cavirheo.reporting.record import Pairs, Result
-    from cavirheo.writing.document import Outputs
+    from cavirheo.curve import RadiusCurve
+    from cavirheo.inference.analysis import Analysis
+    from cavirheo.posterior import Posterior
+    from cavirheo.reporting.laws import LawsOfGroup
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
@@ -26,65 +29,71 @@ _DAMAGES = "softening of the gel: none, strain, or both with a comma"
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ReportVerb(options.MeasuredFiles, options.SharedErrors):
-    """Answer the curves of files by one analysis, and write a report."""
+class _ReportVerb(options.MeasuredFiles):
+    """Answer the curves of files by one or several analyses, and write a report."""
 
     references: Annotated[list[Path] | None, option(options.REFERENCES, INPUT)] = None
 
+    @property
+    def analyses(self) -> dict[str, Analysis]:
+        """The analyses of each curve, by name. Raises InputError."""
+        return {"": self.analysis}
+
+    def choose(
+        self, curves: Sequence[RadiusCurve], answers: Mapping[str, list[Posterior]]
+    ) -> tuple[list[Posterior], dict[int, LawsOfGroup]]:
+        """The answer of each curve; and the laws that were compared, by the first curve of a group."""
+        return answers[""], {}
+
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import TABLE, by_group, in_sets, read_sets, write_comparison
-        from cavirheo.reporting import DOCUMENTS
+        from cavirheo.reporting import DOCUMENTS, write_report
         from cavirheo.reporting.record import group_names, result
-        from cavirheo.reporting.screen import print_result
+        from cavirheo.reporting.screen import print_all, print_result
         from cavirheo.workflow.cluster import connected
-        from cavirheo.workflow.store import Unfinished
+        from cavirheo.workflow.store import UNFINISHED, Store, analyse_all
         from cavirheo.writing.document import Outputs
 
         files = run.files(self.files)
-        out = self.out
         references = self.references or []
-        analysis = self.analysis
+        analyses = self.analyses
         sets = read_sets(references)
         inputs = [*files, *references]
-        folder = Outputs(out, *DOCUMENTS, inputs=inputs)
+        folder = Outputs(self.out, *DOCUMENTS, inputs=inputs)
         if references:
-            Outputs(out, TABLE, inputs=inputs)
+            Outputs(self.out, TABLE, inputs=inputs)
+        store = Store(self.out / UNFINISHED)
         with connected(self.scheduler, self.slurm, run.say) as executor:
-            curves = self.read_curves(run, files)
-            unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
-            curves = in_sets(curves, sets)
-            published = by_group(group_names(curves), sets)
-            analysis.check(curves)
-            answers = unfinished.answers(curves, analysis)
-        note = unfinished.note(len(answers), len(curves))
-        pairs = [(curves[i], answer) for i, answer in answers.items()]
-        document = result(pairs, errors=self.errors, **_head(run, note))
-        document.add_published(published)
-        _write(run, folder, pairs, document, note, draw=self.pictures)
-        unfinished.remove()
+            curves = in_sets(self.read_curves(run, files), sets)
+            for analysis in analyses.values():
+                analysis.check(curves)
+            found = analyse_all(curves, analyses, store, executor, visible=not run.quiet)
+        answered = sorted(set.intersection(*map(set, found.values())))
+        by_analysis = {name: [answers[i] for i in answered] for name, answers in found.items()}
+        answers, laws = self.choose([curves[i] for i in answered], by_analysis)
+        pairs = [(curves[i], answer) for i, answer in zip(answered, answers, strict=True)]
+        interrupted = len(answered) < len(curves)
+        if interrupted:
+            note = f"interrupted: {len(answered)} of {len(curves)} answered; the same command again answers the rest"
+            if folder.listed_entry("report.html"):
+                run.end_interrupted(f"{note}; until then the earlier answers stay", self.out / "result.json")
+            if not pairs:
+                run.end_interrupted(note, None)
+            run.notes.insert(0, note)
+        document = result(pairs, errors=self.errors, **run.document_fields)
+        document.add_laws(laws)
+        document.add_published(by_group(group_names(curves), sets))
+        write_report(self.out, pairs, document, complete=not interrupted, draw=self.pictures)
+        if interrupted:
+            run.end_interrupted(note, self.out / "result.json")
+        store.remove_used()
         if references:
-            write_comparison(out, document, inputs)
-        run.show(document, partial(print_result, out=out, every_shot=self.every_shot, printed_notes=run.printed_notes))
-        run.end(digits.counted(len(curves), "curve"), has_problems(document), f"; report: {out / 'report.html'}")
-
-
-def _head(run: Run, note: str) -> dict[str, Any]:
-    """The fields of a document that describe the run; `note`: why answers are missing."""
-    return {**run.document_fields, "notes": [note, *run.notes] if note else run.notes}
-
-
-def _write(run: Run, folder: Outputs, pairs: Pairs, document: Result, note: str, *, draw: bool) -> None:
-    """Write the documents. note: why answers are missing; the run ends after what is written."""
-    from cavirheo.reporting import write_report
-
-    out = folder.folder
-    if note and folder.listed_entry("report.html"):
-        run.end_interrupted(f"{note}; until then the earlier answers stay", out / "result.json")
-    if note and not pairs:
-        run.end_interrupted(note, None)
-    write_report(out, pairs, document, complete=not note, draw=draw)
-    if note:
-        run.end_interrupted(note, out / "result.json")
+            write_comparison(self.out, document, inputs)
+        rows = partial(print_result, every_shot=self.every_shot, printed_notes=run.printed_notes)
+        run.show(document, partial(print_all if laws else rows, out=self.out))
+        undecided = any(not compared.chosen for compared in laws.values())
+        failed = has_problems(document) or undecided
+        run.end(digits.counted(len(curves), "curve"), failed, f"; report: {self.out / 'report.html'}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +121,7 @@ class Fit(_ReportVerb):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WhichLaw(options.MeasuredFiles):
+class WhichLaw(_ReportVerb):
     """Which of several laws explains the curves best? Evidence by sampling."""
 
     laws: Annotated[str, option("two or more laws, with commas")] = _LAWS
@@ -121,79 +130,60 @@ class WhichLaw(options.MeasuredFiles):
     damage: Annotated[str, option(_DAMAGES, BUBBLE)] = "none"  # type: ignore[assignment]
     out: options.Out = Path("cavirheo-laws")
 
-    def __call__(self, run: Run) -> None:
-        from cavirheo.inference.assumptions import Options
-        from cavirheo.inference.which_law import choose_answers, models, plans, ranked
-        from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting import DOCUMENTS
-        from cavirheo.reporting.laws import laws_by_curve
-        from cavirheo.reporting.record import result
-        from cavirheo.reporting.screen import print_all
-        from cavirheo.workflow.cluster import connected
-        from cavirheo.workflow.store import Unfinished
-        from cavirheo.writing.document import Outputs
+    @property
+    def analyses(self) -> dict[str, Analysis]:
+        from cavirheo.inference.which_law import models, plans
 
-        files = run.files(self.files)
-        out = self.out
-        materials = [name.strip() for name in self.laws.split(",") if name.strip()]
-        candidates = models(materials, self.bubbles or (REAL,))
-        Options(window=self.window, stretch=self.stretch)
-        folder = Outputs(out, *DOCUMENTS, inputs=files)
-        with connected(self.scheduler, self.slurm, run.say) as executor:
-            unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
-            curves = self.read_curves(run, files)
-            shared = {name: value for name, value in self.analysis_options.items() if name != "bubble"}
-            analyses = plans(candidates, **shared, discrepancy=not self.exact_law)
-            by_law = {law: unfinished.answers(curves, plan) for law, plan in analyses.items()}
-        complete = sorted(set.intersection(*map(set, by_law.values())))
-        answered = [curves[i] for i in complete]
-        singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in by_law.items()})
-        pairs = list(zip(answered, choose_answers(singles, groups), strict=True))
-        note = unfinished.note(len(complete), len(curves))
-        document = result(pairs, **_head(run, note))
-        document.add_laws(laws_by_curve([*singles, *groups]))
-        _write(run, folder, pairs, document, note, draw=self.pictures)
-        unfinished.remove()
-        run.show(document, partial(print_all, out=out))
-        failed = has_problems(document) or any(not ranking.chosen for ranking in singles)
-        run.end(digits.counted(len(curves), "curve"), failed, f"; report: {out / 'report.html'}")
+        laws = [name.strip() for name in self.laws.split(",") if name.strip()]
+        shared = self.analysis_options
+        bubbles = shared.pop("bubble")
+        return plans(models(laws, bubbles), **shared, discrepancy=not self.exact_law)
+
+    def choose(
+        self, curves: Sequence[RadiusCurve], answers: Mapping[str, list[Posterior]]
+    ) -> tuple[list[Posterior], dict[int, LawsOfGroup]]:
+        from cavirheo.inference.which_law import choose_answers, ranked
+        from cavirheo.reporting.laws import laws_by_curve
+
+        singles, groups = ranked(curves, answers)
+        return choose_answers(singles, groups), laws_by_curve([*singles, *groups])
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch(settings.InferSettings, options.AnsweringVerb, options.SharedErrors):
+class Watch(settings.InferSettings, options.AnsweringVerb):
     """Every recording that arrives in a folder, answered as `infer` does, until Ctrl-C."""
 
     folder: Annotated[Path, argument("FOLDER", "where the recordings arrive: R(t) files or videos", readable=False)]
     once: Annotated[bool, option("answer the files that exist, write the report, and stop", None, "--once")] = False
-    patience: Annotated[float, option("how long to try a file again that cannot be read, s", INPUT, min=0.0)] = 10.0
 
     def __call__(self, run: Run) -> None:
+        from time import sleep
+
         from cavirheo import watch
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting.screen import print_line, print_result
 
-        folder = self.folder
-        out = self.out
-        require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
-        analysis = self.analysis
+        message = f"{self.folder} is no folder: give the one where recordings arrive"
+        require(self.folder.is_dir(), message, "watch.folder")
         read_settings = settings.shared_values(self, settings.FileSettings)
-        keywords: dict[str, Any] = {"group": self.group, "read_timeout": self.patience, "notify": run.say}
-        keywords |= {"command": run.command, "date": run.date, "draw": self.pictures, "errors": self.errors}
+        keywords: dict[str, Any] = {"group": self.group, "notify": run.say, "draw": self.pictures}
+        keywords |= {"command": run.command, "date": run.date, "errors": self.errors}
         if not run.quiet:
             keywords["show"] = print_line
-        watched = watch.Watch(folder, out, analysis, self.read_recordings, read_settings, **keywords)
+        watched = watch.Watch(self.folder, self.out, self.analysis, self.read_recordings, read_settings, **keywords)
         load_solver()
-        result = watched.write()
+        report = self.out / "report.html"
+        known = len(watched.write().curves)
         end = "" if self.once else "; Ctrl-C ends"
-        run.say(f"watching {folder}: {len(result.curves)} answered before; {out / 'report.html'} has all{end}")
+        run.say(f"watching {self.folder}: {known} answered before; {report} has all{end}")
+        stopped = False
         try:
-            while watched.answer_next() or watched.pause() or not self.once:
-                pass
-            stopped = False
+            while watched.step() or not self.once:
+                sleep(watch.PAUSE)
         except KeyboardInterrupt:  # the usual end
             stopped = True
         result = watched.write()
-        run.show(result, partial(print_result, out=out, every_shot=self.every_shot))
+        run.show(result, partial(print_result, out=self.out, every_shot=self.every_shot))
         run.unreadable = 0 if stopped else watched.unreadable
         failed = not stopped and has_problems(result)
-        run.end(digits.counted(len(result.curves), "curve"), failed, f"; report: {out / 'report.html'}")
+        run.end(digits.counted(len(result.curves), "curve"), failed, f"; report: {report}")

@@ -35,20 +35,20 @@ def show(
 
     Of a network: what it answers, for which recordings, how well, and where its card is.
     """
+    from cavirheo.inference.cards import path_of
     from cavirheo.loading import documents_in
 
     if len(file.parts) == 1 and not file.suffix and not exists(file):
-        from cavirheo.inference.cards import path_of
-
         file = path_of(file.name)
-    models = [path for path in sorted(file.glob("*.npz")) if path.with_suffix(".json").is_file()]
+    models = [path for path in file.glob("*.npz") if path.with_suffix(".json").is_file()]
     file = models[0] if len(models) == 1 else file  # the folder of a run of `train`
     network = file.suffix.lower() == ".npz" or (file.suffix == ".json" and file.with_suffix(".npz").is_file())
     training_set = any(file.glob("shard-*.h5"))
     document = not network and (file.suffix.lower() == ".json" or training_set or bool(documents_in(file)))
-    for name, value in {"shots": shots, "fps": fps, "um-per-px": um_per_px}.items():
-        if value is not None and (network or document):
-            raise InputError(f"--{name} is for measurements, and {file} is none: leave it out", "show.measurement")
+    measurement = {"shots": shots, "fps": fps, "um-per-px": um_per_px}
+    given = [name for name, value in measurement.items() if value is not None]
+    if given and (network or document):
+        raise InputError(f"--{given[0]} is for measurements, and {file} is none: leave it out", "show.measurement")
     if json and not document:
         raise InputError(f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
@@ -69,8 +69,8 @@ def _show_document(path: Path, json: bool) -> None:
     if json:
         terminal.write(as_json(document).rstrip())
         return
-    name, date = document.kind, f", {document.date}" if document.date else ""
-    terminal.console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
+    date = f", {document.date}" if document.date else ""
+    terminal.write(f"{path}: {document.kind}, written by cavirheo {document.version}{date}\n{document.command}\n")
     print_table(document, path.parent)
 
 
@@ -78,12 +78,10 @@ def _show_training_set(path: Path) -> None:
     from cavirheo.training import dataset
 
     data = dataset.load(path)
-    terminal.write(f"{path}: training set of {len(data)} curves, written by cavirheo {data.made_by}, seed {data.seed}")
-    for line in dataset.layout_of(data.problem).summary:
-        terminal.write(f"  {line}")
-    terminal.write(f"  checksum {data.sha256}")
-    for status, count in data.origin["failures"].items():
-        terminal.write(f"  {count} {status}")
+    lines = [f"{path}: training set of {len(data)} curves, written by cavirheo {data.made_by}, seed {data.seed}"]
+    lines += [*dataset.layout_of(data.problem).summary, f"checksum {data.sha256}"]
+    lines += [f"{count} {status}" for status, count in data.origin["failures"].items()]
+    terminal.write("\n  ".join(lines))
 
 
 def _show_curves(path: Path, **keywords: Any) -> None:
@@ -133,27 +131,24 @@ def models() -> None:
 def summary(name: str, content: dict[str, Any]) -> list[str]:
     """Return lines on what a model answers, for which recordings, and how well, from its card. Raises KeyError,
     TypeError, ValueError: the card is incomplete or invalid."""
-    training = content["training"]
-    trained = f"  trained on {content['data']['train']} simulated curves, {training['seconds'] / 60:.0f} min on "
-    trained += training["device"]
+    training, data = content["training"], content["data"]
+    tested = f"{data['test']} test curves"
     if content["kind"] == "emulator":
-        words = {"median": "median", "p90": "90 % below", "p95": "95 % below", "p99": "99 % below"}
-        errors = ", ".join(f"{words[name]} {value:.2%}" for name, value in content["errors"].items())
-        return [
-            f"{name}: R(t) of a bubble, from which `infer` draws",
-            f"  error of the frames over R_max: {errors} ({content['data']['test']} test curves)",
-            trained,
-        ]
-    lines = [f"{name}: {content['material']}, one value each without an interval"]
-    for output in content["outputs"]:
-        score = content["metrics"][output["name"]]
-        low, high = content["problem"]["prior"][output["name"]]
-        if output["scale"] == "log10":
-            low, high = 10**low, 10**high
-        values = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
-        error = f"R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f}"
-        lines.append(f"  {values:40s} {error} ({output['scale']} scale, {content['data']['test']} test curves)")
-    return [*lines, trained]
+        lines = [f"{name}: R(t) of a bubble, from which `infer` draws"]
+        errors = ", ".join(f"{quantile} {error:.2%}" for quantile, error in content["errors"].items())
+        lines.append(f"  error of the frames over R_max: {errors} ({tested})")
+    else:
+        lines = [f"{name}: {content['material']}, one value each without an interval"]
+        for output in content["outputs"]:
+            score = content["metrics"][output["name"]]
+            low, high = content["problem"]["prior"][output["name"]]
+            if output["scale"] == "log10":
+                low, high = 10**low, 10**high
+            values = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
+            error = f"R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f}"
+            lines.append(f"  {values:40s} {error} ({output['scale']} scale, {tested})")
+    minutes = f"{training['seconds'] / 60:.0f} min on {training['device']}"
+    return [*lines, f"  trained on {data['train']} simulated curves, {minutes}"]
 
 
 def _show_network(path: Path) -> None:
@@ -161,34 +156,29 @@ def _show_network(path: Path) -> None:
     from cavirheo.inference.cards import card
 
     content = card(path)
-    made = content.get("date", "at an unknown date")
     digest = sha256(path)
-    if content["weights"]["sha256"] != digest:
-        digest += ", which is NOT the file that its card describes"
+    changed = "" if content["weights"]["sha256"] == digest else ", which is NOT the file that its card describes"
     try:
-        lines = [*summary(path.stem, content), f"  file {path}, sha256 {digest}, made {made}"]
+        lines = summary(path.stem, content)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
+    lines.append(f"  file {path}, sha256 {digest}{changed}, made {content.get('date', 'at an unknown date')}")
     lines.append(f"  card {path.with_suffix('.json')}: priors, training, losses, scores and license in full")
     terminal.write("\n".join(lines))
 
 
 def installation_report() -> str:
-    """Return lines on versions, machine, libraries, compiled solver and variables of this installation."""
+    """Return lines on versions, machine, libraries and variables of this installation."""
     import cavirheo
-    from cavirheo.physics import cache, solver
 
-    folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # does not compile it
-    compiled = f"compiled, kept in {', '.join(sorted(folders))}"
     needed = [re.split(r"[^\w.-]", line)[0] for line in requires("cavirheo") or () if not re.search(r"== .dev\b", line)]
     versions = {name: next((each.version for each in distributions(name=name)), "absent") for name in needed}
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
-    lines = [
-        ("cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"),
-        ("python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"),
-        ("machine", f"{platform.platform()}, {cores()} cores"),
-        ("libraries", ", ".join(f"{name} {version}" for name, version in versions.items())),
-        ("solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"),
-        ("variables", ", ".join(variables) or "none that matter"),
-    ]
-    return "\n".join(f"{name:<10}{text}" for name, text in lines)
+    lines = {
+        "cavirheo": f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}",
+        "python": f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}",
+        "machine": f"{platform.platform()}, {cores()} cores",
+        "libraries": ", ".join(f"{name} {version}" for name, version in versions.items()),
+        "variables": ", ".join(variables) or "none that matter",
+    }
+    return "\n".join(f"{name:<10}{text}" for name, text in lines.items())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -11,21 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo import settings
 from cavirheo.errors import InputError
-from cavirheo.settings import BUBBLE, MATERIAL, OUTPUT, argument, number, option
+from cavirheo.settings import BUBBLE, MATERIAL, OUTPUT, argument, option
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Run
 from cavirheo.writing.terminal import write
 
 if TYPE_CHECKING:
     from cavirheo.physics.bubble import Bubble
-    from cavirheo.physics.laws import Material
     from cavirheo.physics.simulate import Simulation
 
 _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx or .cih); a folder of images"
 DRIVING = "Driving"
 _FRAMES_FILE = "simulation.csv"
-_MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
-_MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
+_MATERIAL = "laws with SI parameters (see `cavirheo laws`): 'nhkv(2e3, 0.05)', 'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
 _Motion = Literal["keller-miksis", "rayleigh-plesset", "gilmore"]
 _POLYTROPIC = "exponent of the gas, instead of heat and vapour transport"
 _PULSE = "ultrasound: peak kPa (negative: tension), MHz, us of the peak"
@@ -38,15 +35,14 @@ class Measure(options.PrintingVerb):
     """Radii of a bubble, with standard deviations, from a high-speed recording."""
 
     video: Annotated[Path, argument("VIDEO", _VIDEO, readable=False)]
-    fps: Annotated[Any, number("frames per second of recording  [default: the camera's stamps]")] = None
+    fps: settings.Fps = None
     um_per_px: settings.UmPerPx = None
-    exposure_us: Annotated[Any, number("exposure time of a frame, us  [default: the camera's header]")] = None
+    exposure_us: settings.ExposureUs = None
     polarity: Annotated[Literal["auto", "dark", "bright"], option("the bubble's look before its background")] = "auto"
     roi: Annotated[str | None, option("part of the picture to measure, px", metavar="X,Y,W,H")] = None
     reference_frame: Annotated[int | None, option("number of a frame without the bubble, from 1")] = None
     frames: Annotated[str | None, option("first and last frame to measure", metavar="A:B")] = None
     exclude: settings.Exclude = None
-    overlay: Annotated[bool, option("write overlay.mp4: recording and circles", None, "--overlay")] = False
     out: options.Out = Path("cavirheo-measure")
 
     def __call__(self, run: Run) -> None:
@@ -61,21 +57,21 @@ class Measure(options.PrintingVerb):
         from cavirheo.video import picture
 
         names = ("um_per_px", "polarity", "exclude", "reference_frame")
-        settings: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
-        settings["exposure"] = self.exposure_us and self.exposure_us * 1e-6
-        settings |= {"roi": _parse_numbers("--roi", self.roi, 4), "span": _parse_numbers("--frames", self.frames, 2)}
+        camera: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
+        camera["exposure"] = self.exposure_us and self.exposure_us * 1e-6
+        camera["roi"] = options.numbers("--roi", self.roi, int, ",", "x,y,width,height in px", 4)
+        camera["span"] = options.numbers("--frames", self.frames, int, ":", "first:last", 2)
         path, *others = run.files([self.video])
         if others:
             held = f"{self.video} holds {1 + len(others)}"
             raise InputError(f"measure takes one recording, and {held}: name one, such as {path}", "measure.one")
-        overlay = ["overlay.mp4"] if self.overlay else []
-        outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", *overlay, inputs=[path])
+        outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", inputs=[path])
         with ExitStack() as stack:
 
             def begin(count: int) -> Callable[[], None]:
                 return stack.enter_context(run.progress_bar("measuring", count, unit="frames"))
 
-            measurement, curve = examine(path, begin=begin, **settings)
+            measurement, curve = examine(path, begin=begin, **camera)
         warnings = [warning.text for warning in input_warnings.curve_warnings(curve, WATER)]
         run.notes += measurement.notes
         record = describe(measurement, curve, warnings, **run.document_fields)
@@ -85,8 +81,6 @@ class Measure(options.PrintingVerb):
             outputs.write("contact.png", picture.save_sheet, picture.contact_sheet(measurement))
 
         try_to_draw("contact.png", record.notes, write_sheet)
-        if self.overlay:
-            outputs.write("overlay.mp4", picture.write_overlay, measurement)
         run.write_document(outputs, record)
         run.end(f"written to {self.out}", bool(warnings or record.unusable))
 
@@ -101,10 +95,7 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
 
     rmax_um: Annotated[float, option("largest radius, um")]
     stretch: Annotated[float, option("R_max/R_0")]
-    material: Annotated[str, option(_MATERIAL)] = "nhkv"
-    shear_modulus: Annotated[float | None, option("Pa")] = None
-    viscosity: Annotated[float | None, option("Pa s")] = None
-    stiffening: Annotated[float | None, option("alpha of qkv")] = None
+    material: Annotated[str, option(_MATERIAL)]
     duration_us: Annotated[float, option("us after R_max")] = 100.0
     fps: Annotated[float, option("frames per second")] = 1e6
     pulse: Annotated[tuple[float, float, float] | None, option(_PULSE, DRIVING, metavar="KPA MHZ US")] = None
@@ -120,11 +111,12 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
 
         from cavirheo.physics import simulate as forward
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
+        from cavirheo.physics.materials import parse
         from cavirheo.physics.media import Pulse
         from cavirheo.writing.document import Outputs
 
         liquid = self.liquid
-        law = self.make_law()
+        law = parse(self.material)
         count = self.duration_us * 1e-6 * self.fps
         if not (self.fps > 0 and 1 <= count <= 1e6):
             got = f"got {self.duration_us} us at {self.fps} frames per second"
@@ -163,37 +155,6 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
         values = ({"accommodation": ACCOMMODATION} if kinetic else {}) | self.bubble_values
         damage = Damage(*self.damage) if self.damage else "none"
         return replace(base, **{**values, "exponent": self.polytropic, "damage": damage})
-
-    def make_law(self) -> Material:
-        """Return the material: a name, with parameters from the options, or a sum of laws with its own parameters."""
-        from inspect import signature
-
-        from cavirheo.physics.materials import LAWS, MATERIALS, parse
-
-        names = ("shear_modulus", "viscosity", "stiffening")
-        values = {name: value for name in names if (value := getattr(self, name)) is not None}
-        if self.material in MATERIALS:
-            needed = signature(LAWS[self.material]).parameters
-            if values.keys() != needed.keys():
-                message = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(values) or 'nothing'}"
-                raise InputError(message, "simulate.parameters")
-            return LAWS[self.material](**values)
-        law = parse(self.material)
-        if values:
-            words = ", ".join(f"--{key.replace('_', '-')}" for key in values)
-            message = f"--material {self.material!r} holds its own parameters: leave out {words}"
-            raise InputError(message, "simulate.parameters_twice")
-        return law
-
-
-def _parse_numbers(option: str, text: str | None, count: int) -> tuple[int, ...] | None:
-    if text is None:
-        return None
-    parts = re.split("[,:]", text)
-    if len(parts) != count or not all(re.fullmatch(r"\d{1,9}", part) for part in parts):
-        expected = "x,y,width,height in px" if count == 4 else "first:last"
-        raise InputError(f"{option} must be {expected}, got {text!r}", f"option.{option[2:]}")
-    return tuple(map(int, parts))
 
 
 def _write_frames(path: Path, run: Simulation) -> None:

@@ -23,12 +23,7 @@ def app(
 ) -> None:
     """The same in the browser: upload files, look, infer, compare with the simulation, download everything as a zip."""
     terminal.say("cavirheo app: starting, a few seconds ...")
-    try:
-        from cavirheo.app.server import serve
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] != "gradio":
-            raise
-        raise InputError(f'the browser app needs {error.name}: pip install "cavirheo[app]"') from None
+    from cavirheo.app.server import serve
     from cavirheo.app.session import VisitorLimits
 
     serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files))
@@ -76,11 +71,8 @@ def train(
     quiet: options.Quiet = False,
 ) -> None:
     """Train a recipe's network (the same call resumes) and write it as NAME.npz with its card NAME.json."""
-    try:
-        from cavirheo.training import train as training
-    except ModuleNotFoundError as error:
-        raise InputError(f'training needs {error.name}: pip install "cavirheo[train]"') from error
     from cavirheo.inference.cards import card
+    from cavirheo.training import train as training
     from cavirheo.training.recipe import read_recipe
     from cavirheo.verbs.documents import summary
 

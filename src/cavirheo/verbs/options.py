@@ -26,6 +26,20 @@ def folder(help: str) -> Any:
     return option(help, None, "-o", "--out", parser=_named_folder, metavar="FOLDER")
 
 
+def numbers(name: str, text: str | None, kind: type[Any], mark: str, expected: str, count: int = 0) -> Any:
+    """The `count` numbers of an option, a tuple; None if it is not given. Raises InputError, which says what is
+    expected."""
+    if text is None:
+        return None
+    try:
+        values = tuple(map(kind, text.split(mark)))
+    except ValueError:
+        values = ()
+    if not values or len(values) != (count or len(values)):
+        raise InputError(f"{name} must be {expected}, got {text!r}", f"option.{name[2:]}")
+    return values
+
+
 Out = Annotated[Path, folder("folder for the results")]  # for documents: a run locks it; --replace belongs to it
 ResumableOut = Annotated[Path, folder("folder, which may hold a part")]  # for work that a later call continues
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
@@ -37,25 +51,6 @@ Slurm = Annotated[int | None, option("ask SLURM for so many jobs, as dask-jobque
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; or a folder"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 _PICTURES = "draw pictures; --no-pictures is faster"
-
-
-@dataclass(frozen=True, kw_only=True)
-class SharedErrors:
-    """Options for the errors that all shots of a group share, and for the rows on the screen."""
-
-    scale_error: Annotated[float, option(_SCALE_ERROR, INTERVAL, min=0.0, max=20.0)] = 1.0
-    rate_error: Annotated[float, option("the same of the frame rate, %", INTERVAL, min=0.0, max=20.0)] = 0.1
-    density_error: Annotated[float, option("the same of the density, %", INTERVAL, min=0.0, max=20.0)] = 1.0
-    pressure_error: Annotated[float, option("the same of the pressure, %", INTERVAL, min=0.0, max=20.0)] = 1.0
-    every_shot: Annotated[bool, option("print a row for each shot, not for exceptions alone", OUTPUT, "--all")] = False
-
-    @property
-    def errors(self) -> "CommonErrors":
-        """The errors as fractions. Raises InputError: one of them is below 0, or above 20 %."""
-        from cavirheo.inference.population import CommonErrors
-
-        per_cent = self.scale_error, self.rate_error, self.density_error, self.pressure_error
-        return CommonErrors(*(0.01 * error for error in per_cent))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,9 +76,22 @@ class PrintingVerb(Verb):
 
 @dataclass(frozen=True, kw_only=True)
 class AnsweringVerb(PrintingVerb, Settings):
-    """Options of all verbs that answer measured curves."""
+    """Options of all verbs that answer measured curves: errors that all shots of a group share, and the output."""
 
+    scale_error: Annotated[float, option(_SCALE_ERROR, INTERVAL, min=0.0, max=20.0)] = 1.0
+    rate_error: Annotated[float, option("the same of the frame rate, %", INTERVAL, min=0.0, max=20.0)] = 0.1
+    density_error: Annotated[float, option("the same of the density, %", INTERVAL, min=0.0, max=20.0)] = 1.0
+    pressure_error: Annotated[float, option("the same of the pressure, %", INTERVAL, min=0.0, max=20.0)] = 1.0
+    every_shot: Annotated[bool, option("print a row for each shot, not for exceptions alone", OUTPUT, "--all")] = False
     pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
+
+    @property
+    def errors(self) -> "CommonErrors":
+        """The errors as fractions."""
+        from cavirheo.inference.population import CommonErrors
+
+        per_cent = self.scale_error, self.rate_error, self.density_error, self.pressure_error
+        return CommonErrors(*(0.01 * error for error in per_cent))
 
     def read_recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """Read the files by `read_shots` with these options. Raises InputError."""
@@ -92,11 +100,7 @@ class AnsweringVerb(PrintingVerb, Settings):
         if exclude is not None and len(files) > 1:
             message = f"--exclude is of one recording, {len(files)} files were given"
             raise InputError(f"{message}: `cavirheo measure` each with its own", "option.exclude")
-        options = self.read_options | {"shots": self.shots, "exposure": self.exposure, "exclude": exclude}
-        curve_set = read_shots(files, **options)
-        if self.exposure is None:
-            return curve_set
-        return curve_set._replace(curves=[curve.labelled(exposure_s=self.exposure) for curve in curve_set.curves])
+        return read_shots(files, shots=self.shots, exclude=exclude, **self.read_options)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,16 +116,14 @@ class MeasuredFiles(AnsweringVerb):
     def read_curves(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """Return all curves of the files, with their values of --column, and load the solver. Raises InputError: no
         curve, or a column that does not match the curves."""
+        from cavirheo.column import with_column
         from cavirheo.physics.simulate import load_solver
 
-        recordings = self.read_recordings(files, self.exclude)
-        run.note_unreadable(recordings.problems)
-        run.notes += recordings.remarks + recordings.hints
-        curves = recordings.curves
+        curves, problems, remarks, hints = self.read_recordings(files, self.exclude)
+        run.note_unreadable(problems)
+        run.notes += remarks + hints
         run.require_any(curves, "curve")
         if self.column is not None:
-            from cavirheo.column import with_column
-
             curves = with_column(curves, self.column)
         load_solver()
         return curves

@@ -1,4 +1,4 @@
-"""Read the frames of recordings into memory, with the time and scale that the file itself states; and write films.
+"""Read the frames of recordings into memory, with the time and scale that the file itself states.
 
 The frame rate of a video container is for playback and is never taken as the camera's. Pixels have 8 or 16 bits.
 """
@@ -46,8 +46,7 @@ _FFMPEG = {  # without playlists, which would open other files
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
     "protocol_whitelist": "file",
 }
-_LENGTHS = {**LENGTH_UNITS, "inch": 0.0254}
-_COARSEST = 20.0  # um; where a unit of print, inch or cm, gives larger pixels, the resolution is for printing
+_STAMPS, _EXPOSURES = 1002, 1003  # blocks of a .cine file: time and exposure of every frame
 _SLOWEST = 500.0  # frames per second; below it is how fast a stack is played
 
 
@@ -183,73 +182,67 @@ def _read_stack(path: Path) -> Footage:
 
     logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what is wrong is said once, by the error
     with TiffFile(path) as file:
-        pages, first = len(file.pages), file.pages[0]
-        _check_size(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
-        imagej = file.imagej_metadata or {}
-        scale, rate, notes = _stated_by_stack(file, first, imagej)
-        axes = list[tuple[str, int]]()
+        first: Any = file.pages[0]
+        _check_size(len(file.pages) * float(np.prod(first.shape)) * first.dtype.itemsize)
+        scale, rate, notes = _stated_by_stack(file)
+        sizes = dict[str, int]()  # of the axes along which the images lie
         with suppress(Exception):  # tifffile raises nearly anything for a damaged description
-            shape = zip(file.series[0].axes, file.series[0].shape, strict=True)
-            axes = [(axis, size) for axis, size in shape if axis not in "YXS"]
+            whole = file.series[0]
+            sizes = {axis: size for axis, size in zip(whole.axes, whole.shape, strict=True) if axis not in "YXS"}
         notes += [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
         try:
-            readable_whole = imagej.get("images", 1) > pages
-            images = file.asarray() if readable_whole else _join_frames(_grey(page.asarray()) for page in file.pages)
+            one_page = (file.imagej_metadata or {}).get("images", 1) > len(file.pages)  # large stacks of ImageJ
+            images = file.asarray() if one_page else _join_frames(_grey(page.asarray()) for page in file.pages)
         except (ValueError, ImportError):  # a compression that needs another library
             images = _join_frames(_pillow_images(path))
     images = images.reshape(-1, *images.shape[-2:])
-    sizes = [size for _, size in axes]
-    if sum(size > 1 for size in sizes) > 1 and prod(sizes) == len(images):  # the longest axis, or times, are frames
-        frames = max(range(len(axes)), key=lambda k: (axes[k][0] == "T" and sizes[k] > 1, sizes[k]))
-        images = images.reshape(*sizes, *images.shape[1:])[
-            tuple(slice(None) if k == frames else 0 for k in range(len(axes)))
-        ]
-        left = ", ".join(f"{size} of {axis}" for k, (axis, size) in enumerate(axes) if k != frames and size > 1)
-        notes.append(
-            f"frames along the axis {axes[frames][0]}; the first of {left} (C: channels, Z: depths) is measured"
-        )
+    several = [axis for axis, size in sizes.items() if size > 1]
+    if len(several) > 1 and prod(sizes.values()) == len(images):
+        frames = "T" if "T" in several else max(several, key=sizes.__getitem__)
+        chosen = tuple(slice(None) if axis == frames else 0 for axis in sizes)
+        images = images.reshape(*sizes.values(), *images.shape[1:])[chosen]
+        left = ", ".join(f"{sizes[axis]} of {axis}" for axis in several if axis != frames)
+        notes.append(f"frames along the axis {frames}; the first of {left} (C: channels, Z: depths) is measured")
     return Footage(_unsigned(images), frame_rate=rate, um_per_px=scale, notes=tuple(notes))
 
 
-def _stated_by_stack(file: Any, first: Any, imagej: Mapping[str, Any]) -> tuple[float | None, float | None, list[str]]:
-    """Return (um per pixel, frames per second, notes) as OME's or ImageJ's description states them, else the tags."""
-    pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels") if file.ome_metadata else None
-    tag, unit_tag = first.tags.get("XResolution"), first.tags.get("ResolutionUnit")
-    per_unit = tag.value[0] / tag.value[1] if tag and tag.value[1] else 0.0
-    size, interval = (1.0 / per_unit if per_unit else 0.0), _positive(imagej.get("finterval"))
-    size_unit = imagej.get("unit") or {2: "inch", 3: "cm"}.get(unit_tag.value if unit_tag else 0, "")
-    interval_unit, who = imagej.get("tunit") or "s", "ImageJ" if imagej else "the tags of the file"
-    if not interval and (fps := _positive(imagej.get("fps"))):
-        interval = 1.0 / fps
-    if pixels is not None:
-        size, interval = (_positive(pixels.get(name)) for name in ("PhysicalSizeX", "TimeIncrement"))
-        size_unit, interval_unit = pixels.get("PhysicalSizeXUnit") or "um", pixels.get("TimeIncrementUnit") or "s"
-        who = "OME"
-    length, time = (
-        unit_of(unit.lower().replace(r"\u00b5", "u"), units)
-        for unit, units in ((size_unit, _LENGTHS), (interval_unit, TIME_UNITS))
-    )
-    scale = 1e6 * size * _LENGTHS[length] if length else 0.0
-    rate = 1.0 / interval / TIME_UNITS[time] if time and interval > 0.0 else 0.0
+def _stated_by_stack(file: Any) -> tuple[float | None, float | None, list[str]]:
+    """Return (um per pixel, frames per second, notes) as the description of OME or ImageJ states them."""
+    if file.ome_metadata:
+        who, pixels = "OME", ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
+        stated: Any = {} if pixels is None else pixels.attrib
+        size, unit = stated.get("PhysicalSizeX"), stated.get("PhysicalSizeXUnit", "um")
+        rate = _inverse(_in_si(stated.get("TimeIncrement"), stated.get("TimeIncrementUnit", "s"), TIME_UNITS))
+    elif stated := file.imagej_metadata:
+        who, tag = "ImageJ", file.pages[0].tags.get("XResolution")
+        size, unit = (tag.value[1] / tag.value[0] if tag and tag.value[0] else None), str(stated.get("unit", "pixel"))
+        rate = _inverse(_in_si(stated.get("finterval"), str(stated.get("tunit", "s")), TIME_UNITS))
+        rate = rate or _in_si(stated.get("fps"), "s", TIME_UNITS)
+    else:
+        return None, None, []
     notes = []
-    if scale > _COARSEST and length in ("inch", "cm"):
-        notes.append(f"the resolution, {1 / size:.4g} per {size_unit}, is for printing and not used")
-        scale = 0.0
-    elif size and not scale and size_unit.strip().lower() not in ("", "pixel", "pixels"):
-        notes.append(f"the length of a pixel, {size:.4g} {size_unit}, is not used: give --um-per-px")
-    if 0.0 < rate < _SLOWEST:
+    scale = 1e6 * _in_si(size, unit, LENGTH_UNITS)
+    if scale:
+        notes.append(f"{scale:.4g} um per pixel, as {who} stored it")
+    elif size and not unit.startswith("pixel"):
+        notes.append(f"the length of a pixel, {size} {unit}, is not used: give --um-per-px")
+    if rate >= _SLOWEST:
+        notes.append(f"{rate:.6g} frames per second, as {who} stored it")
+    elif rate:
         notes.append(f"{rate:.4g} frames per second are how fast the stack is played, and not used")
-        rate = 0.0
-    notes += [f"{scale:.4g} um per pixel, as {who} stored it"] if scale else []
-    notes += [f"{rate:.6g} frames per second, as {who} stored it"] if rate else []
-    return scale or None, rate or None, notes
+    return scale or None, rate if rate >= _SLOWEST else None, notes
 
 
-def _positive(text: object) -> float:
-    """Return a positive number; 0 for anything else."""
+def _in_si(number: Any, unit: str, units: Mapping[str, float]) -> float:
+    """Return a positive number with a unit, however it is spelled, in SI; 0 for anything else."""
+    name = unit_of(unit.lower().replace(r"\u00b5", "u"), units)
     with suppress(TypeError, ValueError):
-        return max(float(text), 0.0)  # type: ignore[arg-type]
+        return max(float(number), 0.0) * units[name] if name else 0.0
     return 0.0
+
+
+def _inverse(interval: float) -> float:
+    return 1.0 / interval if interval else 0.0
 
 
 def _pillow_images(path: Path, count: int | None = None) -> Iterator[Pixels]:
@@ -315,46 +308,52 @@ def _read_cine(path: Path) -> Footage:
     """Read a Phantom film: FFmpeg decodes the pixels. The header (Vision Research, Cine File Format, 2011) has the
     frame rate that was set, and the actual exposure and time stamp of every frame."""
     movie = _read_movie(path)
+    n = len(movie.frames)
+    count, rate, blocks = _cine_header(path)
+    notes, warnings = [*movie.notes], [*movie.warnings]
+    if n < count:
+        warnings.append(_cut_short_warning(n, count))
+    time = exposure = None
+    if len(blocks.get(_STAMPS, b"")) >= 8 * n and n > 1:
+        parts, seconds = np.frombuffer(blocks[_STAMPS], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64).T
+        time = (seconds - seconds[0]) + (parts - parts[0]) / 2**32
+        steps = np.diff(time)
+        right = (steps > 0) & (steps < _LONGEST_STEP * np.median(steps))
+        usable = float(np.mean(right)) > 0.5
+        stamped = 1.0 / float(np.mean(steps[right])) if usable else rate
+        if not right.all():
+            wrong = {"steps": int(np.sum(~right)), "frames": n, "rate": stamped}
+            warnings.append(Message("check_input.time_stamps", wrong))
+        if not usable:
+            time = None
+        elif not right.all() or np.all(np.abs(time * stamped - np.arange(n)) < _STAMP_TOLERANCE):
+            time = np.arange(n) / stamped  # stamps are rounded, often to 1 us
+        if usable:
+            notes.append(f"{stamped:.6g} frames per second by the time stamps of the .cine file")
+        if usable and rate and abs(stamped / rate - 1.0) > 0.01:
+            warnings.append(Message("check_input.camera_clock", {"header": rate, "stamps": stamped}))
+    if len(blocks.get(_EXPOSURES, b"")) >= 4 * n:
+        exposure = float(np.median(np.frombuffer(blocks[_EXPOSURES], "<u4")[:n])) / 2**32 or None
+    metadata: dict[str, Any] = {"notes": tuple(notes), "warnings": tuple(warnings)}
+    return replace(movie, time=time, frame_rate=rate or None, exposure=exposure, **metadata)
+
+
+def _cine_header(path: Path) -> tuple[int, float, dict[int, bytes]]:
+    """Return (number of frames, frame rate that was set, the blocks of numbers by their kind)."""
     with path.open("rb") as file:
         head = file.read(44)
         count, _, setup, images = struct.unpack_from("<4I", head, 20)
         require(44 <= setup < images <= _LARGEST_HEADER, "the header of the .cine file is damaged", "video.cine")
         head += file.read(images - 44)
-    rate = float(struct.unpack_from("<I", head, setup + 768)[0])
-    at, blocks = setup + struct.unpack_from("<H", head, setup + 142)[0], {}
+    at = setup + struct.unpack_from("<H", head, setup + 142)[0]
+    blocks = {}
     while at + 8 <= images:
         size, kind = struct.unpack_from("<IH", head, at)
         if size < 8:
             break
         blocks[kind] = head[at + 8 : at + size]
         at += size
-    n, notes, warnings = len(movie.frames), [*movie.notes], [*movie.warnings]
-    if n < count:
-        warnings.append(_cut_short_warning(n, count))
-    time = exposure = None
-    if len(blocks.get(1002, b"")) >= 8 * n and n > 1:
-        parts, seconds = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64).T
-        time = (seconds - seconds[0]) + (parts - parts[0]) / 2**32
-        steps = np.diff(time)
-        right = (steps > 0) & (steps < _LONGEST_STEP * np.median(steps))
-        if np.mean(right) > 0.5:
-            stamped = 1.0 / float(np.mean(steps[right]))
-            even = np.abs(time * stamped - np.arange(n)) < _STAMP_TOLERANCE  # stamps are rounded, often to 1 us
-            if not right.all():
-                wrong = {"steps": int(np.sum(~right)), "frames": n, "rate": stamped}
-                warnings.append(Message("check_input.time_stamps", wrong))
-            if even.all() or not right.all():
-                time = np.arange(n) / stamped
-            notes.append(f"{stamped:.6g} frames per second by the time stamps of the .cine file")
-            if rate and abs(stamped / rate - 1.0) > 0.01:
-                warnings.append(Message("check_input.camera_clock", {"header": rate, "stamps": stamped}))
-        else:
-            time = None
-            warnings.append(Message("check_input.time_stamps", {"steps": n - 1, "frames": n, "rate": rate}))
-    if len(blocks.get(1003, b"")) >= 4 * n:
-        exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
-    metadata: dict[str, Any] = {"notes": tuple(notes), "warnings": tuple(warnings)}
-    return replace(movie, time=time, frame_rate=rate or None, exposure=exposure, **metadata)
+    return count, float(struct.unpack_from("<I", head, setup + 768)[0]), blocks
 
 
 def _cut_short_warning(frames: int, stated: float, precision: str = "") -> Message:
@@ -421,22 +420,3 @@ def _photron_values(header: Path) -> dict[str, str]:
     require(b"<cih>" in content, f"{header.name} is no Photron header", "video.cihx")
     tree = ElementTree.fromstring(content[content.index(b"<cih>") : content.rindex(b"</cih>") + 6])
     return {key: (tree.findtext(place) or "").strip() for key, place in _PHOTRON.items()}
-
-
-def write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
-    """Encode frames, (height, width) or (height, width, 3), in H.264 of the quality `crf`, or if it is None in lossless
-    FFV1. They are cut to an even height and width, and played at 10 per second."""
-    require_library("av")
-    import av
-
-    codec, options = ("ffv1", {}) if crf is None else ("libx264", {"crf": str(crf)})
-    with av.open(str(path), "w") as container:
-        stream: Any = container.add_stream(codec, rate=10, options=options)
-        for k, frame in enumerate(frames):
-            pixels = "rgb24" if frame.ndim == 3 else "gray16le" if frame.dtype == np.uint16 else "gray"
-            height, width = (size // 2 * 2 for size in frame.shape[:2])
-            if k == 0:
-                stream.height, stream.width, stream.pix_fmt = height, width, pixels if crf is None else "yuv420p"
-            even = np.ascontiguousarray(frame[:height, :width])
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format=pixels)))
-        container.mux(stream.encode())

@@ -1,4 +1,4 @@
-"""Draw the frames with their circles, coloured by flag: a contact sheet of all frames, and a film."""
+"""Draw the frames with their circles, coloured by flag: a contact sheet of all frames."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw
 
-from cavirheo.video.formats import write_movie
 from cavirheo.video.measurement import Measurement
 
 COLOURS = {  # palette of Okabe and Ito; all other flags are grey
@@ -26,7 +25,6 @@ GREY = "#999999"
 _SHEET_WIDTH = 1600  # px, width of the contact sheet
 _CELL_SIZE = (190, 150)  # px, largest width and height of a frame in the sheet
 _MOST_FRAMES = 400  # most frames in the sheet
-_LEAST_FILM_WIDTH = 640  # px, smallest width of the film
 
 
 def contact_sheet(measurement: Measurement) -> Image.Image:
@@ -57,13 +55,6 @@ def data_url(picture: Image.Image) -> str:
     file = io.BytesIO()
     picture.save(file, "jpeg", quality=60)
     return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
-
-
-def write_overlay(path: Path, measurement: Measurement) -> None:
-    """Write the recording as a film (H.264), every frame with its circle."""
-    scale = max(1.0, _LEAST_FILM_WIDTH / measurement.recording.frames.shape[2])
-    film = (np.asarray(picture) for picture in _pictures(measurement, scale, np.arange(len(measurement.time))))
-    write_movie(path, film, 20)
 
 
 def _pictures(measurement: Measurement, scale: float, chosen: np.ndarray) -> Iterator[Image.Image]:

@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 from typing import TYPE_CHECKING
@@ -77,9 +76,8 @@ def required_identity(client: Client, notify: Callable[[str], None], wait: float
         raise InputError(f"{late}: start some, and try again", "cluster.no_worker") from None
     workers = {address: str(answer) for address, answer in client.run(probe, on_error="return").items()}
     mine = identity()
-    code = mine.rpartition(",")[0]
-    usual = Counter(worker for worker in workers.values() if worker.rpartition(",")[0] == code).most_common(1)
-    required = usual[0][0] if usual else mine
+    (usual, _), *_ = Counter(workers.values()).most_common(1)
+    required = usual if usual.startswith(mine.rpartition(",")[0]) else mine
     if refused := [f"{address} ({worker})" for address, worker in sorted(workers.items()) if worker != required]:
         message = f"refused {listed(refused, 3)}: install what is here ({required}) there, or stop them"
         raise InputError(message, "cluster.refused")
@@ -138,19 +136,8 @@ def connected(scheduler: str | None, slurm: int | None, notify: Callable[[str], 
     if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
         message = f"--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, got {scheduler!r}"
         raise InputError(message, "cluster.scheduler")
-    for library in ("distributed", *(["dask_jobqueue"] if slurm else [])):
-        if not _installed(library):
-            message = f'clusters need {library}: pip install "cavirheo[cluster]" here and on the workers'
-            raise InputError(f"{message}; without it all runs here", "cluster.extra")
     with _client_of(scheduler) if scheduler else _client_of_jobs(slurm or 1, notify) as client:
         yield Workers(client, required_identity(client, notify, SCHEDULER_TIMEOUT if scheduler else QUEUE_TIMEOUT))
-
-
-def _installed(library: str) -> bool:
-    try:
-        return bool(find_spec(library))
-    except ValueError:  # None in sys.modules
-        return False
 
 
 def _client_of(scheduler: str) -> Client:

@@ -1,14 +1,13 @@
-"""Answers by their keys, in memory and in a folder; and the analysis of curves, which stores each answer at once: it
-remains, whatever ends the run."""
+"""Answers by their keys in a folder; and the analysis of curves, which stores each answer at once: it remains, whatever
+ends the run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 from cavirheo.curve import RadiusCurve
@@ -23,69 +22,50 @@ from cavirheo.writing.document import atomic_file, part_of, writable_folder
 from cavirheo.writing.packing import decode, encode
 from cavirheo.writing.terminal import progress_bar, say
 
+UNFINISHED = "unfinished"  # subfolder with the answers of a command until its documents are complete
 _TYPES = (Posterior, Checks, Message, Evidence, Diagnostics, Bubble, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
 
 
 class Store:
-    """Values by their keys. Many threads may use a store.
+    """Values by their keys: answers, curves, or several of them in a tuple or a dict. `folder` has a file for each,
+    written completely or not at all; those that were used are in memory, too (an answer takes about 50 kB).
 
-    folder: has a file for each value, written completely or not at all; None: values are in memory alone. capacity:
-    only so many of the latest values are held in memory; None: all (an answer takes about 50 kB). Raises InputError:
-    `folder` is a link or no folder.
+    Raises InputError: `folder` is a link or no folder.
     """
 
-    def __init__(self, folder: Path | None = None, capacity: int | None = None) -> None:
-        if folder and (folder.is_symlink() or (folder.exists() and not folder.is_dir())):
+    def __init__(self, folder: Path) -> None:
+        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
             message = f"{folder} must be a folder and no link, for answers are kept there: give another place with -o"
             raise InputError(message, "document.folder")
         self.folder = folder
-        self.capacity = capacity
-        self._latest: dict[str, Any] = {}  # values in memory, the latest last
-        self._lock = Lock()
+        self._used: dict[str, Any] = {}
 
-    def get(self, key: str) -> Posterior | None:
-        """The answer of a key; None if there is none that can be read."""
-        value = self._latest.get(key)
-        if value is None and (value := self._read(key)) is not None:
-            self._remember(key, value)
-        return value if isinstance(value, Posterior) else None
+    def get(self, key: str) -> Any:
+        """The value of a key; None if there is none that can be read."""
+        if key not in self._used:
+            with suppress(EOFError, OSError):  # a missing or damaged file: the answer is computed again
+                self._used[key] = decode(self._file(key).read_bytes(), _KINDS)
+        return self._used.get(key)
 
     def put(self, key: str, value: Any, *, file: bool = True) -> None:
-        """Store an answer, a curve, or several of them in a tuple or a dict; in a file, too, unless `file` is False.
-        Raises InputError: the folder cannot be written."""
-        if self.folder and file:
-            with writable_folder(self.folder), atomic_file(self.folder / f"{key}.npz") as temporary:
+        """Store a value; in a file, too, unless `file` is False. Raises InputError: the folder cannot be written."""
+        if file:
+            with writable_folder(self.folder), atomic_file(self._file(key)) as temporary:
                 temporary.write_bytes(encode(value, default=str))
-        self._remember(key, value)
+        self._used[key] = value
 
-    def values(self) -> list[Any]:
-        """All values in files; None for one that cannot be read."""
-        return [self._read(path.stem) for path in sorted(self.folder.glob("*.npz"))] if self.folder else []
+    def remove_used(self) -> None:
+        """Remove the values that were used, and the folder if it is then empty. Values of other runs stay."""
+        for key in self._used:
+            self._file(key).unlink(missing_ok=True)
+            part_of(self._file(key)).unlink(missing_ok=True)
+        self._used.clear()
+        with suppress(OSError):  # there is no folder, or it is not empty
+            self.folder.rmdir()
 
-    def remove(self, keys: Iterable[str]) -> None:
-        """Remove the values of these keys, and the folder if it is then empty."""
-        for key in keys:
-            self._latest.pop(key, None)
-            if self.folder:
-                file = self.folder / f"{key}.npz"
-                for path in (file, part_of(file)):
-                    path.unlink(missing_ok=True)
-        if self.folder:
-            with suppress(OSError):  # there is no folder, or it is not empty
-                self.folder.rmdir()
-
-    def _read(self, key: str) -> Any:
-        """The value in the file of a key; None if it cannot be read."""
-        with suppress(EOFError, OSError):  # a missing or damaged file: the answer is computed again
-            return decode((self.folder / f"{key}.npz").read_bytes(), _KINDS) if self.folder else None
-        return None
-
-    def _remember(self, key: str, value: Any) -> None:
-        with self._lock:
-            self._latest[key] = value
-            if self.capacity is not None and len(self._latest) > self.capacity:
-                del self._latest[next(iter(self._latest))]
+    def _file(self, key: str) -> Path:
+        return self.folder / f"{key}.npz"
 
 
 def analyse(
@@ -121,46 +101,28 @@ def analyse(
             yield missing[place], answer
 
 
+def analyse_all(
+    curves: Sequence[RadiusCurve],
+    analyses: Mapping[str, Analysis],
+    store: Store,
+    executor: Executor | None = None,
+    *,
+    visible: bool = True,
+) -> dict[str, dict[int, Posterior]]:
+    """The answers of each analysis by the indices of their curves, ascending. After Ctrl-C they are not complete: no
+    further curve is begun."""
+    answers = {name: dict[int, Posterior]() for name in analyses}
+    kept = sum(store.get(analysis.key(curve)) is not None for analysis in analyses.values() for curve in curves)
+    if kept and visible:
+        total = len(curves) * len(analyses)
+        say(f"{kept} of {total} answers are taken from {store.folder}, where an unfinished run left them")
+    with suppress(KeyboardInterrupt):
+        for name, analysis in analyses.items():
+            for index, answer in analyse(curves, analysis, store, executor, visible=visible):
+                answers[name][index] = answer
+    return {name: dict(sorted(found.items())) for name, found in answers.items()}
+
+
 def with_source_of(answer: Posterior, curve: RadiusCurve) -> Posterior:
     """The answer with the SHA-256 of this curve's file; the recording may have been answered from another file."""
     return replace(answer, provenance={**answer.provenance, "source_sha256": curve.source_sha256})
-
-
-class Unfinished:
-    """The answers of one command that writes into the folder `out`, in `out`/unfinished until its documents are
-    complete: the same command continues after Ctrl-C, a kill or a full disk. After Ctrl-C `interrupted` is True, and
-    no further curve is begun. Raises InputError: `out`/unfinished is not a folder."""
-
-    def __init__(self, out: str | Path, *, visible: bool = True, executor: Executor | None = None) -> None:
-        self.store = Store(Path(out) / "unfinished")
-        self.visible = visible
-        self.executor = executor
-        self.interrupted = False
-        self._keys: set[str] = set()  # of all answers that this run may store
-
-    def answers(self, curves: Sequence[RadiusCurve], analysis: Analysis) -> dict[int, Posterior]:
-        """The answers by the indices of their curves, ascending; not all of them after an interruption."""
-        if self.interrupted:
-            return {}
-        new_keys = {analysis.key(curve) for curve in curves} - self._keys
-        self._keys |= new_keys
-        taken = sum(self.store.get(key) is not None for key in new_keys)
-        if taken and self.visible:
-            place = self.store.folder
-            say(f"{taken} of {len(curves)} answers are taken from {place}, where an unfinished run left them")
-        answers = dict[int, Posterior]()
-        try:
-            answers.update(analyse(curves, analysis, self.store, self.executor, visible=self.visible))
-        except KeyboardInterrupt:
-            self.interrupted = True
-        return dict(sorted(answers.items()))
-
-    def note(self, count: int, total: int) -> str:
-        """A note on an interrupted run; empty for any other run."""
-        if not self.interrupted:
-            return ""
-        return f"interrupted: {count} of {total} answered; the same command again answers the rest"
-
-    def remove(self) -> None:
-        """Remove this run's answers, when all documents are complete. Answers of other runs stay."""
-        self.store.remove(self._keys)
