@@ -13,26 +13,25 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if
 def entry() -> None:
     """Run the command line, and exit at once by os._exit: a normal exit takes a third of a second for the compiled
     libraries, and waits for threads that still compute."""
-    signals = [number for number in _SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
-    stopped = False
+    loaded = stopped = False
 
     def handle(number: int, frame: object) -> None:
         """The first signal ends the work, and finished answers are written; the second ends the process."""
         nonlocal stopped
+        if stopped or not loaded:
+            _exit_at_once("" if stopped else "interrupted\n")
         stopped = True
-        for each in signals:
-            signal.signal(each, _exit_at_once)
         raise KeyboardInterrupt
 
-    for number in signals:
-        signal.signal(number, _interrupt_loading)
+    for number in _SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handle)
     _open_streams()
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # child processes import no modules from the current folder
     from cavirheo import parallel, verbs  # a third of a second, in which nothing can be lost
     from cavirheo.writing.terminal import say
 
-    for number in signals:
-        signal.signal(number, handle)
+    loaded = True
     status = 0
     try:
         verbs.main()
@@ -68,15 +67,10 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _interrupt_loading(number: int, frame: object) -> None:
+def _exit_at_once(text: str) -> None:
     with suppress(OSError):
-        os.write(2, b"interrupted\n")
-    os._exit(130)
-
-
-def _exit_at_once(number: int, frame: object) -> None:
-    if sys.stderr.isatty():
-        os.write(2, b"\033[?25h")  # show the cursor again, which a progress bar hides
+        show_cursor = "\033[?25h" if os.isatty(2) else ""  # a progress bar hides it
+        os.write(2, (show_cursor + text).encode())
     os._exit(130)
 
 

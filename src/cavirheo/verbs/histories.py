@@ -78,7 +78,7 @@ class Measure(options.PrintingVerb):
         outputs.write("measured.csv", write_csv, measurement)
 
         def write_sheet() -> None:
-            outputs.write("contact.png", picture.save_sheet, picture.contact_sheet(measurement))
+            outputs.write("contact.png", picture.contact_sheet(measurement).save)
 
         try_to_draw("contact.png", record.notes, write_sheet)
         run.write_document(outputs, record)

@@ -48,6 +48,9 @@ class Edge:
     arc: float
 
 
+_UNKNOWN = Edge(np.nan, np.nan, np.nan, np.nan, arc=0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Outline:
     """points: (k, 2) on the wall. radius, x, y: px. sigma: deviation of the radius by the fit alone, px. mode:
@@ -91,28 +94,15 @@ def _patch(mask: Bools, covered: Image) -> Patch:
     inner = (x > 0) & (x < width - 1) & (y > 0) & (y < height - 1)
     area = float(mask.sum())
     x0, y0, radius = float(columns.mean()), float(rows.mean()), float(np.sqrt(area / np.pi))
-    if area > 30 and inner.sum() > 8:
-        x0, y0, radius = _rough_circle(x[inner], y[inner]) or (x0, y0, radius)
+    points = np.stack([x, y], axis=1)[inner]
+    rough = fit_circle(points, (x0, y0), _UNKNOWN) if area > 30 and len(points) > 8 else None
+    if rough:
+        x0, y0, radius = rough.x, rough.y, rough.radius
     v, u = np.nonzero(mask)
     away = np.hypot(u - x0, v - y0)
     ring = (away > 0.55 * radius) & (away < 0.85 * radius)
     inside = float(np.median(covered[v[ring], u[ring]])) if ring.sum() > 20 else np.nan
     return Patch(area, x0, y0, radius, inside)
-
-
-def _rough_circle(x: Floats, y: Floats) -> tuple[float, float, float] | None:
-    """Fit a circle by Kasa's method with iterative reweighting; None if it fails."""
-    weight = np.ones(len(x))
-    for _ in range(6):
-        root = np.sqrt(weight)
-        rows = np.stack([2 * x, 2 * y, np.ones_like(x)], axis=1) * root[:, None]
-        a, b, c = np.linalg.lstsq(rows, (x * x + y * y) * root, rcond=None)[0]
-        square = c + a * a + b * b
-        if square <= 0:
-            return None
-        residual = np.hypot(x - a, y - b) - np.sqrt(square)
-        weight = _tukey(residual, max(1.4826 * float(np.median(np.abs(residual))), 0.7))
-    return float(a), float(b), float(np.sqrt(square))
 
 
 def _tukey(residual: Floats, scale: float) -> Floats:

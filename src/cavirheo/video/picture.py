@@ -6,10 +6,9 @@ import io
 from base64 import b64encode
 from collections.abc import Iterator
 from math import floor
-from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageColor, ImageDraw
+from PIL import Image, ImageDraw
 
 from cavirheo.video.measurement import Measurement
 
@@ -39,15 +38,6 @@ def contact_sheet(measurement: Measurement) -> Image.Image:
     for k, picture in enumerate(_pictures(measurement, scale, chosen)):
         sheet.paste(picture, (4 + k % columns * (cell[0] + 4), 4 + k // columns * (cell[1] + 4)))
     return sheet
-
-
-def save_sheet(path: Path, sheet: Image.Image) -> None:
-    """Save a contact sheet as PNG, with only greys and the colours of the flags."""
-    greys = [(grey, grey, grey) for grey in range(0, 256, 2)]
-    flags = [ImageColor.getrgb(colour) for colour in dict.fromkeys((*COLOURS.values(), GREY))]
-    palette = Image.new("P", (1, 1))
-    palette.putpalette([level for colour in (*greys, *flags) for level in colour])
-    sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(path, "png", optimize=True)
 
 
 def data_url(picture: Image.Image) -> str:
