@@ -107,30 +107,6 @@ def shared_values(options: object, kind: Any) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FileSettings:
-    """Options that add to or select from measured files. Raises InputError: --shots is no list of numbers."""
-
-    trust_input: TrustInput = False
-    fps: Fps = None
-    um_per_px: UmPerPx = None
-    rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
-    shots: Shots = None
-    group: Group = "auto"
-    exposure_us: ExposureUs = None
-
-    def __post_init__(self) -> None:
-        if self.shots is not None:
-            from cavirheo.io.shots import shot_numbers
-
-            shot_numbers(self.shots)
-
-    @property
-    def exposure(self) -> float | None:
-        """Exposure time of a frame, s."""
-        return None if self.exposure_us is None else float(self.exposure_us) * 1e-6
-
-
-@dataclass(frozen=True, kw_only=True)
 class Liquid:
     """Options for the constants of the medium around the bubble."""
 
@@ -197,25 +173,42 @@ class BubbleOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings(Liquid, FileSettings, BubbleOptions):
-    """How measured curves are read and analysed; values with names of fields of Analysis are its settings."""
+class Settings(Liquid, BubbleOptions):
+    """How measured curves are read and analysed; values with names of fields of Analysis are its settings. Raises
+    InputError: `shots` is no list of numbers."""
 
+    fps: Fps = None
+    um_per_px: UmPerPx = None
+    rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
+    shots: Shots = None
+    group: Group = "auto"
+    exposure_us: ExposureUs = None
     stretch: Annotated[Any, number(_STRETCH, None, "plateau", "free")] = None
     window: Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)] = None
     seed: Seed = 0
+
+    def __post_init__(self) -> None:
+        from cavirheo.io.shots import shot_numbers
+
+        shot_numbers(self.shots)
+
+    @property
+    def exposure(self) -> float | None:
+        """Exposure time of a frame, s."""
+        return self.exposure_us and self.exposure_us * 1e-6
 
     @property
     def read_options(self) -> dict[str, Any]:
         """The options of `read_shots`. Raises InputError."""
         from cavirheo.io.shots import check_camera, check_max_radius
 
-        max_radius = None if self.rmax_um is None else self.rmax_um * 1e-6
+        max_radius = self.rmax_um and self.rmax_um * 1e-6
         check_max_radius(max_radius)
         check_camera(self.fps, self.um_per_px)
         liquid = self.liquid
         camera = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px, "exposure": self.exposure}
-        table = {"density": liquid.density, "pressure": liquid.pressure, "max_radius": max_radius, "group": self.group}
-        return table | camera
+        table = {"density": liquid.density, "pressure": liquid.pressure, "max_radius": max_radius}
+        return table | camera | {"group": self.group, "shots": self.shots}
 
     @property
     def analysis_options(self) -> dict[str, Any]:

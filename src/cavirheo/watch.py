@@ -40,9 +40,9 @@ State = tuple[int, ...]  # size in bytes and time of the last change in ns, of a
 class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
-    analysis: how curves are answered. read: returns the curves of files. read_settings: all settings of `read`
-    besides the medium. group: as in `read_shots`. draw, errors: as in `write_report`. notify: called with a line on
-    each problem. show: called with each new row. executor: as in `analyse`.
+    analysis: how curves are answered. read: returns the curves of files. read_settings: all settings of `read`. group:
+    as in `read_shots`. draw, errors: as in `write_report`. notify: called with a line on each problem. show: called
+    with each new row. executor: as in `analyse`.
     """
 
     folder: Path
@@ -107,7 +107,7 @@ class Watch:
 
     def _key(self, *content: object) -> str:
         """A key of what was read; the curves of a file depend on these settings."""
-        return content_hash([version("cavirheo"), self.read_settings, self.analysis.medium, *content])[:32]
+        return content_hash([version("cavirheo"), self.read_settings, *content])[:32]
 
     def _contents(self) -> list[dict[str, Any]]:
         """The content of each file: its curves, remarks, and whether it is unreadable."""

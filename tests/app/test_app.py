@@ -161,6 +161,7 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten_with_their_last_p
         one.add([single(tmp_path / "a.csv")], PageSettings())
         assert (len(one.curves), other.curves) == (1, [])
         assert one.folder != other.folder
+        assert visitors.session_for("one") is one
         visitors.session_for("third")  # the one unused for longest makes room
         assert not other.folder.exists()
         visitors.leave("one")

@@ -16,13 +16,13 @@ from typing import Any, get_type_hints
 import gradio as gr
 
 from cavirheo.app import steps, words
-from cavirheo.app.session import PAGE_FIELDS, STARTS, PageSettings, Run, Session, Visitors
+from cavirheo.app.session import PAGE_FIELDS, STARTS, PageSettings, Session, Visitors
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference import DEFAULT
 from cavirheo.physics.media import MEDIA
 from cavirheo.video.formats import is_video
 
-_CLICK = "() => document.querySelector('#{}').click()"
+_DOWNLOAD = "() => document.querySelector('#error-box .failed-message') || document.querySelector('#download').click()"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
 _SURE = "yes"
 _QUESTION = "Delete all files and answers of this page? The zip of step 5 keeps the answers."
@@ -168,30 +168,22 @@ class Page:
         **options: Any,
     ) -> Any:
         """Bind the handler to an event, or to a list of events. It gets the visitor's session, locked unless the task
-        is slow, and the values of `inputs`; it returns new content of components. The page shows its errors."""
+        is slow, and the values of `inputs`; it returns new content of components. Its error is shown by the page, and
+        the next success clears it."""
 
-        def handle(request: gr.Request, *values: Any) -> _Updates:
+        def handle(request: gr.Request, *values: Any) -> Any:
             session = self.visitors.session_for(request.session_hash)
-            lock: Any = nullcontext() if slow else session.lock
-            with lock:
+            with nullcontext() if slow else session.lock:
                 try:
-                    session.error_message = ""
-                    updates = handler(session, *values) or {}
+                    updates = handler(session, *values)
                 except (InputError, SolverError) as error:
-                    session.error_message = str(error)
-                    raise gr.Error(session.error_message, visible=False, print_exception=False) from None
-            return {**updates, self.error_box: ""}
-
-        def show_error(request: gr.Request) -> str:  # the message covers nothing, and the next success clears it
-            return words.render("error_box", self.visitors.session_for(request.session_hash).error_message)
+                    return {self.error_box: words.render("error_box", str(error))}
+            return {**updates, self.error_box: ""} if updates else gr.skip()
 
         listen = partial(gr.on, event) if isinstance(event, list) else event
         progress: dict[str, Any] = {"show_progress_on": [spinner]} if spinner else {"show_progress": "hidden"}
         to = self.outputs if outputs is None else [*outputs, self.error_box]
-        listener = listen(handle, [*inputs], to, api_visibility="private", **progress, **options)
-        quick: dict[str, Any] = {"queue": False, "show_progress": "hidden", "api_visibility": "private"}
-        listener.failure(show_error, None, [self.error_box], **quick)
-        return listener
+        return listen(handle, [*inputs], to, api_visibility="private", **progress, **options)
 
     def _wire(self, settings: list[Any]) -> None:
         bind = self._bind
@@ -225,7 +217,7 @@ class Page:
         pictures = [self.check_plot, self.trial]
         bind(moves, self._try_sliders, [*shot, *self.sliders], outputs=pictures, queue=False, **_LATEST)
         zipped = bind(self.make_zip.click, self._zip, slow=True, spinner=self.make_zip, concurrency_limit=1)
-        zipped.success(None, js=_CLICK.format("download"), **private)
+        zipped.success(None, js=_DOWNLOAD, **private)
         self.link.change(None, self.link, js=_ADDRESS, **private)
         self.blocks.load(self._restore, None, self.outputs, show_progress="hidden", **private)
         self.blocks.unload(self._leave)
@@ -323,7 +315,7 @@ class Page:
         names = session.names
         session.apply_settings(PageSettings(**_page_values(settings)))
         if session.settings == before:
-            return {}
+            return {self.error_box: ""}
         if session.names != names:  # a recording was measured
             return self._show_data(session)
         tables = {} if session.curves is curves else self._show_tables(session)
@@ -331,8 +323,7 @@ class Page:
 
     def _begin_run(self, session: Session, chosen: list[str], *settings: Any) -> _Updates:
         session.apply_settings(PageSettings(**_page_values(settings)))
-        if session.run is None or not session.run.working:
-            session.run = Run(chosen)
+        session.announce(chosen)
         return {self.steps: gr.Tabs(selected=3), **self._refresh_answers(session)}
 
     def _stop(self, session: Session) -> None:
@@ -343,6 +334,8 @@ class Page:
         return {self.timer: gr.Timer(active=session.run is not None), self.answers: words.answers(session)}
 
     def _answer(self, session: Session, chosen: list[str]) -> _Updates:
+        if session.run is None or session.run.working:  # the beginning failed
+            return {}
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
             updates = {self.checked_shot: gr.Dropdown(choices=names, value=names[0])}

@@ -166,7 +166,6 @@ class Session:
         self.shared: Shared = WeakValueDictionary() if shared is None else shared
         self.kept: dict[str, Posterior] = {}  # this visitor's answers, by their keys
         self.settings = PageSettings()
-        self.error_message = ""  # error message of the last event
         self.link = token_urlsafe(16)  # secret: a page with it in its address opens this session
         self.lock = threading.RLock()  # held while the session is read or changed, but not while a run answers shots
         self.run: Run | None = None
@@ -243,13 +242,20 @@ class Session:
         """Names of the shots."""
         return [curve.name for curve in self.curves]
 
-    def start(self, names: Sequence[str]) -> Run:
-        """Start the run that waits, or else a new one. Raises InputError: one goes on."""
+    def announce(self, names: Sequence[str]) -> Run:
+        """Announce a run, which waits for its turn. Raises InputError: another one goes on."""
         going_on = self.run is not None and self.run.working
         require(not going_on, "the run before goes on: stop it, or wait for its end", "parallel.busy")
-        self.run = self.run or Run(names)
-        self.run.working = True
+        self.run = Run(names)
         return self.run
+
+    def start(self, names: Sequence[str]) -> Run:
+        """Start the run that was announced, or else a new one. Raises InputError: another one goes on."""
+        run = self.run
+        if run is None or run.working:
+            run = self.announce(names)
+        run.working = True
+        return run
 
     def regroup(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Return the pairs with each curve in the group of its typed material, or else in the group of its file."""

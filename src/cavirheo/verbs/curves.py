@@ -165,12 +165,11 @@ class Watch(settings.InferSettings, options.AnsweringVerb):
 
         message = f"{self.folder} is no folder: give the one where recordings arrive"
         require(self.folder.is_dir(), message, "watch.folder")
-        read_settings = settings.shared_values(self, settings.FileSettings)
         keywords: dict[str, Any] = {"group": self.group, "notify": run.say, "draw": self.pictures}
         keywords |= {"command": run.command, "date": run.date, "errors": self.errors}
         if not run.quiet:
             keywords["show"] = print_line
-        watched = watch.Watch(self.folder, self.out, self.analysis, self.read_recordings, read_settings, **keywords)
+        watched = watch.Watch(self.folder, self.out, self.analysis, self.read_recordings, self.read_options, **keywords)
         load_solver()
         report = self.out / "report.html"
         known = len(watched.write().curves)

@@ -100,7 +100,7 @@ class AnsweringVerb(PrintingVerb, Settings):
         if exclude is not None and len(files) > 1:
             message = f"--exclude is of one recording, {len(files)} files were given"
             raise InputError(f"{message}: `cavirheo measure` each with its own", "option.exclude")
-        return read_shots(files, shots=self.shots, exclude=exclude, **self.read_options)
+        return read_shots(files, exclude=exclude, **self.read_options)
 
 
 @dataclass(frozen=True, kw_only=True)
