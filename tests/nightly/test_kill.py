@@ -18,16 +18,14 @@ from cavirheo.workflow.store import Store
 from cavirheo.writing.document import LIST_FILE
 
 SHOTS, KILLS = 12, 8
-INFER = ["infer", "shots", "-o", "out"]
 
 
-def call(words: list[str], folder: Path, more: int = 0, wait: float | None = None) -> int | None:
+def call(folder: Path, more: int = 0, wait: float | None = None) -> int | None:
     """The exit status; None if it was killed: `wait` seconds after so many `more` answers were kept."""
     files = sorted(path.name for path in folder.glob("shot*.csv"))
-    words = [part for word in words for part in (files if word == "shots" else [word])]
     enough = len(kept(folder)) + more
     with (folder.parent / "said").open("w") as said:
-        command = [sys.executable, "-m", "cavirheo", *words]
+        command = [sys.executable, "-m", "cavirheo", "infer", *files, "-o", "out"]
         process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=said)
     while wait is not None and process.poll() is None and len(kept(folder)) < enough:
         time.sleep(0.02)
@@ -61,11 +59,11 @@ def test_killed_at_random_moments(tmp_path):
         place.mkdir(parents=True)
         for k in range(SHOTS):
             write_curve(place / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
-    assert call(INFER, whole) == 0, (whole.parent / "said").read_text()
+    assert call(whole) == 0, (whole.parent / "said").read_text()
     chance, before = random.Random(0), set[str]()
     for _ in range(KILLS):
         more = chance.randint(0, 2 * SHOTS // KILLS)
-        if call(INFER, folder, more, chance.uniform(0.0, 1.0)) is not None or (before and not kept(folder)):
+        if call(folder, more, chance.uniform(0.0, 1.0)) is not None or (before and not kept(folder)):
             break  # all was written
         now = kept(folder)
         assert before <= now  # what was answered is there
@@ -74,5 +72,5 @@ def test_killed_at_random_moments(tmp_path):
         for path in (folder / "out").rglob("*.json"):
             json.loads(path.read_text())
     assert before
-    assert call(INFER, folder) == 0, (folder.parent / "said").read_text()
+    assert call(folder) == 0, (folder.parent / "said").read_text()
     assert documents(folder / "out") == documents(whole / "out")
