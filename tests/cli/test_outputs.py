@@ -131,7 +131,7 @@ def test_nothing_is_written_through_a_link_of_somebody_else(tmp_path, name, link
 def test_answers_are_kept_in_no_folder_of_somebody_else(tmp_path):
     (tmp_path / "theirs").mkdir()
     (tmp_path / "unfinished").symlink_to(tmp_path / "theirs")
-    assert code_of(Unfinished, tmp_path) == "document.folder"
+    assert code_of(Store, tmp_path / "unfinished") == "document.folder"
 
 
 @pytest.mark.parametrize("line", ["{", "[]", '{"kind": "r", "name": "../secret", "sha256": "%s"}', "\xff"])

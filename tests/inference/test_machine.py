@@ -1,5 +1,6 @@
 """The machine of inference: emulator, sampler and weights, each against closed forms or the solver."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -135,21 +136,19 @@ def test_two_separate_maxima_are_drawn_by_their_shares(seed):
     assert shares[0] == pytest.approx(shares[1], abs=0.1)
 
 
-def linear_problem(bias: float) -> tuple[np.ndarray, Noise, np.ndarray]:
-    """Derivatives (n, 3) of frames, their noise, and a measurement (n,) of u = (0.5, -0.3, 0.2)."""
+def linear_problem() -> tuple[np.ndarray, Noise, Callable[[np.ndarray], np.ndarray]]:
+    """Derivatives (40, 3) of frames, their noise, and residuals of a measurement of u = (0.5, -0.3, 0.2)."""
     rng = np.random.default_rng(3)
     slopes = rng.standard_normal((40, 3)) * 0.01
     noise = Noise(np.full(40, 0.01), np.arange(40.0), 10.0, False)
-    return slopes, noise, slopes @ [0.5, -0.3, 0.2] + 0.01 * rng.standard_normal(40) + bias
+    measured = slopes @ [0.5, -0.3, 0.2] + 0.01 * rng.standard_normal(40)
+    return slopes, noise, lambda u: measured - u @ slopes.T
 
 
 @pytest.mark.parametrize("error", [0.0, 0.02])
 def test_weights_remove_the_error_of_the_emulator(error):
-    slopes, noise, measured = linear_problem(0.0)
+    _, noise, simulated = linear_problem()
     bend = error * np.sin(np.arange(40.0))[:, None]
-
-    def simulated(u):
-        return measured - u @ slopes.T
 
     def emulated(u):
         return simulated(u) - (bend @ (1.0 + 0.5 * u[:, :1].T)).T
@@ -168,17 +167,17 @@ def test_weights_remove_the_error_of_the_emulator(error):
 
 
 def test_every_draw_of_an_answer_was_simulated():
-    slopes, noise, measured = linear_problem(0.0)
+    _, noise, residuals = linear_problem()
     simulated_at: list[np.ndarray] = []
 
     def simulated(u):
         simulated_at.append(u)
-        return measured - u @ slopes.T
+        return residuals(u)
 
-    found = posterior([Model(lambda u: measured - u @ slopes.T, simulated, noise, 3)], seed=0)
+    found = posterior([Model(residuals, simulated, noise, 3)], seed=0)
     places = {tuple(row) for row in np.concatenate(simulated_at)}
     assert all(tuple(row) in places for row in found.x)
-    assert found.log_posterior == pytest.approx(noise.log_density(measured - found.x @ slopes.T) + log_normal(found.x))
+    assert found.log_posterior == pytest.approx(noise.log_density(residuals(found.x)) + log_normal(found.x))
 
 
 def test_an_effective_size_is_kongs_and_a_power_of_weights_has_more():
@@ -232,10 +231,7 @@ def test_a_correction_finds_the_error_of_the_emulator():
 
 def test_models_count_by_their_evidence():
     """Two models of the same frames, of which one has another parameter, that the frames hardly hold."""
-    slopes, noise, measured = linear_problem(0.0)
-
-    def small(u):
-        return measured - u @ slopes.T
+    _, noise, small = linear_problem()
 
     def large(u):
         return small(u[:, :3]) - 0.004 * u[:, 3:]
@@ -260,11 +256,7 @@ def test_models_count_by_their_evidence():
 
 
 def test_a_climb_ends_at_the_maximum_with_its_curvature():
-    slopes, noise, measured = linear_problem(0.0)
-
-    def residuals(u):
-        return measured - u @ slopes.T
-
+    slopes, noise, residuals = linear_problem()
     found = climb(residuals, noise, np.random.default_rng(0).standard_normal((5, 3)))
     u, value, curvature = found.u, found.value, found.curvature
     assert np.ptp(u, axis=0) == pytest.approx(np.zeros(3), abs=0.01)
@@ -316,10 +308,7 @@ def test_a_ridge_is_followed_from_its_maximum():
 
 
 def test_failed_simulations_have_no_weight():
-    slopes, noise, measured = linear_problem(0.0)
-
-    def emulated(u):
-        return measured - u @ slopes.T
+    _, noise, emulated = linear_problem()
 
     def simulated(u):
         return np.where(u[:, :1] > 0.5, np.nan, emulated(u))
