@@ -33,7 +33,8 @@ def test_frames_after_the_window_lie_where_the_draws_predict_them():
     answer = cavirheo.infer(cut, material="nhkv", bubble="field", trust_input=True)
     later = truth.time > cut.time[-1]
     mean, low, high = predict_radius(answer, truth.time[later])
-    assert np.mean((low < truth.radius[later]) & (truth.radius[later] < high)) > 0.8
+    for lost in (1.0, 0.95):  # also of a bubble that loses more in a collapse than any law here
+        assert np.mean((low < lost * truth.radius[later]) & (lost * truth.radius[later] < high)) > 0.8
     assert np.sqrt(np.mean((mean - truth.radius[later]) ** 2)) < 0.05 * cut.max_radius
     assert code_of(predict_radius, replace(answer, curve=None), truth.time) == "predict.draws"
 

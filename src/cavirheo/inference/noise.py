@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded
 from scipy.special import gammaln
 
-from cavirheo.arrays import Floats, log_sum
+from cavirheo.arrays import Bools, Floats, log_sum
 from cavirheo.physics.cache import compiled
 
 GAMMA_A = 2.0  # A: the frame-to-frame noise is only a guess of the noise
@@ -103,14 +103,20 @@ class Noise:
         variances = self.deviation**2 * averaged + np.sum(self.covariances.shifts**2, axis=2)
         return np.asarray(np.sqrt(factors @ variances))
 
-    def deviations_at(self, residual: Floats, velocity: Floats) -> Floats:
+    def predicted_deviations(
+        self, residual: Floats, velocity: Floats, compared: Bools, rng: np.random.Generator
+    ) -> Floats:
         """(m,) standard deviations of one frame, noise and discrepancy, at other instants where the wall has these
-        velocities (m,), 1/s, by a residual (n,)."""
+        velocities (m,), 1/s, by a residual (n,). compared: (m,) whether these instants are among those of the compared
+        frames. At others no frame tells the discrepancy: its size is drawn from its prior."""
         _, share, squares = self._shares(residual[None])
         factors = share[:, 0] * (GAMMA_A + 0.5 * squares[:, 0]) / (self.power - 1.0)
         ratio, clock_ratio, _ = np.array(self.grid).T[:, :, None]
-        variances = 1.0 + ratio**2 + (clock_ratio * self.scale * velocity) ** 2
-        return np.asarray(self.typical * np.sqrt(factors @ variances))
+        discrepancies = ratio**2 + (clock_ratio * self.scale * velocity) ** 2
+        one = rng.choice(len(self.grid), p=np.exp(self.log_prior))
+        unseen = discrepancies[one] * GAMMA_A / rng.gamma(GAMMA_A)
+        variances = np.sum(factors) + np.where(compared, factors @ discrepancies, unseen)
+        return np.asarray(self.typical * np.sqrt(variances))
 
     def describe(self, residual: Floats) -> dict[str, float]:
         """Of a residual (n,): noise over assumed noise, probability of a discrepancy, and its standard deviation."""

@@ -41,7 +41,8 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
     """The radius that an answer predicts at any time, for example in frames that were not compared with it.
 
     If the answer is right, no other prediction has a smaller expected square error than the mean. The ends are those
-    of what a frame there would measure: with its noise, and the discrepancy between simulations and compared frames.
+    of what a frame there would measure: with its noise, and the discrepancy between simulations and frames. After the
+    compared frames the discrepancy is that of its prior: earlier frames do not show what the next collapse does.
 
     Args:
         posterior: the answer, with draws.
@@ -67,6 +68,7 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
     setup = posterior.material, medium, _compared_end(curve, posterior)
     shots = {bubble: _experiment(curve, bubble, *setup) for bubble in (posterior.bubble, FIELD)}
     noise = shots[posterior.bubble].noise(bool(posterior.provenance.get("discrepancy")))
+    end = float(shots[FIELD].time_since_max[-1])  # of the compared frames
     since, step = time - curve.time_of_max, VELOCITY_STEP * shots[FIELD].time_scale
     instants = np.concatenate([since, since - step, since + step])
     chosen = rng.choice(len(posterior.theta), draws, p=posterior.weights)
@@ -78,7 +80,8 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
         if simulated is None:
             continue
         radius, before, after = np.split(simulated, 3)
-        deviation = noise.deviations_at(shot.difference(x), (after - before) / (2.0 * step))
+        velocity = (after - before) / (2.0 * step)
+        deviation = noise.predicted_deviations(shot.difference(x), velocity, since <= end, rng)
         radii.append(radius * curve.max_radius)
         frames.append((radius + deviation * rng.standard_normal(len(time))) * curve.max_radius)
     if 2 * len(radii) < draws:
