@@ -12,10 +12,9 @@ from answers import KnownAnalysis, answer, unanswered
 from conftest import BDT, EXAMPLE
 from recordings import SCALE
 
+from cavirheo import load
 from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads
-from cavirheo.reporting import read_json
-from cavirheo.reporting.record import Result
 from cavirheo.watch import Watch
 
 LINES = EXAMPLE.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -61,8 +60,8 @@ class Bench:
         return [(row.name, row.verdict) for row in self.result.curves] if written else []
 
     @property
-    def result(self) -> Result:
-        return read_json(self.out / "result.json")
+    def result(self):
+        return load(self.out / "result.json")
 
 
 @pytest.fixture

@@ -15,7 +15,6 @@ import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, predict_radius, read_curves
 from cavirheo.inference import input_warnings
 from cavirheo.landmarks import RAYLEIGH
-from cavirheo.reporting import read_json
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")
 infer_many = partial(cavirheo.infer_many, model="bdt-viscoelastic")
@@ -95,7 +94,7 @@ def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
     wrong = replace(curve, time=curve.time * time, radius=curve.radius * radius)
     write_curve(tmp_path / "wrong.csv", wrong)
     status, _, _ = run("infer", *BDT, tmp_path / "wrong.csv", "-o", "out")
-    document = read_json("out/result.json")
+    document = cavirheo.load("out")
     assert document.curves[0].verdict in (("failed",) if time < 1 else ("failed", "check_input"))
     assert "Rayleigh" in document.curves[0].message
     assert (status, document.groups[0].n_counted) == (1, 0)
