@@ -246,7 +246,7 @@ class Page:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
             updates = self._show_data(session) | self._show_settings(session)
             updates[self.checked_shot] = gr.Dropdown(choices=names, value=next(iter(names), None))
-            return updates | self._show_check(session, names[0]) if names and not session.stale else updates
+            return updates | self._show_check(session, names[0]) if names else updates
 
     def _load(self, session: Session, files: list[str] | None, *settings: Any) -> _Updates:
         with uploaded_paths(files or []) as paths:
@@ -292,7 +292,7 @@ class Page:
     def _show_state(self, session: Session) -> _Updates:
         """Enable the steps that can be used; show the answers, marked if settings changed since."""
         loaded = bool(session.curves)
-        current = session.answers is not None and not session.stale
+        current = session.answers is not None
         able = zip(self.tabs[1:], (loaded, loaded, current, current), strict=True)
         return {tab: gr.Tab(interactive=works) for tab, works in able} | {
             self.to_prepare: gr.Button(interactive=loaded),

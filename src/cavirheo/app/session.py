@@ -116,7 +116,6 @@ class Answers:
     pairs: list[tuple[RadiusCurve, Posterior]]
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots without an answer, because the run was stopped
-    settings: PageSettings  # of the run
     pictures: dict[str, str]  # of groups, by name
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by shot
 
@@ -265,37 +264,35 @@ class Session:
         groups |= {shot: (name, name) for shot, name in self.materials.items()}
         return [(curve.with_group(*groups[curve.name]), answer) for curve, answer in pairs]
 
-    def command(self, settings: PageSettings) -> str:
-        """Return the equivalent command line."""
+    @property
+    def command(self) -> str:
+        """The equivalent command line."""
         words = ["cavirheo", "infer", *(path.name for path in self.files)]
         for name in PAGE_FIELDS:
-            value = getattr(settings, name)
+            value = getattr(self.settings, name)
             if value not in (None, getattr(PageSettings, name)):
                 words += [option_of(name), *([] if value is True else [str(value)])]
         return shlex.join(words)
 
     def apply_settings(self, settings: PageSettings) -> None:
-        """Set the settings; read the files again if these change the curves. Raises InputError."""
+        """Set the settings; read the files again if these change the curves. Answers by other settings are put away: a
+        run with those finds them again. Raises InputError."""
         before, now = ((each.read_options, each.camera) for each in (self.settings, settings))
         if self.files and before != now:
             self.curves, self.problems = self._read(self.files, settings)
+        if settings != self.settings:
+            self.answers = None
         self.settings = settings
 
     @property
-    def stale(self) -> bool:
-        """Whether there are answers, but with other settings."""
-        return self.answers is not None and self.answers.settings != self.settings
-
-    @property
     def current(self) -> Answers:
-        """The answers with the present settings. Raises InputError: there are none."""
+        """The answers. Raises InputError: there are none."""
         if self.answers is None:
             raise InputError("no answer yet: infer first (step 3)", "app.no_answer")
-        require(not self.stale, "settings changed: run again (step 3)", "app.stale")
         return self.answers
 
     def find_answer(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
-        """Return (all answers, curve, posterior, record) of a shot. Raises InputError: no answer, or a `stale` one."""
+        """Return (all answers, curve, posterior, record) of a shot. Raises InputError: no answer."""
         answers = self.current
         for pair, record in zip(answers.pairs, answers.document.curves, strict=True):
             if record.name == name:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cavirheo.app.session import Answers, PageSettings, Session
+from cavirheo.app.session import Answers, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.what_if import checks_with, slider
@@ -68,7 +68,7 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
                     break
         pairs = [answered[index] for index in sorted(answered)]
         names_answered = [curve.name for curve, _ in pairs]
-        pooled = _pool_answers(session, pairs, [name for name in names if name not in names_answered], settings)
+        pooled = _pool_answers(session, pairs, [name for name in names if name not in names_answered])
     finally:
         with session.lock:
             session.run = None if session.run is run else session.run
@@ -80,15 +80,15 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
         return pooled
 
 
-def _pool_answers(session: Session, pairs: Pairs, not_run: list[str], settings: PageSettings) -> Answers:
+def _pool_answers(session: Session, pairs: Pairs, not_run: list[str]) -> Answers:
     """Return the answers with their document: groups, command and notes."""
     pairs = session.regroup(pairs)
-    command = session.command(settings)
+    command = session.command
     if len(pairs) < len(session.curves):
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
     materials = ", ".join(f"{shot} = {material}" for shot, material in session.materials.items())
     document = result(pairs, command, notes=[f"materials that were typed: {materials}"] if materials else [])
-    return Answers(pairs, document, not_run, settings, group_pictures(pairs, document, []))
+    return Answers(pairs, document, not_run, group_pictures(pairs, document, []))
 
 
 def name_materials(session: Session, names: Sequence[str]) -> None:
@@ -98,7 +98,7 @@ def name_materials(session: Session, names: Sequence[str]) -> None:
     groups = zip(session.curves, map(str.strip, names), strict=True)
     session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
-        session.answers = _pool_answers(session, old.pairs, old.not_run, old.settings)
+        session.answers = _pool_answers(session, old.pairs, old.not_run)
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:

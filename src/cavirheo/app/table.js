@@ -7,7 +7,7 @@ const makeFocusable = () => {
 };
 const pick = (event) => {
   const row = event.target.closest('.curves tbody tr:not(.doubt)');
-  if (!row || element.querySelector('.stale, .busy')) return;
+  if (!row || element.querySelector('.busy')) return;
   document.body.dataset.picked = row.cells[0].querySelector('[title]')?.title || row.cells[0].childNodes[0].textContent;
   trigger('click');
 };

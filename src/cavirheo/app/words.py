@@ -50,7 +50,7 @@ TEXT_FIELDS = {  # label, and what an empty field means
 }
 VOUCH = "I vouch for scale, frame rate and medium, however odd they look"
 HYPHEN = "\u2011"  # at which no line is broken
-NO_ANSWERS = "No answers yet: press the button above."
+NO_ANSWERS = "No answers with these settings yet: press the button above."
 _MACROS = html.template("words.html", "cavirheo.app").module
 
 
@@ -137,7 +137,7 @@ def answers(session: Session) -> str:
     current = session.answers
     run = session.run
     if run:
-        current = Answers([], result_of(run.ready, ""), [], session.settings, {})
+        current = Answers([], result_of(run.ready, ""), [], {})
     if current is None:
         return render("hint", NO_ANSWERS)
     document = current.document
@@ -148,9 +148,8 @@ def answers(session: Session) -> str:
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.render_macro("curves_table", document, rows, [row.name for row in rows], title)
     explanation = html.render_macro("reading"), *methods_paragraph(document)
-    stale = session.stale and not run
     done = len(document.curves), current.not_run
-    return render("answers", stale, run, *done, groups, shots, curves_by_message(rows), *explanation)
+    return render("answers", run, *done, groups, shots, curves_by_message(rows), *explanation)
 
 
 def facts(session: Session, name: str) -> str:

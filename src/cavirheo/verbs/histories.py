@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -66,21 +65,14 @@ class Measure(options.PrintingVerb):
             held = f"{self.video} holds {1 + len(others)}"
             raise InputError(f"measure takes one recording, and {held}: name one, such as {path}", "measure.one")
         outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", inputs=[path])
-        with ExitStack() as stack:
-
-            def begin(count: int) -> Callable[[], None]:
-                return stack.enter_context(run.progress_bar("measuring", count, unit="frames"))
-
-            measurement, curve = examine(path, begin=begin, **camera)
+        camera["progress"] = partial(run.progress_bar, "measuring", unit="frames")
+        measurement, curve = examine(path, **camera)
         warnings = [warning.text for warning in input_warnings.curve_warnings(curve, WATER)]
         run.notes += measurement.notes
         record = describe(measurement, curve, warnings, **run.document_fields)
         outputs.write("measured.csv", write_csv, measurement)
-
-        def write_sheet() -> None:
-            outputs.write("contact.png", picture.contact_sheet(measurement).save)
-
-        try_to_draw("contact.png", record.notes, write_sheet)
+        draw = picture.contact_sheet
+        try_to_draw("contact.png", record.notes, lambda: outputs.write("contact.png", draw(measurement).save))
         run.write_document(outputs, record)
         run.end(f"written to {self.out}", bool(warnings or record.unusable))
 

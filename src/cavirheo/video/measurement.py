@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -90,18 +91,6 @@ class Measurement:
             notes.append(f"exposure not known; the blur of fast frames suggests {share}")
         return tuple(notes)
 
-    def excluding(self, frames: str | Iterable[int]) -> Measurement:
-        """Return the measurement without these frames ("12,40-45" or numbers, from 1 in the recording); the others stay
-        as they are. Raises InputError: there are no such frames, or no measured frame is left."""
-        listed = parse_number_list(frames, "frames to exclude", "video.exclude", self.first, self.last)
-        left = np.isin(np.arange(self.first, self.last + 1), listed)
-        arrays = {name: array for name, array in vars(self.track).items() if isinstance(array, np.ndarray)}
-        out = {name: np.where(left, "excluded" if name == "flags" else np.nan, each) for name, each in arrays.items()}
-        track: Track = replace(self.track, **out)  # type: ignore[arg-type]
-        require(bool(np.isfinite(track.radius).any()), "all measured frames are excluded", "video.exclude")
-        listed = (np.flatnonzero(track.flags == "excluded") + self.first).tolist()
-        return replace(self, track=track, options={**self.options, "exclude": digits.number_ranges(listed)})
-
     def curve(self, **meta: Any) -> RadiusCurve:
         """Return the radius history; unused frames are NaN, and `meta` has the (n,) `flags`. Raises InputError."""
         pixel = (self.um_per_px.value or 1.0) * _PIXEL
@@ -115,7 +104,8 @@ class Measurement:
 
 
 class MeasureOptions(TypedDict, total=False):
-    """Options of `measure`. begin: takes the number of frames, and returns the function to call after each."""
+    """Options of `measure`. progress: takes the number of frames, and gives a context of the function to call after
+    each."""
 
     frame_rate: float | None
     um_per_px: float | None
@@ -125,7 +115,7 @@ class MeasureOptions(TypedDict, total=False):
     reference_frame: int | None
     span: tuple[int, int] | None
     exclude: str | Iterable[int] | None
-    begin: Callable[[int], Callable[[], None]]
+    progress: Callable[[int], AbstractContextManager[Callable[[], None]]]
 
 
 def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
@@ -166,8 +156,15 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
         longer = f"{1e6 * shutter.value:.4g} us is longer than the {1e6 * interval:.4g} us between frames"
         raise InputError(f"an exposure of {longer}", "video.exposure")
     stage = set_stage(footage, options.get("polarity", "auto"), reference_frame and reference_frame - first + 1)
-    begin = options.get("begin", lambda _: lambda: None)
-    track = follow(stage, exposed_share, begin(len(footage.frames)))
+    exclude = options.get("exclude")
+    if exclude is not None:
+        listed = parse_number_list(exclude, "frames to exclude", "video.exclude", first, last)
+        chosen = np.isin(np.arange(first, last + 1), listed)
+        require(not chosen.all(), "all frames are excluded", "video.exclude")
+        stage = replace(stage, kinds=np.where(chosen, "excluded", stage.kinds))
+    progress = options.get("progress", lambda _: nullcontext(lambda: None))
+    with progress(len(footage.frames)) as advance:
+        track = follow(stage, exposed_share, advance)
     settings = {
         "polarity": "dark" if stage.depth > 0 else "bright",
         "roi": options.get("roi"),
@@ -175,15 +172,15 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
         "reference_frame": reference_frame,
         "frames_without_bubble": stage.empty,
     }
+    if exclude is not None:
+        settings["exclude"] = digits.number_ranges(listed)
     measured = int(np.isfinite(track.radius).sum())
     if track.twins >= _TWIN_SHARE * measured:
         warnings.append(Message("check_input.two_bubbles", {"frames": track.twins, "measured": measured}))
     if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _SATURATED_SHARE:
         warnings.append(Message("check_input.overexposed"))
     time, corner = time[first - 1 : last], region[:2]
-    measurement = Measurement(track, footage, time, rate, scale, shutter, settings, tuple(warnings), first, corner)
-    exclude = options.get("exclude")
-    return measurement if exclude is None else measurement.excluding(exclude)
+    return Measurement(track, footage, time, rate, scale, shutter, settings, tuple(warnings), first, corner)
 
 
 def _stated(by_user: float | None, value: float | None, origin: str) -> StatedNumber:

@@ -29,8 +29,9 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """frames: (n, height, width). kinds: (n,) "", "flash", "dark" or "lost". reference: (height, width), the background
-    in a frame of usual brightness. blind: (height, width), whether a pixel of it cannot be used.
+    """frames: (n, height, width). kinds: (n,) "", or why a frame is not used: "flash", "dark", "lost" or "excluded".
+    reference: (height, width), the background in a frame of usual brightness. blind: (height, width), whether a pixel
+    of it cannot be used.
 
     depth: share of the light that a dark bubble blocks; for a bright bubble the light that it adds, as a negative
     number. noise: standard deviation of `covered`. empty: number of leading frames without a bubble. gains: (n,)

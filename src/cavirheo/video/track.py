@@ -207,7 +207,7 @@ def _corrected_and_flagged(
     sigma[turned] = np.hypot(sigma[turned], RULES.per_reversal * width[turned])
     require(bool(np.any(flags == "ok")), _NO_BUBBLE, "video.no_bubble")
     early = np.arange(n) < int(np.argmax(flags == "ok"))
-    flags[early & ~np.isin(flags, ("flash", "dark"))] = "before"
+    flags[early & ~np.isin(flags, ("flash", "dark", "excluded"))] = "before"
     used = np.isin(flags, USED)
     systematic = np.hypot(RULES.systematic_width * width, np.nan_to_num(mode) / 6.0)
     columns = np.where(used, (radius, sigma, systematic, x, y, mode / radius, width, arc), np.nan)

@@ -1,7 +1,7 @@
 """Verbs on many machines: an executor with the workers of a dask cluster (the extra [cluster]), which is found by its
 address, or whose workers are jobs of SLURM (dask-jobqueue).
 
-Every worker must have this machine's version and code, and all must simulate some bubbles with the same bits.
+Every worker must have this machine's version and code.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import re
 import signal
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -19,8 +18,6 @@ from importlib.metadata import version
 from pathlib import Path
 from shutil import which
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from cavirheo.errors import InputError, listed
 from cavirheo.parallel import Flow, Job, Output
@@ -39,29 +36,18 @@ _NO_PROFILE = "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False"
 
 @cache
 def identity() -> str:
-    """What decides the answers of this process: its version, a hash of its code and networks, and one of simulated
-    bubbles, in a liquid and in a viscoelastic solid, each with both kinds of contents."""
-    from cavirheo.physics.bubble import ACCOMMODATION, FIELD, Bubble
-    from cavirheo.physics.materials import LAWS
-    from cavirheo.physics.simulate import simulate
-
+    """What decides the answers of this process: its version, and a hash of its code and networks."""
     code = hashlib.sha256()
     package = Path(__file__).parents[1]
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
         if path.suffix in (".py", ".npz") and name.parts[0] != "app":  # no answer depends on the app
             code.update(name.as_posix().encode() + path.read_bytes())
-    bits = hashlib.sha256()
-    for material in (LAWS["newtonian"](viscosity=0.03), LAWS["nhkv"](shear_modulus=6e3, viscosity=0.05)):
-        for bubble in (FIELD, Bubble("kinetic", ACCOMMODATION)):
-            run = simulate(material, max_radius=2.45e-4, stretch=6.0, time=np.linspace(0.0, 1e-4, 200), bubble=bubble)
-            bits.update(run.radius.tobytes())
-    return f"cavirheo {version('cavirheo')}, code {code.hexdigest()[:8]}, last bits {bits.hexdigest()[:8]}"
+    return f"cavirheo {version('cavirheo')}, code {code.hexdigest()[:8]}"
 
 
-def required_identity(client: Client, notify: Callable[[str], None], wait: float) -> str:
-    """The identity that every worker must have, also later ones: this machine's version and code, and the bits of most
-    workers. Raises InputError: no worker came within `wait` s, or one has another; the message names it."""
+def check_workers(client: Client, notify: Callable[[str], None], wait: float) -> None:
+    """Raise InputError: no worker came within `wait` s, or one has another identity; the message names it."""
 
     def probe() -> str:  # sent with its code, so that a worker without cavirheo can answer, too
         from cavirheo.workflow.cluster import identity
@@ -75,31 +61,24 @@ def required_identity(client: Client, notify: Callable[[str], None], wait: float
         late = f"no worker came to {address} within {wait:.0f} s"
         raise InputError(f"{late}: start some, and try again", "cluster.no_worker") from None
     workers = {address: str(answer) for address, answer in client.run(probe, on_error="return").items()}
-    mine = identity()
-    (usual, _), *_ = Counter(workers.values()).most_common(1)
-    required = usual if usual.startswith(mine.rpartition(",")[0]) else mine
-    if refused := [f"{address} ({worker})" for address, worker in sorted(workers.items()) if worker != required]:
-        message = f"refused {listed(refused, 3)}: install what is here ({required}) there, or stop them"
+    if refused := [f"{address} ({worker})" for address, worker in sorted(workers.items()) if worker != identity()]:
+        message = f"refused {listed(refused, 3)}: install what is here ({identity()}) there, or stop them"
         raise InputError(message, "cluster.refused")
-    if required != mine:
-        notify("note: last bits of simulations differ from this machine's: let the workers make all of it")
-    notify(f"{len(workers)} workers with {sum(client.nthreads().values())} threads, all with {required}")
-    return required
+    notify(f"{len(workers)} workers with {sum(client.nthreads().values())} threads, all with {identity()}")
 
 
 @dataclass(frozen=True)
 class Workers:
-    """All workers of a cluster, also those that come later; each must have the identity `required`."""
+    """All workers of a cluster, also those that come later; each must have the identity of this process."""
 
     client: Client
-    required: str
 
     def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
         """As `Executor.map_unordered`. Another worker does the jobs of a lost one. Raises InputError: a worker has
         another identity, a job ended several workers, or the scheduler is gone. Also raises errors of `function`."""
         from distributed import KilledWorker, as_completed
 
-        run = partial(_run, self.required, function)
+        run = partial(_run, identity(), function)
         indices = {self.client.submit(run, job, pure=False): index for index, job in enumerate(jobs)}
         try:
             for future in as_completed(list(indices), loop=self.client.loop):
@@ -137,7 +116,8 @@ def connected(scheduler: str | None, slurm: int | None, notify: Callable[[str], 
         message = f"--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, got {scheduler!r}"
         raise InputError(message, "cluster.scheduler")
     with _client_of(scheduler) if scheduler else _client_of_jobs(slurm or 1, notify) as client:
-        yield Workers(client, required_identity(client, notify, SCHEDULER_TIMEOUT if scheduler else QUEUE_TIMEOUT))
+        check_workers(client, notify, SCHEDULER_TIMEOUT if scheduler else QUEUE_TIMEOUT)
+        yield Workers(client)
 
 
 def _client_of(scheduler: str) -> Client:
