@@ -181,6 +181,19 @@ def gone(visitors, name):
     until(lambda: visitors.forget_absent() or not folder.exists())
 
 
+def test_answers_are_forgotten_with_the_last_visitor_who_has_them():
+    with closing(Visitors(VisitorLimits(absent_seconds=0.05))) as visitors:
+        for name in ("one", "other"):
+            session = visitors.session_for(name)
+            session.add([SOFT], QUICK, copy=True)
+            infer(session, ["soft_gel[1]"])
+        gone(visitors, "one")
+        assert len(visitors.shared) == 1
+        del session
+        gone(visitors, "other")
+        until(lambda: not visitors.shared)
+
+
 def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     (tmp_path / "x").mkdir()
     first, second = single(tmp_path / "a.csv"), single(tmp_path / "x" / "a.csv", 1.5)
