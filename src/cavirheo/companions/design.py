@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.stats.qmc import Halton
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import NORMAL_90, Floats
 from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.design import (
@@ -25,13 +25,11 @@ from cavirheo.inference.design import (
     gain,
     material_information,
     shots_wanted,
-    variance,
 )
-from cavirheo.parameters import MOST_WIDTH, STRETCH_RANGE, require_name
+from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, STRETCH_RANGE, require_name
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
-from cavirheo.reporting.answer import CurveRecord, StoredMedium
-from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.answer import StoredMedium
 from cavirheo.reporting.material import log_ends
 from cavirheo.reporting.record import Result, read_json
 from cavirheo.writing import digits, terminal
@@ -39,8 +37,8 @@ from cavirheo.writing.document import Document, Finite, Quantity, Record
 
 STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
 LEAST_GAIN = 0.01  # nats; with less a shot tells nothing
-_EVEN = np.array([-1.0, 1.0]) * np.sqrt(3.0)  # ends of an even distribution, in standard deviations
-LEAST_STRETCH_STD = 0.01  # smallest standard deviation of the stretch from shot to shot, decades
+EVEN = np.array([-1.0, 1.0]) * np.sqrt(3.0)  # ends of an even distribution, in standard deviations
+STRETCH_MARGIN = 0.02  # decades beyond the stretches of the shots
 
 
 @dataclass(frozen=True)
@@ -77,33 +75,32 @@ class Rig:
     def __post_init__(self) -> None:
         Family(self.material)
         medium(self.medium)
-        bubbles, radii, rates = bubbles_of(self.bubble), self.max_radius, self.frame_rate
+        bubbles, radii = bubbles_of(self.bubble), self.max_radius
         message = f"design is about one bubble, got {', '.join(bubble.name for bubble in bubbles)}"
         require(len(bubbles) == 1, message, "option.bubble")
         Options(bubble=bubbles[0])
         message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
         require(len(radii) == 2 and 0 < radii[0] <= radii[1], message, "design.max_radius")
-        message = f"frame rates must be positive, got {tuple(rates)}"
-        require(len(rates) > 0 and min(rates) > 0, message, "design.frame_rate")
-        message = f"noise must not be negative, got {self.noise} m and {self.relative_noise:g} of R_max"
-        require(min(self.noise, self.relative_noise) >= 0.0, message, "design.noise")
+        for radius in radii:
+            RADIUS.check("the R_max of the rig", radius, "design.max_radius")
+        require(len(self.frame_rate) > 0, "give at least one frame rate", "design.frame_rate")
+        for rate in self.frame_rate:
+            FRAME_RATE.check("the frame rate of the rig", rate, "design.frame_rate")
+        least, largest = min(self.noise, self.relative_noise), self.noise / radii[0] + self.relative_noise
+        message = f"noise must be from 0 up, in all positive and below half of R_max, got {self.noise:g} m and "
+        require(least >= 0.0 and 0 < largest < 0.5, f"{message}{self.relative_noise:g} of R_max", "design.noise")
+        expect_whole(self.frames, "frames", 10, "design.frames")
         expect_whole(self.sizes, "sizes", 1, "design.sizes")
 
     def settings(self) -> list[Setting]:
-        """Each frame rate with each of the sizes. Raises InputError: a setting outside of what can be simulated."""
+        """Each frame rate with each of the sizes."""
         smallest, largest = self.max_radius
-        radii = np.geomspace(smallest, largest, self.sizes if largest > smallest else 1).tolist()
-        return [
-            Setting(
-                radius,
-                float(rate),
-                float(np.hypot(self.noise, self.relative_noise * radius)),
-                self.frames,
-                min(self.exposure, 1.0 / rate),
-            )
-            for rate in self.frame_rate
-            for radius in radii
-        ]
+        settings = []
+        for rate in self.frame_rate:
+            for radius in np.geomspace(smallest, largest, self.sizes if largest > smallest else 1).tolist():
+                noise = float(np.hypot(self.noise, self.relative_noise * radius))
+                settings.append(Setting(radius, float(rate), noise, self.frames, min(self.exposure, 1.0 / rate)))
+        return settings
 
 
 class DesignedSetting(Record):
@@ -245,16 +242,27 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
     """
-    _check_numbers(wanted, spread, draws)
+    if not 0 < wanted < 1:
+        raise InputError(f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    if spread is not None and not 0 <= spread < 2:
+        raise InputError(f"a spread is 0 to 2 decades, got {spread}", "design.spread")
+    expect_whole(draws, "draws", 2, "design.draws")
     rig = rig or Rig()
     family = Family(rig.material)
-    ends, scatter, before = _known(known, group, family, _log_ranges(family, ranges or {}), spread)
-    low, high = np.transpose(list(ends.values()))
-    logs = low + (high - low) * Halton(len(ends), seed=seed).random(draws)  # few of its points cover the ranges
+    given = _log_ranges(family, ranges or {})
+    if known is None:
+        usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
+        before = Known(usual | {"stretch": np.log10(STRETCHES)} | given, np.zeros(len(usual)), 0)
+    else:
+        before = _known_by(known, group, family)
+        before.ends.update({name: pair for name, pair in given.items() if name == "stretch"})
+    spreads = before.spreads if spread is None else np.full_like(before.spreads, spread)
+    low, high = np.transpose(list(before.ends.values()))
+    logs = low + (high - low) * Halton(len(low), seed=seed).random(draws)  # few of its points cover the ranges
     (bubble,) = bubbles_of(rig.bubble)
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
     settings, covariance = rig.settings(), np.diag((high - low)[:-1] ** 2 / 12.0)
-    what = covariance, scatter, family.parameters, np.log10(1.0 + wanted)
+    what = covariance, np.diag(spreads**2), family.parameters, np.log10(1.0 + wanted)
     expectations = shots.expectations(settings, done)
     rows = [_row(setting, expected, *what) for setting, expected in zip(settings, expectations, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
@@ -266,21 +274,12 @@ def design(
         bubble=bubble,
         medium=medium(rig.medium),
         wanted_percent=100.0 * wanted,
-        spreads_decades=dict(zip(family.parameters, np.sqrt(np.diag(scatter)).tolist(), strict=True)),
-        known={name: Quantity.from_interval(*three) for name, three in zip(ends, quantiles.T, strict=True)},
-        shots_before=before,
+        spreads_decades=dict(zip(family.parameters, spreads.tolist(), strict=True)),
+        known={name: Quantity.from_interval(*three) for name, three in zip(before.ends, quantiles.T, strict=True)},
+        shots_before=before.shots,
         settings=rows,
         next=order.index(min(order)),
     )
-
-
-def _check_numbers(wanted: float, spread: float | None, draws: int) -> None:
-    """Raises InputError: a number out of its domain."""
-    if not 0 < wanted < 1:
-        raise InputError(f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    if spread is not None and not 0 <= spread < 2:
-        raise InputError(f"a spread is 0 to 2 decades, got {spread}", "design.spread")
-    expect_whole(draws, "draws", 2, "design.draws")
 
 
 def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[str, Floats]:
@@ -324,69 +323,38 @@ def _row(
     )
 
 
-def _known(
-    known: Result | str | Path | None, group: str | None, family: Family, given: dict[str, Floats], spread: float | None
-) -> tuple[dict[str, Floats], Floats, int]:
-    """As `_material`, also without a result: log10 of the ends of the ranges that are given, or usual ones."""
-    ends = dict(zip(family.parameters, family.bounds(started=True), strict=True)) | {"stretch": np.log10(STRETCHES)}
-    if known is None:
-        return ends | given, (spread or 0.0) ** 2 * np.eye(len(family.parameters)), 0
-    found, scatter, before = _material(known, group, family, spread)
-    stretch = {name: pair for name, pair in given.items() if name == "stretch"}
-    return ends | found | stretch, scatter, before
+class Known(NamedTuple):
+    """What is known of a material. ends: log10 of the ends of an even distribution of each parameter of the law, then
+    of the stretch. spreads: (l,) standard deviation of the shots about the material, decades. shots: on which this is
+    based."""
+
+    ends: dict[str, Floats]
+    spreads: Floats
+    shots: int
 
 
-def _material(
-    known: Result | str | Path, group: str | None, family: Family, spread: float | None
-) -> tuple[dict[str, Floats], Floats, int]:
-    """What a result says: log10 of the ends of an even distribution with the mean and deviation of each parameter of
-    the law, and of the stretch; covariance (l, l) of the shots about the material, of `spread` decades if that is
-    given; and number of shots.
-
-    With fewer than three shots there is no population. The default scatter is then that of the parameter which scatters
-    most, beyond the widths of the intervals."""
+def _known_by(known: Result | str | Path, group: str | None, family: Family) -> Known:
+    """The answer of a group of a result. Raises InputError: no group has one by this law or the default model, with
+    intervals of all parameters of the law; or several have."""
     if not isinstance(known, Result):
         known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
-    record, rows = _answers(known, group, family)
-    scatter = None if spread is None else spread**2 * np.eye(len(family.parameters))
-    pooled = record.population
-    of_law = pooled is not None and pooled.has_material and pooled.model.startswith(f"{family.name},")
-    if pooled and of_law and np.all(np.isfinite(log_ends(map(pooled.value, family.parameters)))):
-        mean, covariance, between = pooled.log_moments(family.parameters)
-        scatter = between if scatter is None else scatter
-        deviation, shots = np.sqrt(np.diag(covariance)), pooled.n - len(pooled.outliers)
-    else:
-        logs = np.array([log_ends(map(row.value, family.parameters)) for row in rows])  # (shots, l, 3)
-        middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])
-        if scatter is None:
-            excess = np.var(middle, axis=0, ddof=1) - variances.mean(axis=0) if len(rows) > 1 else np.zeros(1)
-            scatter = max(float(np.max(excess)), 0.0) * np.eye(middle.shape[1])
-        weight = 1.0 / (variances + np.diag(scatter))
-        mean = np.average(middle, axis=0, weights=weight)
-        deviation, shots = np.sqrt(1.0 / weight.sum(axis=0)), len(rows)
-    ends = dict(zip(family.parameters, np.transpose([mean, mean]) + _EVEN * deviation[:, None], strict=True))
-    if len(stretches := np.log10([row.stretch.median for row in rows if row.stretch.median])):
-        middle = np.mean(stretches) + _EVEN * max(np.std(stretches), LEAST_STRETCH_STD)
-        ends["stretch"] = np.clip(middle, *np.log10([STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999]))
-    return ends, scatter, shots
-
-
-def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:
-    """The group of the material, and its trusted answers of this law, or of the default model, that know all of the
-    law's parameters."""
-    candidates: list[tuple[GroupRecord, list[CurveRecord]]] = []
-    for record, shots in result.rows_by_group():
-        rows = [row for row in shots if row.trusted and row.material in (family.name, AUTO)]
-        rows = [row for row in rows if np.all(np.isfinite(log_ends(map(row.value, family.parameters))))]
-        candidates += [(record, rows)] if rows and group in (None, record.name, rows[0].group) else []
-    if not candidates:
-        of_group = (
-            f" in the group {group!r} (groups: {', '.join(each.name for each in result.groups)})" if group else ""
-        )
-        message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
-        raise InputError(f"{message}{of_group}: give ranges instead", "design.no_answer")
-    if len(candidates) > 1:
-        names = ", ".join(record.name for record, _ in candidates)
+    found = list[tuple[Known, str]]()
+    for record, rows in known.rows_by_group():
+        answer = record.population
+        ends = log_ends(map(answer.value, family.parameters))  # (l, 3)
+        of_law = answer.model.partition(",")[0] in (family.name, AUTO)
+        if group in (None, record.name) and of_law and np.all(np.isfinite(ends)):
+            deviation = (ends[:, 2] - ends[:, 0]) / (2.0 * NORMAL_90)
+            both = dict(zip(family.parameters, ends[:, [1]] + EVEN * deviation[:, None], strict=True))
+            stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
+            both["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])
+            spreads = [answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in family.parameters]
+            found.append((Known(both, np.array(spreads), answer.n - len(answer.outliers)), record.name))
+    names = ", ".join(name for _, name in found) or ", ".join(record.name for record in known.groups)
+    if not found:
+        message = f"no answer of {family.name} with intervals for {group or 'any group'} (groups: {names})"
+        raise InputError(f"{message}: give ranges instead", "design.no_answer")
+    if len(found) > 1:
         message = f"the result has several materials ({names}): name the group of one with --group NAME"
         raise InputError(message, "design.groups")
-    return candidates[0]
+    return found[0][0]

@@ -12,15 +12,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable
 from cavirheo.io.files import guarded
-from cavirheo.io.tables import Column, Row, Table, Term, Vocabulary, read_columns
+from cavirheo.io.tables import Column, Table, Term, Vocabulary, read_columns
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
@@ -33,6 +32,7 @@ _OUTLIER_SHARE = 0.2  # largest share of outliers among the points of a plateau
 _WIDEST_GAP = 10.0  # ratio of two frequencies between which nothing is interpolated
 _SWEPT_RATIO = 2.0  # largest over smallest value from which a column counts as swept
 _RESOLUTION = 0.02  # relative difference below which two settings of the instrument count as one
+_FREQUENCIES, _STRAINS = ("omega", "frequency"), ("strain", "shear strain")  # kinds of columns, the surer one first
 _NO_SWEEP = "rheometer.no_sweep"  # error code of a table of moduli that is no sweep: one frequency, one strain
 _PASCAL = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "pa": 1.0, "KPa": 1e3, "kpa": 1e3, "dyncm2": 0.1}
 _PER_SECOND = dict.fromkeys(("rad/s", "rads", "radsec", "radpers", "rads-1", "rads1", "radsec-1"), 1.0)
@@ -50,7 +50,6 @@ moduledeperte modulevisqueux"""
 _OMEGA = "angularfrequency angfrequency angularfreq angfreq omega ω w kreisfrequenz frequenceangulaire pulsation"
 _OSCILLATION = "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
 _SHEAR = "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"
-_INTERVAL = "actionname interval intervalno step stepname segment sweep sample run repeat replicate test"
 
 
 def _modulus(symbol: str, words: str, names: str) -> Term:
@@ -69,7 +68,6 @@ VOCABULARY = Vocabulary(
         ),
         "strain": Term(_OSCILLATION, _STRAIN, hint=_STRAIN_HINT),
         "shear strain": Term(_SHEAR, _STRAIN, hint=_STRAIN_HINT),  # used if no other title is more specific
-        "interval": Term(_INTERVAL),
     },
     "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)",
     ("storage", "loss"),
@@ -77,17 +75,13 @@ VOCABULARY = Vocabulary(
     | {"no_unit": "rheometer.no_unit", "unit": "rheometer.unknown_unit"},
     sections=True,
 )
-Measured = Annotated[Any, Field(exclude=True, repr=False)]  # array (n,), which is not written into documents
 
 
 class Sweep(Record):
-    """Moduli G' and G'' over x: strain (1 is 100 %) in a strain sweep, angular frequency in rad/s in a frequency sweep.
+    """What moduli over x tell: over the strain (1 is 100 %) in a strain sweep, or the angular frequency in rad/s.
 
     Attributes:
         kind: kind of the sweep, and of its x: "strain" or "frequency".
-        x: (n,) strain, or angular frequency, rad/s; ascending; not written.
-        storage: (n,) G', Pa; not written.
-        loss: (n,) G'', Pa; not written.
         name: name of the sweep.
         source: file of the sweep, as it was given.
         source_sha256: SHA-256 of the file.
@@ -104,9 +98,6 @@ class Sweep(Record):
     """
 
     kind: Literal["strain", "frequency"]
-    x: Measured = ()
-    storage: Measured = ()
-    loss: Measured = ()
     name: str = ""
     source: str = ""
     source_sha256: str = ""
@@ -120,50 +111,44 @@ class Sweep(Record):
     notes: list[str] = []
     message: str = ""
 
-    def model_post_init(self, _: Any) -> None:
-        if len(self.x):  # empty in a document that is read from a file
-            self.x_from, self.x_to = self.x[0], self.x[-1]
-
     @property
     def ends_flat(self) -> bool:
         """Whether the sweep ends before its plateau does."""
         return self.plateau_to == self.x_to
 
 
-def strain_sweep(sweep: Sweep) -> Sweep:
-    """The same sweep with its linear range: the longest range (at least a factor of 4 in strain) in which G' stays
-    within 5 % of its median. It may begin above the smallest strain, where the torque is low, and ends where G',
-    interpolated between two points, leaves the band, if it does."""
-    gamma, storage = sweep.x, sweep.storage
-    flat = _plateau(gamma, storage, _LINEAR, _LEAST_STRAINS)
+def strain_sweep(strain: Floats, storage: Floats, loss: Floats) -> Sweep:
+    """The linear range of G' and G'' (n,), Pa, over ascending strains (n,): the longest range (at least a factor of 4
+    in strain) in which G' stays within 5 % of its median. It may begin above the smallest strain, where the torque is
+    low, and ends where G', interpolated between two points, leaves the band, if it does."""
+    ends = {"x_from": strain[0], "x_to": strain[-1]}
+    flat = _plateau(strain, storage, _LINEAR, _LEAST_STRAINS)
     if flat is None:
         band = f"within {100 * _LINEAR:g} % over a factor of {_LEAST_STRAINS:g} in strain"
-        sweep.message = f"no linear range: nowhere does G' stay {band}"
-        return sweep
+        return Sweep(kind="strain", **ends, message=f"no linear range: nowhere does G' stay {band}")
     first, last, level = flat
-    sweep.plateau_from, sweep.plateau_to = gamma[first], gamma[last]
-    if last + 1 < len(gamma):
+    notes, end = list[str](), strain[last]
+    if last + 1 < len(strain):
         softens = storage[last + 1] < level
         edge = level * (1 - _LINEAR if softens else 1 + _LINEAR)
-        ends = [last + 1, last] if softens else [last, last + 1]
-        sweep.plateau_to = math.exp(np.interp(math.log(edge), np.log(storage[ends]), np.log(gamma[ends])))
-    loss = float(np.median(sweep.loss[first : last + 1]))
-    if loss < level:
-        sweep.plateau_storage_Pa = level
-    else:
-        sweep.notes.append(f"no modulus: G'' ({loss:.3g} Pa) is above G' ({level:.3g} Pa), as in a liquid")
+        pair = [last + 1, last] if softens else [last, last + 1]
+        end = math.exp(np.interp(math.log(edge), np.log(storage[pair]), np.log(strain[pair])))
+    viscous = float(np.median(loss[first : last + 1]))
+    if viscous >= level:
+        notes.append(f"no modulus: G'' ({viscous:.3g} Pa) is above G' ({level:.3g} Pa), as in a liquid")
     if first:
-        sweep.notes.append(f"{counted(first, 'point')} below the linear range left out of it")
-    return sweep
+        notes.append(f"{counted(first, 'point')} below the linear range left out of it")
+    modulus = level if viscous < level else None
+    linear: Any = {"plateau_from": strain[first], "plateau_to": end, "plateau_storage_Pa": modulus}
+    return Sweep(kind="strain", **ends, **linear, notes=notes)
 
 
-def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
-    """The same sweep with its plateau, the longest range of at least a decade in which G' stays within 12 % of its
-    median, and its viscosity G''/omega at the angular frequency `at` (rad/s), between two points interpolated linearly
-    in their logarithms."""
-    omega = sweep.x
-    flat = _plateau(omega, sweep.storage, _FLAT, _LEAST_FREQUENCIES)
-    if flat:
+def frequency_sweep(omega: Floats, storage: Floats, loss: Floats, at: float = 1.0) -> Sweep:
+    """The plateau of G' (n,), Pa, over ascending angular frequencies (n,), rad/s: the longest range of at least a
+    decade in which it stays within 12 % of its median; and the viscosity G''/omega at the angular frequency `at`,
+    between two points interpolated linearly in their logarithms."""
+    sweep = Sweep(kind="frequency", x_from=omega[0], x_to=omega[-1])
+    if flat := _plateau(omega, storage, _FLAT, _LEAST_FREQUENCIES):
         first, last, sweep.plateau_storage_Pa = flat
         sweep.plateau_from, sweep.plateau_to = omega[first], omega[last]
     else:
@@ -176,7 +161,7 @@ def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
         gap = f"the data nearest to {at:g} rad/s are more than a decade apart"
         sweep.message = f"{gap}: µ is not interpolated over such a gap"
     else:
-        sweep.viscosity_Pa_s = math.exp(np.interp(math.log(at), np.log(omega), np.log(sweep.loss))) / at
+        sweep.viscosity_Pa_s = math.exp(np.interp(math.log(at), np.log(omega), np.log(loss))) / at
     return sweep
 
 
@@ -197,108 +182,94 @@ def _plateau(x: Floats, storage: Floats, tolerance: float, least: float) -> tupl
     return None
 
 
-def read_sweeps(path: str | Path) -> list[Sweep]:
-    """Read every strain and frequency sweep of a file. Unusable rows are counted in `notes`; rows of one setting are
-    averaged.
+def read_sweeps(path: str | Path, at: float = 1.0) -> list[Sweep]:
+    """Read the strain and frequency sweeps of a file, one of each table. Unusable rows are counted in `notes`; rows of
+    one frequency or strain are averaged. at: as of `frequency_sweep`.
 
     Raises:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
     """
     path = Path(path)
-    sweeps: list[Sweep] = []
-    refusals: dict[str, None] = {}
+    found: dict[int, Sweep] = {}
+    refused: dict[str, None] = {}
     with guarded(path) as source:
-        parts = [part for table in read_columns(source, VOCABULARY) for part in _intervals(table)]
-        for number, (label, table) in enumerate(parts, 1):
+        for number, table in enumerate(read_columns(source, VOCABULARY), 1):
             try:
-                sweeps.append(_sweep(table, label or (str(number) if len(parts) > 1 else "")))
+                found[number] = _sweep(table, at)
             except InputError as error:
                 if error.code != _NO_SWEEP:
                     raise
-                refusals[str(error)] = None
-        if not sweeps:
-            raise InputError("; ".join(refusals), _NO_SWEEP)
-        stem, origin = printable(path.stem), printable(str(path))
-        for sweep in sweeps:
-            sweep.name = f"{stem}[{sweep.name}]" if len(sweeps) > 1 and sweep.name else stem
-            sweep.source, sweep.source_sha256 = origin, source.sha256
-            sweep.notes += [f"left out of the file: {'; '.join(refusals)}"] if refusals else []
-    return sweeps
+                refused[str(error)] = None
+        if not found:
+            raise InputError("; ".join(refused), _NO_SWEEP)
+        for number, sweep in found.items():
+            sweep.name = printable(path.stem) + (f"[{number}]" if len(found) > 1 else "")
+            sweep.source, sweep.source_sha256 = printable(str(path)), source.sha256
+            sweep.notes += [f"left out of the file: {'; '.join(refused)}"] if refused else []
+    return list(found.values())
 
 
-def _intervals(table: Table) -> list[tuple[str, Table]]:
-    """(label, rows) of each interval, if a column distinguishes intervals; else ("", all rows)."""
-    rows: dict[str, list[Row]] = {}
-    for column in table.all("interval")[:1]:
-        for label, row in zip(column.text, table.rows, strict=True):
-            rows.setdefault(label, []).append(row)
-    if len(rows) in (0, len(table.rows)):  # no such column, or another label on each row
-        return [("", table)]
-    return [(label, replace(table, rows=interval_rows)) for label, interval_rows in rows.items()]
-
-
-def _sweep(table: Table, label: str) -> Sweep:
+def _sweep(table: Table, at: float) -> Sweep:
     """The sweep that a table holds. Raises InputError: it holds none, or two."""
-    valid = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
-    count, table = len(table.rows), replace(table, rows=valid)
-    kind, swept, second = _settings(table, label)
+    rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
+    total, table = len(table.rows), replace(table, rows=rows)
+    swept, second = _settings(table)
     columns = [swept, table.column("storage"), table.column("loss")]
     numbers = np.stack([column.numbers for column in columns])  # in units of the file
-    usable = np.all(np.isfinite(numbers) & (numbers > 0), axis=0)
-    left, notes = count - int(np.sum(usable)), [*table.notes]
-    if left:
-        notes.append(f"{counted(left, 'row')} left out: marked invalid, or without three positive numbers")
-    if count - left < 3:
-        few = f"{count - left} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
+    usable = np.flatnonzero(np.all(np.isfinite(numbers) & (numbers > 0), axis=0))
+    notes = [*table.notes]
+    if len(usable) < total:
+        left = counted(total - len(usable), "row")
+        notes.append(f"{left} left out: marked invalid, or without three positive numbers")
+    if len(usable) < 3:
+        few = f"{len(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
         raise InputError(few, _NO_SWEEP)
     assumed = [column for column in columns if column.name.unit is None and column.term.unit]
     notes += [f"{column.title!r} has no unit: taken to be in {column.term.unit}" for column in assumed]
     if swept.unit in _HERTZ:
         notes.append(f"{swept.title!r} is in {swept.unit}: converted to rad/s by 2 pi")
-    order = np.argsort(swept.numbers[usable], kind="stable")
-    data = np.stack([column.si[usable][order] for column in columns])
-    setting = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _RESOLUTION * np.roll(data[0], 1))  # number of each row
-    rows = np.bincount(setting)
-    held = None
-    if second:
-        values = second.numbers[usable][order]
-        for k in np.flatnonzero(rows > 2) if kind == "frequency" else ():
-            if _ratio(values[setting == k]) > _SWEPT_RATIO:
-                strains = f"{rows[k]} rows of one frequency with strains that differ by more than a factor of"
-                remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
-                raise InputError(f"{strains} {_SWEPT_RATIO:g}: {remedy}", "rheometer.two_sweeps")
+    order = usable[np.argsort(numbers[0, usable], kind="stable")]
+    data = np.stack([column.si[order] for column in columns])
+    new = data[0, 1:] > (1.0 + _RESOLUTION) * data[0, :-1]  # the instrument was set anew
+    first = np.flatnonzero(np.append(True, new))
+    count = np.diff(np.append(first, len(order)))
+    if len(first) < len(order):
+        notes.append(f"{counted(len(order) - len(first), 'row')} at the {swept.name.kind} of another averaged with it")
+    x, storage, loss = np.add.reduceat(data, first, axis=1) / count
+    if swept.name.kind in _FREQUENCIES:
+        sweep = frequency_sweep(x, storage, loss, at)
+        strains = np.ones(len(order)) if second is None else second.numbers[order]
+        ratio = np.maximum.reduceat(strains, first) / np.minimum.reduceat(strains, first)
+        for rows_of_one in count[(count > 2) & (ratio > _SWEPT_RATIO)]:
+            both = (
+                f"{rows_of_one} rows of one frequency, whose strains differ by more than a factor of {_SWEPT_RATIO:g}"
+            )
+            raise InputError(f"{both}: two sweeps in one table; give them as two files", "rheometer.two_sweeps")
+    else:
+        sweep = strain_sweep(x, storage, loss)
+    if second and np.isfinite(second.numbers[order]).any():
         try:
-            held = float(np.nanmedian(values) * second.factor) if np.isfinite(values).any() else None
+            sweep.held = float(np.nanmedian(second.si[order]))
         except InputError:
             notes.append(f"{second.title!r} is not used: its unit is missing or not known")
-    x, storage, loss = (np.bincount(setting, row) / rows for row in data)
-    if len(rows) < len(setting):
-        notes.append(f"{counted(len(setting) - len(rows), 'row')} at the {kind} of another averaged with it")
-    return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=label, held=held, notes=notes)
+    sweep.notes = notes + sweep.notes
+    return sweep
 
 
-def _settings(table: Table, label: str) -> tuple[Any, Column, Column | None]:
-    """(kind of the sweep, column of what is swept, column of what is held). Raises InputError: nothing is swept."""
-    settings = {  # frequency before strain, which varies with it at a constant stress
-        kind: columns[0]
-        for kind, terms in (("frequency", ("omega", "frequency")), ("strain", ("strain", "shear strain")))
-        if (columns := [column for term in terms for column in table.all(term)])
-    }
+def _settings(table: Table) -> tuple[Column, Column | None]:
+    """The columns of what is swept, and of what is held. Raises InputError: nothing is swept."""
+    columns = [next(iter(table.all(first) + table.all(other)), None) for first, other in (_FREQUENCIES, _STRAINS)]
+    settings = [column for column in columns if column]  # at a constant stress, strains vary with the frequency
     if not settings:
         titles = ", ".join(map(repr, table.titles[:8]))
         raise InputError(f"no column for frequency or strain among {titles}; {VOCABULARY.expected}", _NO_SWEEP)
-    positive = table.column("storage").numbers > 0
-    swept = [kind for kind, column in settings.items() if _ratio(column.numbers[positive]) >= _SWEPT_RATIO]
-    if not swept:
-        where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
-        raise InputError(f"no sweep of {' and '.join(settings)} in the {where}", _NO_SWEEP)
-    return swept[0], settings.pop(swept[0]), next(iter(settings.values()), None)
-
-
-def _ratio(values: Floats) -> float:
-    """Largest over smallest positive value; 1 if there is none."""
-    positive = values[np.isfinite(values) & (values > 0)]
-    return float(np.max(positive) / np.min(positive)) if positive.size else 1.0
+    measured = table.column("storage").numbers > 0
+    for column in settings:
+        values = column.numbers[measured & (column.numbers > 0)]
+        if len(values) and values.max() >= _SWEPT_RATIO * values.min():
+            return column, next((other for other in settings if other is not column), None)
+    titles = " and ".join(repr(column.title) for column in settings)
+    raise InputError(f"no sweep of {titles} in the {np.sum(measured)} rows with moduli", _NO_SWEEP)
 
 
 class Rheometry(Document):
@@ -336,9 +307,8 @@ class Rheometry(Document):
 
 
 def rheometry(sweeps: Sequence[Sweep], material: str, at: float = 1.0, **head: Any) -> Rheometry:
-    """The document of sweeps from `read_sweeps`, which are analysed here. head: command, date, notes."""
-    strain = [strain_sweep(sweep) for sweep in sweeps if sweep.kind == "strain"]
-    frequency = [frequency_sweep(sweep, at) for sweep in sweeps if sweep.kind == "frequency"]
+    """The document of sweeps from `read_sweeps`. head: command, date, notes."""
+    strain, frequency = ([sweep for sweep in sweeps if sweep.kind == kind] for kind in ("strain", "frequency"))
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
     if modulus.mean is None:
         modulus = spread_of([s.plateau_storage_Pa for s in strain])

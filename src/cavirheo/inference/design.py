@@ -12,29 +12,20 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import NORMAL_90, Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, expect_whole, require
+from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference.answer import INSIDE, ResidualSource
-from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
-from cavirheo.inference.emulator import Bubbles, Camera, emulator, outside
-from cavirheo.inference.experiment import (
-    BOUND_SIGMAS,
-    MOST_ROOT,
-    QUICK_INSTANTS,
-    Experiment,
-    exposure_nodes,
-    wall_scales,
-)
+from cavirheo.inference.assumptions import FREE, Family, Options
+from cavirheo.inference.emulator import emulator, outside
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.sample import expand
 from cavirheo.parallel import run_jobs
-from cavirheo.parameters import FRAME_RATE, PARAMETERS, RADIUS
-from cavirheo.physics.bubble import FREE as INFERRED
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
 
@@ -48,22 +39,13 @@ LN10 = float(np.log(10.0))
 @dataclass(frozen=True)
 class Setting:
     """The settings of a shot. max_radius: m, the intended R_max. frame_rate: 1/s. noise: m, standard deviation of the
-    radius of a frame. frames: their number. exposure: s. Raises InputError."""
+    radius of a frame. frames: their number. exposure: s."""
 
     max_radius: float
     frame_rate: float
     noise: float
     frames: int = 128
     exposure: float = 0.0
-
-    def __post_init__(self) -> None:
-        RADIUS.check("the R_max of a setting", self.max_radius, "design.max_radius")
-        FRAME_RATE.check("the frame rate of a setting", self.frame_rate, "design.frame_rate")
-        expect_whole(self.frames, "frames", 10, "design.frames")
-        message = f"the noise must be positive and below half of R_max, got {self.noise:g} m"
-        require(0 < self.noise < 0.5 * self.max_radius, message, "design.noise")
-        longest = f"an exposure of {self.exposure:g} s does not fit between frames of {1.0 / self.frame_rate:g} s"
-        require(0 <= self.exposure <= 1.0 / self.frame_rate * (1 + 1e-6), longest, "design.exposure")
 
 
 class Film(NamedTuple):
@@ -73,8 +55,7 @@ class Film(NamedTuple):
     truth: dict[str, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Expectation:
+class Expectation(NamedTuple):
     """What one shot would tell, for one draw of what is known. information: (l, l) of the likelihood on log10 of the
     law's parameters, at the truth. half_width: (l,) decades, half of the 90 % interval that the shot alone gives."""
 
@@ -94,60 +75,46 @@ class Draws:
     bubble: Bubble = REAL
     seed: int = 0
 
+    def experiment(self, curve: RadiusCurve) -> Experiment:
+        """A recording as `infer` takes it. Raises InputError: it cannot be read."""
+        return Experiment(curve, self.family, self.medium, Options(free=tuple(FREE), bubble=self.bubble))
+
     def films(self, setting: Setting) -> list[Film | None]:
-        """The recording of each draw, with errors of clock and scale as those of a camera; free parameters of the
-        bubble are drawn. None for a bubble that cannot be. Raises InputError: the emulator does not know them."""
+        """The recording of each draw: clock, scale, and free parameters of the bubble are drawn from the prior of
+        `infer`. None for a bubble that cannot be. Raises InputError: the emulator does not know them."""
         usual = self.family.material(np.mean(self.law, axis=0))
         unknown = outside(usual, self.bubble, self.medium, setting.max_radius)
         require(not unknown, f"design needs bubbles that the emulator knows: {unknown}", "design.unknown")
-        k, rng, frame = len(self.law), np.random.default_rng(self.seed), 1.0 / setting.frame_rate
-        low, high = PARAMETERS["accommodation"].start_range or (0.0, 0.0)
-        late, scale = frame * rng.uniform(size=k), 1.0 + rng.normal(size=k) * SCALE_BOUND / BOUND_SIGMAS
-        accommodation = 10.0 ** rng.uniform(low, high, k)
-        errors = setting.noise * rng.standard_normal((k, setting.frames))
-        given = fixed_bubble(self.bubble, setting.max_radius)
-        if self.bubble.contents != "kinetic":
-            accommodation[:] = np.inf
-        elif self.bubble.accommodation != INFERRED:
-            accommodation[:] = given["accommodation"]
-        walls = dict[str, Floats]()
-        for name, scale_of_wall in wall_scales(self.medium).items():
-            walls[name] = np.full(k, given.get(name, 0.0))
-            if getattr(self.bubble, name) == INFERRED:
-                walls[name] = scale_of_wall * np.minimum(np.abs(rng.normal(size=k)), MOST_ROOT) ** 2
-        size, whole = np.full(k, setting.max_radius), np.ones(k)
-        law = self.family.material(self.law)
-        bubbles = Bubbles(
-            law, self.medium, size, self.stretch, accommodation, walls["confinement_damping"],
-            walls["confinement_inertia"], walls["vapour_excess"], whole, whole,
-        )  # fmt: skip
-        begin = RECORDED_GROWTH * self.medium.time_scale(setting.max_radius)
-        time = frame * np.arange(setting.frames, dtype=np.float64) - begin
-        camera = Camera(time, *exposure_nodes(setting.exposure, QUICK_INSTANTS), -late)
-        radius = setting.max_radius * emulator().radius(bubbles, camera) / scale[:, None] + errors
+        rng, k, top = np.random.default_rng(self.seed), len(self.law), setting.max_radius
+        begin = RECORDED_GROWTH * self.medium.time_scale(top)
+        time = np.arange(setting.frames) / setting.frame_rate - begin
         meta = {"name": "designed", "frame_rate_hz": setting.frame_rate, "exposure_s": setting.exposure}
-        truths = dict(zip(self.family.parameters, 10.0**self.law.T, strict=True)) | walls
-        truths |= {"stretch": self.stretch, "accommodation": accommodation, "time_origin": -late, "radius_scale": scale}
+        frames = RadiusCurve(time, np.full(len(time), top), meta=meta, maximum=(0.0, top))
+        stage = self.experiment(frames)
+        prior = replace(stage.prior(), zero=np.array(0.0), infinite=np.array(0.0))
+        x = prior.to_x(rng.standard_normal((k, len(prior.names))))
+        x[:, : stage.law_size], x[:, prior.names.index("stretch")] = self.law, np.log10(self.stretch)
+        x[:, prior.names.index("max_radius_factor")] = 0.0
+        noise = setting.noise * rng.standard_normal((k, setting.frames))
+        radius = top * stage.emulated(x, emulator(), times=time) + noise
         films: list[Film | None] = [None] * k
         for i in np.flatnonzero(np.isfinite(radius).all(axis=1)):
-            curve = RadiusCurve(time, np.maximum(radius[i], 1e-3 * setting.max_radius), meta=meta)
-            films[i] = Film(curve, {name: values[i] for name, values in truths.items()})
+            curve = RadiusCurve(time, np.maximum(radius[i], 1e-3 * top), meta=meta)
+            films[i] = Film(curve, stage.all_values(x[i]))
         return films
 
     def expectation(self, setting: Setting, film: Film | None) -> Expectation | None:
         """`Expectation` of a recording; None if it cannot be read: it ends before the collapse, say."""
         if film is None:
             return None
-        options = Options(free=tuple(FREE), bubble=self.bubble)
         with suppress(InputError, SolverError, np.linalg.LinAlgError):
-            shot = Experiment(film.curve, self.family, self.medium, options)
-            truth = dict(film.truth)
-            truth["time_origin"] -= film.curve.time_of_max
-            truth["max_radius_factor"] = setting.max_radius / (truth["radius_scale"] * film.curve.max_radius)
-            x = shot.from_best(truth)
+            shot = self.experiment(film.curve)
+            origin = film.truth["time_origin"] - film.curve.time_of_max
+            factor = setting.max_radius / film.curve.max_radius
+            x = shot.from_best(film.truth | {"time_origin": origin, "max_radius_factor": factor})
             relative = _information(shot, x)
-            known, bounds = x[: shot.law_size], shot.bounds[: shot.law_size]
-            return Expectation(LN10**2 * relative, _half_widths(relative, known, bounds))
+            half_width = _half_widths(relative, x[: shot.law_size], shot.bounds[: shot.law_size])
+            return Expectation(LN10**2 * relative, half_width)
         return None
 
     def expectations(
@@ -194,11 +161,6 @@ def _half_widths(information: Floats, known: Floats, bounds: Floats) -> Floats:
         ends = np.interp([0.05, 0.95], mass / mass[-1], places)
         widths.append(0.5 * (ends[1] - ends[0]))
     return np.array(widths)
-
-
-def variance(ends: Floats) -> Floats:
-    """Variances (l,) in decades squared from 90 % intervals: (l, 3) log10 of low, median and high."""
-    return np.asarray(((ends[:, 2] - ends[:, 0]) / (2.0 * NORMAL_90)) ** 2)
 
 
 def gain(information: Floats, covariance: Floats) -> float:

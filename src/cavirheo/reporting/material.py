@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from itertools import combinations
@@ -141,17 +141,6 @@ class PopulationRecord(ParameterValues):
         spreads = {} if self.agree else self.spreads_decades
         scatters = {name: relative_scatter(spreads[name].median or 0.0) for name in MAIN_FIELDS if name in spreads}
         return {name: size for name, size in scatters.items() if size > WIDE_SCATTER and name not in self.heaps}
-
-    def log_moments(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
-        """In log10 of these parameters: mean (l,) of the material, its covariance (l, l), which is diagonal because the
-        document has only intervals, and the covariance (l, l) of the shots about it, from the medians."""
-        from cavirheo.inference.design import variance
-
-        ends = log_ends(map(self.value, names))
-        spread = np.array([self.spreads_decades[name].median for name in names], dtype=float)
-        both = {frozenset(pair.split(", ")): value.median or 0.0 for pair, value in self.correlation.items()}
-        rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
-        return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
 
 
 class MaterialRatio(Record):

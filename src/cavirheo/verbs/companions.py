@@ -72,7 +72,7 @@ class Rheometer(options.PrintingVerb):
         sweeps = []
         for path in files:
             try:
-                sweeps += rheometer.read_sweeps(path)
+                sweeps += rheometer.read_sweeps(path, self.at)
             except InputError as error:
                 run.note_unreadable([str(error)])
         run.require_any(sweeps, "sweep")
