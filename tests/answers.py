@@ -11,7 +11,7 @@ from conftest import ROOT, WATER, messages
 import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
 from cavirheo.companions import rheometer
-from cavirheo.companions.collapse_times import CollapseTimes, read_groups
+from cavirheo.companions.collapse_times import CollapseTimes, read_table
 from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
@@ -139,7 +139,7 @@ def sweeps_of(names: Sequence[str]) -> rheometer.Rheometry:
 
 def times_of(names: Sequence[str]) -> CollapseTimes:
     """Collapse times of a material under each name."""
-    (group,), *_ = read_groups([ROOT / "tests" / "cases" / "times.csv"], WATER)
+    group = read_table(ROOT / "tests" / "cases" / "times.csv")
     group.answer("nhkv", WATER)
     groups = [group.model_copy(update={"name": name}) for name in names]
     return CollapseTimes(command="", material="nhkv", medium={"density": WATER.density}, groups=groups)

@@ -128,7 +128,7 @@ MORE = Page(
         Group(
             "Collapse times",
             {
-                "cavirheo.inference.collapse_time": "estimate shot Shots CollapseEstimate",
+                "cavirheo.inference.collapse_time": "estimate CollapseEstimate",
                 "cavirheo.physics.collapse": "analytic_time rayleigh_time simulated_time",
             },
             "[How](../docs/how-to/collapse-time.md).",

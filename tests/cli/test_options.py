@@ -206,7 +206,7 @@ def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, a
         calls.append(getattr(analysis, "bubble", bubbles))
         raise KeyboardInterrupt
 
-    for name in ("inference.analysis.Analysis.answer", "inference.which_law.models"):
+    for name in ("inference.analysis.Analysis.answer", "inference.which_law.plans"):
         monkeypatch.setattr(f"cavirheo.{name}", stop)
     assert lab(verb, "shot.csv", *words.split(), "--no-pictures", "-o", "r")[0] == 130
     assert calls[0] == asked

@@ -29,9 +29,7 @@ def read_curves(path: Path) -> None:
 
 
 def times(path: Path) -> None:
-    _, problems, *_ = collapse_times.read_groups([path], WATER)
-    if problems:
-        raise InputError(problems[0])
+    collapse_times.read_table(path)
 
 
 def load_folder(path: Path) -> None:

@@ -77,7 +77,7 @@ BATCHES = {  # of as many files as there are, and a good one
     "infer": "infer --model bdt-viscoelastic {curve} {file} -o {out}",
     "fit": "fit --window 1 {curve} {file} -o {out}",
     "which-law": "which-law --laws nhkv,newtonian {curve} {file} -o {out}",
-    "collapse-time": "collapse-time {curve} {file} -o {out}",
+    "collapse-time": "collapse-time {times} {file} -o {out}",
     "rheometer": "rheometer {sweep} {file} -o {out}",
 }
 ROOMS = BATCHES | {
@@ -110,7 +110,7 @@ def judged(room: str, paths: Mapping[str, Path], given: Mapping[str, str]) -> Ou
         html = "".join(path.read_text() for path in out.glob("*.html"))
         written = out.is_dir()
     wrong = trouble(said, refusals=len(paths))
-    if not wrong and room in BATCHES and not sources & {given["curve"], given["sweep"]}:
+    if not wrong and room in BATCHES and not sources & {given["curve"], given["sweep"], given["times"]}:
         wrong = "the good file is not answered"
     if not wrong and ("<script>alert" in html or "<img src=x" in html):
         wrong = "markup of a file is in the report"
@@ -140,7 +140,7 @@ def prepared(folder: Path) -> dict[str, str]:
     (here / "sets.csv").write_text("set,files\ngel,*.csv\n")
     shard(data / "shard-00000.h5")
     names = {"here": here, "data": data, "published": here / "sets.csv", "sweep": here / "frequency.csv"}
-    names |= {"recipe": here / "recipe.toml", "curve": here / "curve.csv"}
+    names |= {"recipe": here / "recipe.toml", "curve": here / "curve.csv", "times": here / "times.csv"}
     return {key: str(path) for key, path in names.items()}
 
 

@@ -1,10 +1,10 @@
 """G and mu from the collapse times of bubbles in one material, each with its R_max and lambda.
 
 The residual of a shot is r = [(t_1/t_RC)^2 (t_RC/t_model)^2 - 1]/2, which is ln(t_1/t_model) near a fit and stays
-finite where the model has no collapse (Zhu et al. 2025, doi:10.1039/D5SM00397K, minimise the same). For each mu there
-is one best G, so the sum of squares is a function of mu alone: its minimum is the answer, and the mu and G at which it
-stays below Student's limit are their intervals. Huber's weights, with their knee at two standard deviations of the
-residuals (from their median absolute value), limit the effect of a few wrong t_1.
+finite where the model has no collapse (Zhu et al. 2025, doi:10.1039/D5SM00397K, minimise the same). Huber's loss, with
+its knee at two standard deviations of the residuals (from their median absolute value), limits the effect of a few
+wrong t_1. The residuals are nearly linear in G and mu: the intervals are those of the values at which the sum of
+squares, by the derivatives at the answer, stays below Student's limit.
 
 `exact` fits the analytic model to times that are divided by the ratio of simulated to analytic ones at the answer,
 until this ratio stays as it is.
@@ -16,13 +16,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
-from scipy.optimize import brentq
+from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
-from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.arrays import Bools, Floats
+from cavirheo.errors import SolverError, require
 from cavirheo.parameters import Bound
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
@@ -30,16 +30,14 @@ from cavirheo.physics.media import medium as medium_of
 from cavirheo.writing.document import Finite, Quantity, Record
 
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
-LARGEST_MODULUS, LARGEST_VISCOSITY = 1e6, 10.0  # Pa, Pa s
-_FIRST_GRID = np.append(0.0, np.geomspace(1e-4, LARGEST_VISCOSITY, 60))  # of the search of mu, Pa s
-_ZOOMS, _ZOOMED = 9, 17  # of the search of mu, and points of each
-_NEWTON_STEPS, _DIFFERENCE = 8, 10.0  # of the best G; Pa
-_ROUNDS, _KNEE = 8, 2.0  # of Huber's weights, and their knee in standard deviations
+LARGEST = np.array([1e6, 10.0])  # G in Pa, mu in Pa s
+_UNITS = np.array([1e4, 0.1])  # of G and mu in the fit, which begins there
+_ROUNDS, _KNEE = 8, 2.0  # of Huber's loss, and its knee in standard deviations
 _FLOOR = 1e-5  # relative scatter of t_1: a smaller one is that of rounding
 _EQUAL_TIME = 5e-4  # relative difference of t_1 within which values are equally good if the shots show no scatter
 _MAX_SCATTER = 0.03  # largest usual scatter of t_1: gels have 1.2 %
 _WIDE = 10.0  # ratio of the ends of an interval from which on it is a bound
-_LINE, _PAIRS = 201, 9  # viscosities within an interval: for the ends of G, and in a list of equally good pairs
+_LINE = np.append(0.0, np.geomspace(1e-2, LARGEST[1], 13))  # viscosities in a list of equally good pairs
 _EXACT_ROUNDS, _SAME = 30, 1e-5  # of simulations, and the relative change of their times at which they end
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/how-to/collapse-time.md)
 
@@ -73,44 +71,6 @@ class CollapseEstimate(Record):
         return self.shear_modulus_Pa.median is not None and self.viscosity_Pa_s.median is not None
 
 
-@dataclass(eq=False)
-class Shots:
-    """n bubbles in one material.
-
-    Attributes:
-        max_radius: (n,) m.
-        stretch: (n,) R_max/R_0.
-        time: (n,) s from R_max to the first minimum.
-        names: of the shots in messages; "1", "2", ... if none are given.
-
-    Raises:
-        InputError: arrays that are not (n,) of one length, or a value outside its domain (the message names the shot).
-    """
-
-    max_radius: Floats
-    stretch: Floats
-    time: Floats
-    names: Sequence[str] = ()
-
-    def __post_init__(self) -> None:
-        arrays = [np.array(a, dtype=float, ndmin=1) for a in (self.max_radius, self.stretch, self.time)]
-        shapes, n = [a.shape for a in arrays], arrays[0].size
-        lengths = f"R_max, lambda and t_1 must be (n,) of one length, got {shapes}"
-        require(shapes == [(n,)] * 3 and n > 0, lengths, "collapse_time.lengths")
-        self.max_radius, self.stretch, self.time = arrays
-        self.names = self.names or [str(k + 1) for k in range(n)]
-        for k, values in enumerate(np.transpose(arrays).tolist(), 1):
-            trouble = unusable(*values)
-            require(not trouble, f"shot {k}: {trouble}", "collapse_time.shot")
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def ratio(self, medium: Medium) -> Floats:
-        """(n,) t_1/t_RC."""
-        return self.time / rayleigh_time(self.max_radius, medium)
-
-
 def unusable(max_radius: float, stretch: float, time: float) -> str:
     """The reason why a shot with these values cannot be used; empty if it can."""
     for name, value, least in (("R_max", max_radius, 0.0), ("t_1", time, 0.0), ("lambda = R_max/R_0", stretch, 1.0)):
@@ -122,30 +82,13 @@ def unusable(max_radius: float, stretch: float, time: float) -> str:
     return ""
 
 
-def shot(curve: RadiusCurve, stretch: float | None = None) -> tuple[Shots, str]:
-    """The curve's R_max, lambda and t_1, and the source of lambda: the one given, else R_max over the late plateau,
-    else the value in the file. Raises InputError: no maximum, no collapse, or no lambda."""
-    times, name = curve.collapse_times(), curve.name
-    require(len(times) > 0, "the curve shows no collapse", "collapse_time.no_collapse", name)
-    if stretch is not None:
-        origin = "given"
-    elif plateau := curve.stretch_from_tail():
-        origin, stretch = "late plateau", plateau[0]
-    elif curve.stretch:
-        origin, stretch = "stated in the file", float(curve.stretch)
-    else:
-        advice = "no late plateau to read lambda = R_max/R_0 from; give it (--stretch)"
-        raise InputError(advice, "collapse_time.no_stretch", name)
-    try:
-        return Shots(np.array([curve.max_radius]), np.array([stretch]), times[:1] - curve.time_of_max), origin
-    except InputError as error:
-        raise error.within(name) from None
-
-
 def estimate(
-    shots: Shots,
+    max_radius: ArrayLike,
+    stretch: ArrayLike,
+    time: ArrayLike,
     material: str = "nhkv",
     *,
+    names: Sequence[str] = (),
     medium: Medium | str = WATER,
     shear_modulus: float | None = None,
     viscosity: float | None = None,
@@ -157,116 +100,113 @@ def estimate(
     mu).
 
     Args:
-        shots: the bubbles; `shot` reads one off a curve.
+        max_radius: (n,) m.
+        stretch: (n,) R_max/R_0.
+        time: (n,) s from R_max to the first minimum of the radius.
+        names: of the shots in messages; default: "1", "2", ...
         material: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
         shear_modulus: Pa, if it is known; viscosity is then fitted alone.
         viscosity: Pa s, if it is known; shear_modulus is then fitted alone.
         exact: use simulated collapse times, starting from the analytic answer: 5 ms per shot and round.
 
     Raises:
-        InputError: unknown material, a given value outside its domain, nothing to fit.
+        InputError: arrays of different lengths, a value outside its domain (the message names the shot), an unknown
+            material, or nothing to fit.
         SolverError: a simulation of the exact fit failed, or shows no collapse.
     """
-    medium = medium_of(medium)
-    modulus, viscosity = _given(material, shear_modulus, viscosity)
-    ones = np.ones(len(shots))
-    problem = _Problem(shots, medium, ones, modulus, viscosity, weight=ones).reweighted()
-    return _answer(_corrected(problem), []) if exact else _answer(problem, _poor(problem))
-
-
-def _given(material: str, shear_modulus: float | None, viscosity: float | None) -> tuple[float | None, float | None]:
-    """G and mu that are not fitted, by their values or by the material. Raises InputError."""
+    sizes = [np.size(values) for values in (max_radius, stretch, time)]
+    lengths = f"R_max, lambda and t_1 must have one length, got {sizes}"
+    require(len({*sizes}) == 1 and sizes[0] > 0, lengths, "collapse_time.lengths")
+    shots = np.array([max_radius, stretch, time], dtype=float).reshape(3, -1)
+    names = names or [str(k + 1) for k in range(sizes[0])]
+    for name, values in zip(names, shots.T.tolist(), strict=True):
+        trouble = unusable(*values)
+        require(not trouble, f"shot {name}: {trouble}", "collapse_time.shot")
     unknown = f"unknown material {material!r}; collapse times know {', '.join(MATERIALS)}"
     require(material in MATERIALS, unknown, "collapse_time.material")
-    values = {"shear modulus": shear_modulus, "viscosity": viscosity}
+    given = {"shear modulus": shear_modulus, "viscosity": viscosity}
     if none := {"newtonian": "shear modulus", "nh": "viscosity"}.get(material):
-        require(not values[none], f"material {material!r} has no {none}", "collapse_time.not_of_the_material")
-        values[none] = 0.0
-    for (name, value), most in zip(values.items(), (LARGEST_MODULUS, LARGEST_VISCOSITY), strict=True):
+        require(not given[none], f"material {material!r} has no {none}", "collapse_time.not_of_the_material")
+        given[none] = 0.0
+    for (name, value), most in zip(given.items(), LARGEST, strict=True):
         expected = f"the {name} must lie between 0 and {most:g} (Pa, Pa s)"
         require(value is None or 0 <= value <= most, f"{expected}, got {value!r}", "collapse_time.out_of_range")
     both = "nothing to fit: shear modulus and viscosity are both given"
-    require(None in values.values(), both, "collapse_time.all_given")
-    return values["shear modulus"], values["viscosity"]
+    require(None in given.values(), both, "collapse_time.all_given")
+    fixed = np.array([np.nan if value is None else value for value in given.values()])
+    problem = _Problem(shots[0], shots[1], shots[2], names, medium_of(medium), fixed, np.ones(sizes[0]))
+    return _answer(_corrected(problem), []) if exact else _answer(problem, _poor(problem))
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """n shots, and their weights (n,). correction: (n,) of the times of the analytic model. modulus, viscosity: given
-    ones, None if they are fitted."""
+    """n shots. fixed: (2,) G and mu that are given; NaN where it is fitted. correction: (n,) of the times of the
+    analytic model."""
 
-    shots: Shots
+    max_radius: Floats
+    stretch: Floats
+    measured: Floats
+    names: Sequence[str]
     medium: Medium
+    fixed: Floats
     correction: Floats
-    modulus: float | None
-    viscosity: float | None
-    weight: Floats
 
     @property
-    def unknowns(self) -> int:
-        return (self.modulus is None) + (self.viscosity is None)
+    def free(self) -> Bools:
+        """(2,) which of G and mu are fitted."""
+        return np.isnan(self.fixed)
 
-    def residuals(self, G: Floats, mu: Floats) -> Floats:
-        """(n, m) at G (m,) and mu (m,)."""
-        R, stretch = self.shots.max_radius[:, None], self.shots.stretch[:, None]
-        ratio = (self.shots.ratio(self.medium) / self.correction)[:, None]
-        return np.asarray((ratio**2 * inverse_square(R, stretch, G, mu, self.medium) - 1) / 2)
+    def time(self, values: Floats) -> Floats:
+        """(n,) t_1 at G and mu, s; infinite without a collapse."""
+        return self.correction * analytic_time(self.max_radius, self.stretch, values[0], values[1], self.medium)
 
-    def slopes(self, G: Floats, mu: Floats) -> Floats:
-        """(n, m) derivatives of the residuals by G, 1/Pa."""
-        return (self.residuals(G + _DIFFERENCE, mu) - self.residuals(G, mu)) / _DIFFERENCE
+    def residuals(self, values: Floats) -> Floats:
+        """(n,) at G and mu."""
+        inverse = inverse_square(self.max_radius, self.stretch, values[0], values[1], self.medium)
+        ratio = self.measured / self.correction / rayleigh_time(self.max_radius, self.medium)
+        return np.asarray((ratio**2 * inverse - 1) / 2)
 
-    def profile(self, mu: Floats) -> tuple[Floats, Floats]:
-        """The best G (m,) for each mu (m,), and the sums (m,) of weighted squares."""
-        G = np.full(len(mu), 0.0 if self.modulus is None else self.modulus)
-        for _ in range(_NEWTON_STEPS if self.modulus is None else 0):
-            slope = self.slopes(G, mu)
-            step = self.weight @ (self.residuals(G, mu) * slope) / (self.weight @ slope**2)
-            G = np.clip(G - step, 0.0, LARGEST_MODULUS)
-        return G, self.weight @ self.residuals(G, mu) ** 2
+    def slopes(self, values: Floats) -> Floats:
+        """(n, fitted) derivatives of the residuals at G and mu."""
+        steps = np.diag(1e-4 * _UNITS)[self.free]
+        return np.transpose([(self.residuals(values + step) - self.residuals(values)) / step.sum() for step in steps])
 
-    def best(self) -> tuple[float, float, float]:
-        """G, mu and the sum of squares at its minimum."""
-        grid = _FIRST_GRID if self.viscosity is None else np.array([self.viscosity])
-        for _ in range(_ZOOMS if self.viscosity is None else 0):
-            k = int(np.argmin(self.profile(grid)[1]))
-            grid = np.linspace(grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)], _ZOOMED)
-        G, squares = self.profile(grid)
-        k = int(np.argmin(squares))
-        return float(G[k]), float(grid[k]), float(squares[k])
-
-    def reweighted(self) -> _Problem:
-        """With Huber's weights; few shots do not show which one is wrong."""
-        problem = self
-        for _ in range(_ROUNDS if len(self.shots) > self.unknowns + 2 else 0):
-            G, mu, _ = problem.best()
-            off = np.abs(self.residuals(np.array([G]), np.array([mu]))[:, 0])
+    def best(self) -> tuple[Floats, Floats]:
+        """G and mu, and Huber's weights (n,); few shots do not show which one is wrong."""
+        weight = np.ones(len(self.measured))
+        values = self.fitted(weight)
+        for _ in range(_ROUNDS if len(weight) > np.count_nonzero(self.free) + 2 else 0):
+            off = np.abs(self.residuals(values))
             knee = _KNEE * max(1.4826 * float(np.median(off)), _FLOOR)
-            problem = replace(problem, weight=knee / np.maximum(off, knee))
-        return problem
+            weight = knee / np.maximum(off, knee)
+            values = self.fitted(weight)
+        return values, weight
 
-    def edge(self, inside: float, outside: float, limit: float) -> float:
-        """The mu between one with a sum of squares below a limit, and another, at which the limit is reached; the other
-        where it is not."""
+    def fitted(self, weight: Floats) -> Floats:
+        """G and mu of the least sum of squares with weights (n,)."""
+        values = np.where(self.free, 0.0, self.fixed)
+        unit = _UNITS[self.free]
 
-        def above(mu: float) -> float:
-            return float(self.profile(np.array([mu]))[1][0] - limit)
+        def residuals(x: Floats) -> Floats:
+            values[self.free] = x * unit
+            return np.sqrt(weight) * self.residuals(values)
 
-        if self.viscosity is not None:
-            return inside
-        return outside if above(outside) <= 0.0 else float(brentq(above, inside, outside))
+        ends = np.zeros(len(unit)), LARGEST[self.free] / unit
+        found = least_squares(residuals, np.ones(len(unit)), bounds=ends, ftol=1e-12, xtol=1e-12, gtol=1e-12)
+        values[self.free] = found.x * unit
+        return values
 
 
 def _corrected(problem: _Problem) -> _Problem:
     """With the ratio of simulated to analytic times at the answer to which it leads. Raises SolverError."""
-    R, stretch, medium = problem.shots.max_radius, problem.shots.stretch, problem.medium
     for _ in range(_EXACT_ROUNDS):
-        G, mu, _ = problem.best()
-        correction = simulated_time(R, stretch, G, mu, medium) / analytic_time(R, stretch, G, mu, medium)
+        (G, mu), _ = problem.best()
+        simulated = simulated_time(problem.max_radius, problem.stretch, G, mu, problem.medium)
+        correction = simulated / problem.time(np.array([G, mu])) * problem.correction
         if not np.all(np.isfinite(correction) & (correction > 0)):
             raise SolverError(f"a bubble in {G:.3g} Pa and {mu:.2g} Pa s has no collapse")
         change = np.max(np.abs(correction / problem.correction - 1))
-        problem = replace(problem, correction=correction).reweighted()
+        problem = replace(problem, correction=correction)
         if change < _SAME:
             return problem
     raise SolverError(f"after {_EXACT_ROUNDS} rounds the times still change by {change:.1g}")
@@ -274,35 +214,23 @@ def _corrected(problem: _Problem) -> _Problem:
 
 def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
     """The estimate of a problem, with these and further messages."""
-    n, free = len(problem.shots), len(problem.shots) - problem.unknowns
-    G, mu, squares = problem.best()
-    residual = problem.residuals(np.array([G]), np.array([mu]))[:, 0]
+    values, weight = problem.best()
+    residual, slopes = problem.residuals(values), problem.slopes(values)
+    n, free = len(residual), len(residual) - slopes.shape[1]
     scatter, reach = None, _EQUAL_TIME
     if free > 0:
-        scatter = float(np.sqrt(np.sum((problem.weight * residual) ** 2) / free) / np.mean(problem.weight == 1.0))
+        scatter = float(np.sqrt(np.sum((weight * residual) ** 2) / free) / np.mean(weight == 1.0))
         reach = float(stdtrit(free, 0.95)) * max(scatter, _FLOOR)
-    limit = squares + reach**2
-    line = np.linspace(problem.edge(mu, 0.0, limit), problem.edge(mu, LARGEST_VISCOSITY, limit), _LINE)
-    at, height = problem.profile(line)
-    half = np.zeros(_LINE)
-    if problem.modulus is None:
-        half = np.sqrt(np.maximum(limit - height, 0.0) / (problem.weight @ problem.slopes(at, line) ** 2))
-    ends = max(float(np.min(at - half)), 0.0), float(np.max(at + half))
-    longer = replace(problem, correction=problem.correction / (1.0 + 1e-4)).best()[0]
-    found = CollapseEstimate(
-        shear_modulus_Pa=_quantity(G, *ends, LARGEST_MODULUS, problem.modulus is None, free > 0),
-        viscosity_Pa_s=_quantity(mu, line[0], line[-1], LARGEST_VISCOSITY, problem.viscosity is None, free > 0),
-        scatter=scatter,
-        downweighted=[name for name, w in zip(problem.shots.names, problem.weight, strict=True) if w < 0.5],
-    )
-    R, stretch, medium = problem.shots.max_radius, problem.shots.stretch, problem.medium
-    model = problem.correction * analytic_time(R, stretch, G, mu, medium) / rayleigh_time(R, medium)
+    ends = _ends(values, slopes / reach, problem.free)
+    G, mu = (_quantity(values[i], ends[i], LARGEST[i], problem.free[i], free > 0) for i in (0, 1))
+    found = CollapseEstimate(shear_modulus_Pa=G, viscosity_Pa_s=mu, scatter=scatter)
+    found.downweighted = [name for name, w in zip(problem.names, weight, strict=True) if w < 0.5]
+    model = problem.time(values) / rayleigh_time(problem.max_radius, problem.medium)
     found.model = list(model)
-    if found.shear_modulus_Pa.median is not None:
-        found.modulus_per_percent_Pa = 100.0 * (longer - G)
-    if found.shear_modulus_Pa.median is None and found.viscosity_Pa_s.median is None:
-        places = np.linspace(line[0], line[-1], _PAIRS)
-        found.pairs = list(zip(problem.profile(places)[0].tolist(), places.tolist(), strict=True))
+    if problem.free[0] and G.median is not None:
+        found.modulus_per_percent_Pa = float(np.linalg.lstsq(slopes, np.full(n, -0.01))[0][0])
+    if G.median is None and mu.median is None:
+        found.pairs = _pairs(problem, float(np.sum(residual**2)) + reach**2)
         why = "one collapse time is one relation between G and µ, not both: add shots of other R_max, or give one"
         messages.append(why if n == 1 else "the shots are too alike (R_max, lambda) to tell G from µ")
     if free == 0:
@@ -315,14 +243,38 @@ def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
     return found
 
 
-def _quantity(value: float, low: float, high: float, most: float, fitted: bool, interval: bool) -> Quantity:
+def _ends(values: Floats, slopes: Floats, free: Bools) -> Floats:
+    """(2, 2) ends of G and mu where the sum of squares is at most 1 above that at their best values, and the other one
+    is not negative. slopes: (n, fitted) derivatives of the residuals."""
+    information = slopes.T @ slopes + np.diag(LARGEST[free] ** -2)  # nothing is known beyond the ranges
+    angle, radius = np.linspace(0.0, 2.0 * np.pi, 361), np.linspace(0.0, 1.0, 41)[:, None]
+    disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)]).reshape(2, -1)
+    region = np.tile(values[:, None], disc.shape[1])
+    region[free] += np.linalg.cholesky(np.linalg.inv(information)) @ disc[: np.count_nonzero(free)]
+    own = region[0, region[1] >= 0.0], region[1, region[0] >= 0.0]
+    return np.array([np.clip([np.min(each), np.max(each)], 0.0, most) for each, most in zip(own, LARGEST, strict=True)])
+
+
+def _pairs(problem: _Problem, limit: float) -> list[tuple[float, float]]:
+    """Pairs (G, mu) whose sum of squares is at most `limit`."""
+    pairs = list[tuple[float, float]]()
+    for mu in _LINE:
+        given = replace(problem, fixed=np.array([np.nan, mu]))
+        values = given.fitted(np.ones(len(problem.measured)))
+        if np.sum(given.residuals(values) ** 2) <= limit:
+            pairs.append((float(values[0]), float(mu)))
+    return pairs
+
+
+def _quantity(value: float, ends: Floats, most: float, fitted: bool, interval: bool) -> Quantity:
     """A value with its interval, which is a bound where its ends are far apart or at the end of the range; without an
     interval the ends of equally good values count."""
     if not fitted:
         return Quantity(median=value)
+    low, high = ends.tolist()
     bound: Bound | None = None
     if high > _WIDE * low:
-        bound = "upper" if low < 1e-9 * high else "wide"
+        bound = "wide" if low > 0.0 else "upper"
     if high >= most:
         bound = "undetermined" if bound else "lower"
     if not interval:
@@ -332,8 +284,7 @@ def _quantity(value: float, low: float, high: float, most: float, fitted: bool, 
 
 def _poor(problem: _Problem) -> list[str]:
     """A message if the analytic model is known to be inaccurate for these shots."""
-    medium, shots = problem.medium, problem.shots
-    inverse_re = problem.best()[1] * medium.velocity_scale / (medium.pressure * shots.max_radius)
-    count = np.count_nonzero((inverse_re > 1 / _GOOD_RE) | (shots.stretch < _GOOD_STRETCH))
-    where = f"Re < {_GOOD_RE:g} or lambda < {_GOOD_STRETCH:g}, {count} of {len(shots)} shots"
+    inverse_re = problem.best()[0][1] * problem.medium.velocity_scale / (problem.medium.pressure * problem.max_radius)
+    count = np.count_nonzero((inverse_re > 1 / _GOOD_RE) | (problem.stretch < _GOOD_STRETCH))
+    where = f"Re < {_GOOD_RE:g} or lambda < {_GOOD_STRETCH:g}, {count} of {len(problem.names)} shots"
     return [f"the analytic model is poor here ({where}): use exact"] if count else []

@@ -7,49 +7,66 @@ as good as the prior ranges (docs/method/posterior.md). Kass and Raftery 1995, d
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 from scipy.special import softmax
 
+from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import require
 from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.assumptions import Family, Options
+from cavirheo.inference.assumptions import Family
 from cavirheo.inference.population import Population, with_slope_if_any
-from cavirheo.physics.bubble import REAL, Bubble, Requested, bubbles_of
+from cavirheo.physics.bubble import Requested, bubbles_of
 from cavirheo.posterior import Evidence, Pair, Posterior
+
+DISTRUSTED = 1.0  # standard error of a log evidence if its weights are not to be trusted
 
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """The laws of one curve or group.
+    """The laws of one curve, or of the shots of a group: the sum over its shots, each with parameters of its own.
 
     Attributes:
         name: name of the curve or group.
-        evidence: evidence by law; None for a law without one.
-        shots: number of curves that are summed.
-        answers: answers by law; empty for a group.
-        pairs: each law of a group with each worse one.
-        populations: one material with its scatter by law, for a group; its `evidence` is that of the law for the
-            whole group.
-        column: column along which the material may change.
         members: indices of the curves.
-        sizes: number of parameters of each law with its bubble.
+        curves: the curves.
+        answers: answer of each curve by law.
     """
 
     name: str
-    evidence: dict[str, Evidence | None]
-    shots: int
-    answers: dict[str, Posterior]
-    pairs: tuple[Pair, ...] = ()
-    populations: Mapping[str, Population] = field(default_factory=dict)
-    column: str = ""
-    members: tuple[int, ...] = ()
-    sizes: Mapping[str, int] = field(default_factory=dict)
+    members: tuple[int, ...]
+    curves: Sequence[RadiusCurve]
+    answers: Mapping[str, Sequence[Posterior]]
+
+    @cached_property
+    def _logs(self) -> Floats:
+        """(2, laws, curves) log evidence and its standard error; NaN without one."""
+        found = [[_log_evidence(answer) for answer in answers] for answers in self.answers.values()]
+        return np.moveaxis(np.array(found), 2, 0)
+
+    @cached_property
+    def _summed(self) -> Bools:
+        """(curves,) for which every law has an evidence, apart from laws that have none for any curve."""
+        known = np.isfinite(self._logs[0])
+        return known[known.any(axis=1)].all(axis=0) & known.any()
+
+    @property
+    def shots(self) -> int:
+        """Number of curves that are summed."""
+        return int(np.sum(self._summed))
+
+    @property
+    def evidence(self) -> dict[str, Evidence | None]:
+        """Evidence by law; None for a law without one."""
+        totals = np.sum(self._logs[0][:, self._summed], axis=1), np.linalg.norm(self._logs[1][:, self._summed], axis=1)
+        found = zip(self.answers, *(total.tolist() for total in totals), strict=True)
+        return {law: Evidence(log, error) if self.shots and np.isfinite(log) else None for law, log, error in found}
 
     @property
     def probability(self) -> dict[str, float]:
@@ -60,35 +77,60 @@ class Ranking:
     @property
     def contenders(self) -> list[str]:
         """The laws that the evidence does not reject, the simplest first (`alternatives.contenders`)."""
-        laws = list(self.evidence)
-        return [laws[i] for i in contenders(list(self.evidence.values()), [self.sizes.get(law, 0) for law in laws])]
+        laws, sizes = list(self.answers), [len(answers[0].names) for answers in self.answers.values()]
+        return [laws[i] for i in contenders(list(self.evidence.values()), sizes)]
 
     @property
     def chosen(self) -> str | None:
         """The simplest law that the evidence does not reject."""
-        return self.contenders[0] if self.contenders else None
+        return next(iter(self.contenders), None)
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """Each law of a group with each worse one."""
+        summed = zip(self.answers, self._logs[0][:, self._summed], strict=True)
+        logs = {law: values for law, values in summed if len(values) > 1 and np.isfinite(values).all()}
+        pairs = []
+        for first, second in combinations(sorted(logs, key=lambda law: -float(np.sum(logs[law]))), 2):
+            differences = logs[first] - logs[second]
+            shots = int(np.sum(differences > 0)), int(np.sum(differences < 0))
+            error = float(np.std(differences, ddof=1) * np.sqrt(len(differences)))
+            pairs.append(Pair(first, second, float(np.sum(differences)), error, shots))
+        return tuple(pairs)
+
+    @cached_property
+    def populations(self) -> dict[str, Population]:
+        """One material with its scatter by law, for the summed shots of a group, with its slope along the column if
+        this has several values. Their `evidence` is that of the law for the whole group."""
+        if len(self.curves) < 2:
+            return {}
+        summed = np.flatnonzero(self._summed).tolist()
+        names = [self.curves[k].name for k in summed]
+        title = next((title for curve in self.curves for title in curve.column), "")
+        along = [self.curves[k].column.get(title, np.nan) for k in summed] if title else None
+        laws = [law for law, evidence in self.evidence.items() if evidence]
+        answers = {law: [self.answers[law][k] for k in summed] for law in laws}
+        return {law: with_slope_if_any(answers[law], names, along, only_trusted=False) for law in laws}
 
 
-Model = tuple[str, Bubble]  # law and bubble
-DISTRUSTED = 1.0  # standard error of a log evidence if its weights are not to be trusted
+def plans(laws: Sequence[str], bubble: Requested = "real", **options: Any) -> dict[str, Analysis]:
+    """The analysis that gives the evidence of every law with every bubble, by its name in a ranking: "nhkv", or "nhkv,
+    real" if there are several bubbles. A law without an elastic part is not combined with damage.
 
-
-def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str, Model]:
-    """Every law with every bubble, by its name in a ranking: "nhkv", or "nhkv, real" if there are several bubbles.
-
-    A law without an elastic part is not combined with damage. Raises InputError: fewer than two models, a model twice,
-    an unknown law, or a number of a bubble out of its domain.
+    `options` are those of an `Analysis`. Raises InputError: fewer than two models, a model twice, an unknown law, or a
+    setting out of its domain.
     """
+    laws, bubbles = [laws] if isinstance(laws, str) else laws, bubbles_of(bubble)
     words = ", ".join([*laws, *(bubble.name for bubble in bubbles)]) or "none"
     message = f"give two or more different models to choose from, got {words}"
     distinct = all(len(set(choices)) == len(choices) > 0 for choices in (laws, bubbles))
-    candidates: dict[str, Model] = {}
-    for law, bubble in product(laws, bubbles) if distinct else ():
-        Options(bubble=bubble)
-        if Family(law).elastic or bubble.damage == "none":
-            candidates[f"{law}, {bubble.name}" if len(bubbles) > 1 else law] = law, bubble
-    require(len(candidates) >= 2, message, "option.laws")
-    return candidates
+    found: dict[str, Analysis] = {}
+    for law, one in product(laws, bubbles) if distinct else ():
+        if Family(law).elastic or one.damage == "none":
+            name = f"{law}, {one.name}" if len(bubbles) > 1 else law
+            found[name] = Analysis("infer", material=law, bubble=one, **options)
+    require(len(found) >= 2, message, "option.laws")
+    return found
 
 
 def rank_laws(
@@ -100,44 +142,31 @@ def rank_laws(
     done: Callable[[int, Posterior], None] | None = None,
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
-    """The ranking of laws for each curve, and for each group of two or more: the sum over its shots, each with
-    parameters of its own. bubble: as of `infer`; each law is taken with each of several bubbles (`models`).
+    """The ranking of laws for each curve, and for each group of two or more. bubble: as of `infer`; each law is taken
+    with each of several bubbles.
 
-    `options` are those of an `Analysis`. `done` is called with the index of the curve and the answer of each law as it
-    is found. Raises InputError: fewer than two laws, one unknown, or a setting out of its domain.
+    `options` and errors are those of `plans`. `done` is called with the index of the curve and the answer of each law
+    as it is found.
     """
-    laws = [laws] if isinstance(laws, str) else laws
     curves = as_curves(curves)
-    analyses = plans(models(laws, bubbles_of(bubble)), **options)
-    by_law = {law: analysis.run(curves, workers, done) for law, analysis in analyses.items()}
-    return ranked(curves, by_law)
-
-
-def plans(chosen: Mapping[str, Model], **options: Any) -> dict[str, Analysis]:
-    """The analysis that gives the evidence of each of `models`, by name. options: of `Analysis`."""
-    return {name: Analysis("infer", material=law, bubble=bubble, **options) for name, (law, bubble) in chosen.items()}
+    analyses = plans(laws, bubble, **options)
+    return ranked(curves, {law: analysis.run(curves, workers, done) for law, analysis in analyses.items()})
 
 
 def ranked(
     curves: Sequence[RadiusCurve], by_law: Mapping[str, Sequence[Posterior]]
 ) -> tuple[list[Ranking], list[Ranking]]:
     """As `rank_laws`, from the answers by law, in the order of the curves."""
-    singles = []
-    for i, curve in enumerate(curves):
-        answers = {law: answers[i] for law, answers in by_law.items()}
-        evidence = {law: _evidence(answer) for law, answer in answers.items()}
-        sizes = {law: len(answer.names) for law, answer in answers.items()}
-        singles.append(Ranking(curve.name, evidence, 1, answers, members=(i,), sizes=sizes))
-    title = next((name for curve in curves for name in curve.column), "")
+
+    def of(name: str, members: Sequence[int]) -> Ranking:
+        answers = {law: [answers[i] for i in members] for law, answers in by_law.items()}
+        return Ranking(name, tuple(members), [curves[i] for i in members], answers)
+
     groups: dict[Any, list[int]] = {}
     for i, curve in enumerate(curves):
         groups.setdefault((curve.group, curve.group_source), []).append(i)
-    along = [curve.column.get(title, np.nan) for curve in curves]
-    return singles, [
-        replace(_rank_group(str(key[0]), [(singles[i], along[i]) for i in members], title), members=tuple(members))
-        for key, members in groups.items()
-        if len(members) > 1
-    ]
+    singles = [of(curve.name, [i]) for i, curve in enumerate(curves)]
+    return singles, [of(str(name), members) for (name, _), members in groups.items() if len(members) > 1]
 
 
 def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Posterior]:
@@ -146,46 +175,15 @@ def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> lis
     by_group = {
         i: group.chosen for group in groups for i in group.members if group.chosen and singles[i].evidence[group.chosen]
     }
-    return [
-        ranking.answers[by_group.get(i) or ranking.chosen or next(iter(ranking.answers))]
-        for i, ranking in enumerate(singles)
-    ]
+    laws = [by_group.get(i) or ranking.chosen or next(iter(ranking.answers)) for i, ranking in enumerate(singles)]
+    return [ranking.answers[law][0] for ranking, law in zip(singles, laws, strict=True)]
 
 
-def _evidence(answer: Posterior) -> Evidence | None:
-    """The evidence with a larger standard error if there are no weights that can be trusted; None without one."""
+def _log_evidence(answer: Posterior) -> tuple[float, float]:
+    """Log evidence and its standard error, which is larger if there are no weights that can be trusted; NaN without
+    one."""
     evidence = answer.evidence
     if evidence is None or not np.isfinite(evidence.log):
-        return None
-    if answer.log_weight is None:
-        return Evidence(evidence.log, max(evidence.error or 0.0, DISTRUSTED))
-    return evidence
-
-
-def _rank_group(name: str, members: list[tuple[Ranking, float]], column: str) -> Ranking:
-    """The ranking by the sum over the shots for which every law has an evidence, except laws that have none for any
-    shot; and one material by each law for these shots, with its slope along the column if this has several values."""
-    laws = [law for law in members[0][0].evidence if any(ranking.evidence[law] for ranking, _ in members)]
-    whole = [(ranking, value) for ranking, value in members if all(ranking.evidence[law] for law in laws)]
-    complete = [ranking.evidence for ranking, _ in whole]
-    evidence: dict[str, Evidence | None] = dict.fromkeys(members[0][0].evidence)
-    for law in laws if complete else ():
-        terms = [term for by_law in complete if (term := by_law[law])]
-        error = np.sqrt(sum((term.error or 0.0) ** 2 for term in terms))
-        evidence[law] = Evidence(float(sum(term.log for term in terms)), float(error))
-    logs = {law: np.array([by_law[law].log for by_law in complete]) for law in laws}  # type: ignore[union-attr]
-    order = sorted(logs, key=lambda law: -float(np.sum(logs[law])))
-    pairs = []
-    for first, second in combinations(order, 2) if len(complete) > 1 else ():
-        differences = logs[first] - logs[second]
-        shots = int(np.sum(differences > 0)), int(np.sum(differences < 0))
-        error = float(np.std(differences, ddof=1) * np.sqrt(len(differences)))
-        pairs.append(Pair(first, second, float(np.sum(differences)), error, shots))
-    names, values = [ranking.name for ranking, _ in whole], [value for _, value in whole]
-    materials = {
-        law: with_slope_if_any(
-            [ranking.answers[law] for ranking, _ in whole], names, values if column else None, only_trusted=False
-        )
-        for law in (laws if complete else ())
-    }
-    return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials, column, sizes=members[0][0].sizes)
+        return np.nan, np.nan
+    least = DISTRUSTED if answer.log_weight is None else 0.0
+    return evidence.log, max(evidence.error or 0.0, least)

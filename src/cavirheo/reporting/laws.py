@@ -88,7 +88,8 @@ def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:
     for ranking in rankings:
         laws = {}
         for name, evidence in ranking.evidence.items():
-            material, alone = ranking.populations.get(name), ranking.answers.get(name)
+            material = ranking.populations.get(name)
+            alone = ranking.answers[name][0] if len(ranking.members) == 1 else None
             together = material.evidence if material and not material.left_out else None  # of the same shots
             laws[name] = LawOfGroup(
                 log_evidence=evidence.log if evidence else None,

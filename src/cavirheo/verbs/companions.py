@@ -20,8 +20,8 @@ _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
 _RESULT = "result.json, or the folder that holds one; of several all groups are compared"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder"
-_TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder"
-_STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
+_TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat); a folder"
+_STRETCH = "R_max/R_0 of tables without it"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,7 @@ class Rheometer(options.PrintingVerb):
 
 @dataclass(frozen=True, kw_only=True)
 class CollapseTime(options.PrintingVerb, settings.Liquid):
-    """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
+    """G and µ from the times of the first collapse alone: one answer per table."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
     material: Annotated[_Material, option("nh has no viscosity, newtonian no elasticity")] = "nhkv"
@@ -93,7 +93,6 @@ class CollapseTime(options.PrintingVerb, settings.Liquid):
     viscosity: Annotated[float | None, option("Pa s, if it is known: only G is fitted")] = None
     stretch: Annotated[float | None, option(_STRETCH)] = None
     shots: settings.Shots = None
-    group: settings.Group = "auto"
     out: options.Out = Path("cavirheo-collapse-time")
 
     def __call__(self, run: Run) -> None:
@@ -107,9 +106,12 @@ class CollapseTime(options.PrintingVerb, settings.Liquid):
         if self.stretch is not None and not 1 < self.stretch < 1e3:
             raise InputError(f"--stretch must be R_max/R_0 above 1, got {self.stretch!r}", "collapse_time.stretch")
         outputs = Outputs(self.out, "collapse-time.json", "shots.csv", inputs=files)
-        groups, problems, remarks = collapse_times.read_groups(files, liquid, self.stretch, self.group, self.shots)
-        run.note_unreadable(problems)
-        run.notes += remarks
+        groups = []
+        for path in files:
+            try:
+                groups.append(collapse_times.read_table(path, self.stretch, self.shots))
+            except InputError as error:
+                run.note_unreadable([str(error)])
         run.require_any(groups, "collapse time")
         if self.exact:
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")

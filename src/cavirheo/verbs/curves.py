@@ -132,12 +132,10 @@ class WhichLaw(_ReportVerb):
 
     @property
     def analyses(self) -> dict[str, Analysis]:
-        from cavirheo.inference.which_law import models, plans
+        from cavirheo.inference.which_law import plans
 
         laws = [name.strip() for name in self.laws.split(",") if name.strip()]
-        shared = self.analysis_options
-        bubbles = shared.pop("bubble")
-        return plans(models(laws, bubbles), **shared, discrepancy=not self.exact_law)
+        return plans(laws, **self.analysis_options, discrepancy=not self.exact_law)
 
     def choose(
         self, curves: Sequence[RadiusCurve], answers: Mapping[str, list[Posterior]]
