@@ -26,7 +26,7 @@ from cavirheo.inference.cards import Arrays, Layers, ModelCard, card, path_of, r
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.emulator import Bubbles, Camera, emulator
 from cavirheo.messages import Message
-from cavirheo.parameters import STRETCH_RANGE, natural_name, to_natural, to_prior_scale
+from cavirheo.parameters import LOG10, STRETCH_RANGE, natural_name, to_natural, to_prior_scale
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Diagnostics
@@ -185,21 +185,15 @@ def read_values(
     material, source = MATERIALS[problem.material_name](**values), "given"
     if not stretch:
         stretch, source = fit_stretch(view, material, medium), "fitted to the curve with the G and mu of the answer"
-    ranges = {name: problem.prior.bounds(name) for name in outputs}
-    messages = [
-        _outside(natural_name(name), value, low, high)
-        for (name, (low, high)), value in zip(ranges.items(), theta, strict=True)
-        if not low - 0.02 <= value <= high + 0.02
-    ]
-    low, high = problem.prior.bounds("stretch")
-    if not 0.97 * low <= stretch <= 1.03 * high:
-        messages.append(_outside("stretch", stretch, low, high))
-    trained_at = problem.reference_max_radius
-    low, high = (trained_at * end for end in SIZE_RANGE)
-    if not low <= curve.max_radius <= high:
-        messages.append(_outside("max_radius", curve.max_radius, low, high, trained_at=trained_at))
-    modulus = next((name for name in outputs if natural_name(name) == MODULUS), None)
-    if modulus and ranges[modulus][0] - theta[outputs.index(modulus)] > 0.02:
+    messages = list[Message]()
+    for name, value in zip(outputs, theta.tolist(), strict=True):
+        messages += _outside(natural_name(name), value, *problem.prior.bounds(name), 0.02)
+    messages += _outside("stretch", stretch, *problem.prior.bounds("stretch"), 0.2)
+    trained = problem.reference_max_radius
+    low, high = (trained * end for end in SIZE_RANGE)
+    messages += _outside("max_radius", curve.max_radius, low, high, 0.0, trained_at=trained)
+    modulus = LOG10 + MODULUS in outputs
+    if modulus and problem.prior.bounds(LOG10 + MODULUS)[0] - theta[outputs.index(LOG10 + MODULUS)] > 0.02:
         messages.append(Message("network.liquid"))
     if wrong:
         messages.append(Message("frames.spikes", {"frames": len(wrong)}))
@@ -208,22 +202,21 @@ def read_values(
     simulated = reconstruct(view, material, medium, stretch)
     if not modulus and np.sqrt(np.mean(simulated["residual_over_rmax"] ** 2)) > MISFIT:
         messages.append(Message("network.elastic"))
-    point = np.array([to_prior_scale(name, value) for name, value in zip(outputs, values.values(), strict=True)])
-    best = {natural_name(name): float(to_natural(name, x)) for name, x in zip(outputs, point, strict=True)}
     return {
-        "theta": point[None],
+        "theta": np.array([[to_prior_scale(name, values[natural_name(name)]) for name in outputs]]),
         "checks": check_simulation(view, simulated, medium.time_scale(curve.max_radius), "unverified", messages),
-        "best": best | {"stretch": stretch},
+        "best": values | {"stretch": stretch},
         "stretch": stretch,
         "diagnostics": Diagnostics(stretch_source=source),
         "provenance": {"stretch": stretch, "stretch_source": source},
     }
 
 
-def _outside(name: str, value: float, low: float, high: float, **more: float) -> Message:
-    """A message on a value outside the range of the training; the law's are log10 at the reference R_max."""
+def _outside(name: str, value: float, low: float, high: float, slack: float, **more: float) -> list[Message]:
+    """A message if a value is outside the range of the training; the law's are log10 at the reference R_max."""
     numbers = {"value": float(value), "low": float(low), "high": float(high)}
-    return Message(f"training_range.{name}", {"name": name, **numbers, **more})
+    inside = low - slack <= value <= high + slack
+    return [] if inside else [Message(f"training_range.{name}", {"name": name, **numbers, **more})]
 
 
 def fit_stretch(view: Window, material: Material, medium: Medium) -> float:

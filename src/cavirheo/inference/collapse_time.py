@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -171,6 +172,7 @@ class _Problem:
         steps = np.diag(1e-4 * _UNITS)[self.free]
         return np.transpose([(self.residuals(values + step) - self.residuals(values)) / step.sum() for step in steps])
 
+    @cached_property
     def best(self) -> tuple[Floats, Floats]:
         """G and mu, and Huber's weights (n,); few shots do not show which one is wrong."""
         weight = np.ones(len(self.measured))
@@ -200,7 +202,7 @@ class _Problem:
 def _corrected(problem: _Problem) -> _Problem:
     """With the ratio of simulated to analytic times at the answer to which it leads. Raises SolverError."""
     for _ in range(_EXACT_ROUNDS):
-        (G, mu), _ = problem.best()
+        (G, mu), _ = problem.best
         simulated = simulated_time(problem.max_radius, problem.stretch, G, mu, problem.medium)
         correction = simulated / problem.time(np.array([G, mu])) * problem.correction
         if not np.all(np.isfinite(correction) & (correction > 0)):
@@ -214,7 +216,7 @@ def _corrected(problem: _Problem) -> _Problem:
 
 def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
     """The estimate of a problem, with these and further messages."""
-    values, weight = problem.best()
+    values, weight = problem.best
     residual, slopes = problem.residuals(values), problem.slopes(values)
     n, free = len(residual), len(residual) - slopes.shape[1]
     scatter, reach = None, _EQUAL_TIME
@@ -284,7 +286,7 @@ def _quantity(value: float, ends: Floats, most: float, fitted: bool, interval: b
 
 def _poor(problem: _Problem) -> list[str]:
     """A message if the analytic model is known to be inaccurate for these shots."""
-    inverse_re = problem.best()[0][1] * problem.medium.velocity_scale / (problem.medium.pressure * problem.max_radius)
+    inverse_re = problem.best[0][1] * problem.medium.velocity_scale / (problem.medium.pressure * problem.max_radius)
     count = np.count_nonzero((inverse_re > 1 / _GOOD_RE) | (problem.stretch < _GOOD_STRETCH))
     where = f"Re < {_GOOD_RE:g} or lambda < {_GOOD_STRETCH:g}, {count} of {len(problem.names)} shots"
     return [f"the analytic model is poor here ({where}): use exact"] if count else []

@@ -14,8 +14,7 @@ from cavirheo.errors import InputError, SolverError, brief, expect_whole, requir
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
 from cavirheo.inference.bdt import network_window
-from cavirheo.inference.checks import Window, check_simulation, window
-from cavirheo.inference.emulator import emulator, outside
+from cavirheo.inference.checks import Window, window
 from cavirheo.inference.experiment import Experiment
 from cavirheo.messages import message_of_error
 from cavirheo.parameters import PARAMETERS
@@ -25,7 +24,6 @@ from cavirheo.posterior import Checks, Posterior, check_level
 
 DRAWS = 100  # draws of a posterior that are simulated
 VELOCITY_STEP = 1e-3  # t_c, of the differences that give the wall's velocity
-LINE_POINTS = 800  # of an emulated line, for drawing
 WIDEST_SCALE = 0.19  # half-width about 1 of a range that contains every inferred radius scale
 
 
@@ -101,37 +99,18 @@ def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
 
 
 def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:
-    """The checks of an answer with these parameters (natural name, SI), by the emulator if it knows such a bubble, or
-    else by a simulation; failed ones say why there is no radius."""
+    """The checks of a simulation of an answer with these parameters (natural name, SI); failed ones say why there is no
+    radius."""
     try:
         check_stretch(values.get("stretch"))
         end = _compared_end(curve, posterior) or compared_window(curve, analysis).end
         best = {**posterior.best, **values}
-        bubble, sharp = _bubble_of(posterior, best), curve.labelled(exposure_s=None)  # as the answer is drawn
-        shot = _experiment(sharp, bubble, posterior.material, analysis.medium_for(curve), end)
-        x = shot.from_best(best)
-        if outside(shot.family.material(x[: shot.law_size]), bubble, shot.medium, shot.max_radius):
-            return shot.checks(x, "ok", [])
-        return _emulated_checks(shot, x)
+        sharp = curve.labelled(exposure_s=None)  # as the answer is drawn
+        medium, bubble = analysis.medium_for(curve), _bubble_of(posterior, best)
+        shot = _experiment(sharp, bubble, posterior.material, medium, end)
+        return shot.checks(shot.from_best(best), "ok", [])
     except (InputError, SolverError) as error:
         return Checks("failed", (message_of_error(error),))
-
-
-def _emulated_checks(shot: Experiment, x: Floats) -> Checks:
-    """The checks of the emulated radius at x (d,). Raises SolverError: the law does not hold there."""
-    view, start = shot.view, shot.curve.time_of_max
-    compared, line = view.time_since_max, np.linspace(0.0, view.end, LINE_POINTS)
-    (radius,) = shot.emulated(x[None], emulator(), times=np.concatenate([line, compared]))
-    if not np.all(np.isfinite(radius)):
-        raise SolverError("the law does not hold for these values")
-    residual = view.normalised - radius[LINE_POINTS:]
-    simulated = {
-        "compared_time": compared[shot.usable] + start,
-        "residual_over_rmax": residual[shot.usable],
-        "reconstruction_time": line + start,
-        "reconstruction_radius": radius[:LINE_POINTS] * shot.max_radius,
-    }
-    return check_simulation(view, simulated, shot.time_scale, "ok", [])
 
 
 def _bubble_of(posterior: Posterior, values: Mapping[str, float]) -> Bubble:
