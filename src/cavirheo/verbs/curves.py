@@ -135,7 +135,9 @@ class WhichLaw(_ReportVerb):
         from cavirheo.inference.which_law import plans
 
         laws = [name.strip() for name in self.laws.split(",") if name.strip()]
-        return plans(laws, **self.analysis_options, discrepancy=not self.exact_law)
+        shared = self.analysis_options
+        bubbles = shared.pop("bubble")
+        return plans(laws, bubbles, **shared, discrepancy=not self.exact_law)
 
     def choose(
         self, curves: Sequence[RadiusCurve], answers: Mapping[str, list[Posterior]]
