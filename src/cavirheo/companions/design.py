@@ -242,20 +242,12 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
     """
-    if not 0 < wanted < 1:
-        raise InputError(f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    if spread is not None and not 0 <= spread < 2:
-        raise InputError(f"a spread is 0 to 2 decades, got {spread}", "design.spread")
+    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     expect_whole(draws, "draws", 2, "design.draws")
     rig = rig or Rig()
     family = Family(rig.material)
-    given = _log_ranges(family, ranges or {})
-    if known is None:
-        usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
-        before = Known(usual | {"stretch": np.log10(STRETCHES)} | given, np.zeros(len(usual)), 0)
-    else:
-        before = _known_by(known, group, family)
-        before.ends.update({name: pair for name, pair in given.items() if name == "stretch"})
+    before = _known(known, group, family, _log_ranges(family, ranges or {}))
     spreads = before.spreads if spread is None else np.full_like(before.spreads, spread)
     low, high = np.transpose(list(before.ends.values()))
     logs = low + (high - low) * Halton(len(low), seed=seed).random(draws)  # few of its points cover the ranges
@@ -331,6 +323,16 @@ class Known(NamedTuple):
     ends: dict[str, Floats]
     spreads: Floats
     shots: int
+
+
+def _known(known: Result | str | Path | None, group: str | None, family: Family, given: dict[str, Floats]) -> Known:
+    """What is known by a result and the given range of the stretch, or by given and usual ranges. Raises InputError."""
+    if known is None:
+        usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
+        return Known(usual | {"stretch": np.log10(STRETCHES)} | given, np.zeros(len(usual)), 0)
+    found = _known_by(known, group, family)
+    found.ends.update({name: pair for name, pair in given.items() if name == "stretch"})
+    return found
 
 
 def _known_by(known: Result | str | Path, group: str | None, family: Family) -> Known:
