@@ -38,10 +38,8 @@ RECIPES: dict[str, tuple[bytes, str]] = {
     "name a path": (instead('"tiny"', '"../../etc/cron.d/x"'), "export.name"),
     "law unknown": (instead('"nhkv"', '"honey"'), "honey"),
     "frames a billion": (instead("frames = 20", "frames = 1000000000"), "frames"),
-    "radius in m": (instead("frames = 20", "reference_max_radius_um = 245e-6"), "reference_max_radius"),
     "medium with an unknown constant": (instead("frames = 20", "medium = {densty = 1000.0}"), "densty"),
     "prior upside down": (instead("stretch = [3.0, 11.0]", "stretch = [11.0, 3.0]"), "stretch"),
     "prior of a negative modulus": (instead("log10_shear_modulus = [3.0, 6.0]", "shear_modulus = [-5, 1e4]"), "shear"),
     "prior of another law": (instead("[data]", "yield_stress = [1.0, 2.0]\n[data]"), "yield_stress"),
-    "prior with an escape": (instead("stretch = [3.0, 11.0]", '"\\u001b[31m" = [3.0, 11.0]'), "x1b"),
 }  # fmt: skip

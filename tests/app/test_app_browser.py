@@ -7,7 +7,6 @@ import pytest
 from conftest import until
 
 from cavirheo.app.session import VisitorLimits
-from cavirheo.app.steps import examples
 
 FITS = "document.documentElement.scrollWidth <= innerWidth"
 WIDE, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
@@ -128,28 +127,6 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     curves = json.loads((folder / "result.json").read_text())["curves"]
     assert [(one["name"], one["medium"]["density"]) for one in curves] == [("soft_gel[1]", 1050), ("soft_gel[3]", 1050)]
     assert (folder / "report.html").exists()
-
-
-def test_errors_are_told_and_mended(visit, tmp_path):
-    page = visit()
-    bad, huge, short = tmp_path / "bad.mat", tmp_path / "huge.csv", tmp_path / "short.csv"
-    bad.write_bytes(examples()["stiff_gel.mat"].read_bytes()[:3000])
-    huge.write_bytes(b"time_us,radius_um\n" + b"1,2\n" * 400_000)
-    short.write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
-    page.set_input_files(INPUT, bad)
-    page.wait_for_selector("#file-errors .failed-message:has-text('bad.mat')")
-    page.set_input_files(INPUT, huge)
-    page.wait_for_selector(".toast-body.error")
-    page.click("#clear")  # nothing is loaded that could be lost
-    page.wait_for_selector("#file-errors .failed-message", state="detached")
-    page.set_input_files(INPUT, short)
-    page.wait_for_selector("#shots-table table")
-    page.click("#infer-now")
-    page.wait_for_selector("#answers .badge.failed")
-    page.click("#to-check")
-    page.wait_for_selector("#facts .message.failed")
-    page.wait_for_selector("#check-plot svg")
-    assert "simulated" not in layers(page)
 
 
 def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):

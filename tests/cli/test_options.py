@@ -142,13 +142,6 @@ def test_without_an_extra_a_command_says_what_to_install(lab, monkeypatch, named
 # --- options that every verb reads alike ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("verb", ["", *COMMANDS])
-def test_h_is_help(lab, verb):
-    words = verb.split()
-    assert lab(*words, "-h") == lab(*words, "--help")
-    assert lab(*words, "-h")[0] == 0
-
-
 def test_json_is_the_document_and_quiet_says_errors_alone(lab):
     words, written = ("collapse-time", "times.csv"), Path("r", "collapse-time.json")
     called = lab(*words, "--json", "-o", "r")

@@ -269,14 +269,3 @@ def test_write_report_refuses_what_it_cannot_do_and_is_complete_without_matplotl
     assert written.notes == []
     assert "<svg" in (out / "report.html").read_text(encoding="utf-8")
     assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", "report.html", ".cavirheo"}
-
-
-def test_of_very_many_curves_exceptions_have_a_picture(tmp_path):
-    curves = [bubble(f"shot[{k}]") for k in range(212)]
-    pairs = [(curve, answer(curve, draws=20)) for curve in curves[:210]]
-    pairs += [(curve, answer(curve, verdict="does_not_fit", message=f"said of {curve.name}")) for curve in curves[210:]]
-    write_report(tmp_path, pairs, result(pairs, COMMAND))
-    page = page_of(tmp_path)
-    assert (tmp_path / "report.html").read_text(encoding="utf-8").count('<path class="measured"') == 200
-    assert all(f"said of shot[{k}]" in page.text for k in (210, 211))
-    assert "[209]" in page.text  # the table has all

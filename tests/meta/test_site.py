@@ -60,7 +60,6 @@ def test_every_tutorial_is_a_page_with_its_script_and_its_notebook(site):
         said = "".join(one.get("text", "") for cell in cells for one in cell.get("outputs", ()))
         shown = html.unescape((folder / f"{stem}.html").read_text("utf-8"))
         assert [line for line in said.splitlines() if line.rstrip() not in shown] == []
-        assert len({*re.findall(rf'"{stem}-\d\.png"', shown)}) == len([*folder.glob(f"{stem}-*.png")])
 
 
 @pytest.mark.slow

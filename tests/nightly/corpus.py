@@ -33,7 +33,6 @@ def add(**files: tuple[str | bytes, Make | str | bytes]) -> None:
 add(
     name_of_255_bytes=("n" * 251 + ".csv", CURVE),
     name_not_utf8=(b"caf\xe9\xff.csv", CURVE),
-    name_newline=("two\nlines.csv", CURVE),
     name_newline_bad=("two\nerror: lines.csv", "nothing"),
     name_escape=("\x1b[31mred\x1b[0m\x07.csv", CURVE),
     name_escape_bad=("\x1b]0;title\x07.csv", "nothing"),
@@ -42,7 +41,6 @@ add(
     name_quotes=('it\'s "quoted" `x` $HOME.csv', CURVE),
     name_html=("<img src=x onerror=alert(1)>.csv", CURVE),
     name_formula=("=cmd|x!A1.csv", CURVE),
-    name_mathtext=("$\\frac{x}{.csv", CURVE),
 )
 
 
@@ -80,15 +78,12 @@ for _end in ("csv", "mat", "json", "toml", "npz"):
 
 ODD_CURVES: dict[str, tuple[np.ndarray, np.ndarray]] = {  # us, um
     "all_nan": (TIME, np.full(100, np.nan)),
-    "some_infinite": (TIME, np.where(np.arange(100) % 7, RADIUS, np.inf)),
     "huge": (TIME, np.full(100, 1e308)),
     "denormal": (TIME, np.full(100, 5e-324)),
     "negative": (TIME, -RADIUS),
-    "constant": (TIME, np.full(100, 250.0)),
     "no_rows": (TIME[:0], RADIUS[:0]),
     "four_rows": (TIME[:4], RADIUS[:4]),
     "same_times": (np.zeros(100), RADIUS),
-    "growth_only": (TIME, TIME + 10),
 }
 for _name, (_t, _r) in ODD_CURVES.items():
     add(**{

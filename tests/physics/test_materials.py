@@ -19,7 +19,7 @@ from cavirheo.physics import laws, materials
 from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import Damage
 from cavirheo.physics.laws import Elastic, Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, Viscous, Yeoh
-from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
+from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse
 from cavirheo.physics.media import Pulse, medium
 from cavirheo.physics.table import look_up
 
@@ -184,8 +184,6 @@ def test_every_law_by_position_and_by_name_and_described(name):
     assert parse(f"{name}({', '.join(f'{key}={value}' for key, value in given.items())})") == expected
     assert {key: getattr(expected, key) for key in given} == given
     assert takes.keys() <= PARAMETERS.keys()  # which have units
-    assert [key for key in takes if f"{key} [" not in usage(name)] == []
-    assert not summary(name).startswith(f"{law.__name__}(")  # which Python writes where there is no docstring
 
 
 @pytest.mark.parametrize(
