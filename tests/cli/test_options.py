@@ -52,22 +52,16 @@ infer
 infer shot.csv --windo 3
 infer nowhere.csv
 infer shot.csv --bubble real,field
-infer shot.csv --shots 99
 which-law shot.csv --bubble auto,moon
 fit shot.csv --scale-percent 200
 compare . --references refs.csv
-rheometer sweep.csv --at -1
 simulate -o o
-simulate -o o --rmax-um 1 --stretch 1 --pulse 1 2
 show
 generate nowhere.toml -o d
 generate recipe.toml -n 2 -o d --scheduler http://a:1
 generate recipe.toml -n 2 -o d --scheduler tcp://a:1 --slurm 2
-generate recipe.toml -o d -n 0
 infer shot.csv --model nobody.onnx
-app --port 70000
 measure film.mraw
-measure [sf]*.*
 measure film.mraw --roi 0,0,99,99
 which-law missing.csv --laws nhkv,foo | foo
 infer missing.csv --rmax-um -5 | got '-5'

@@ -32,7 +32,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer(CURVE, model="gel"), "bdt-viscoelastic"),
     (lambda: cavirheo.infer(CURVE, medium=1000.0), "Medium"),
     (lambda: cavirheo.infer(CURVE, window=0), "0"),
-    (lambda: cavirheo.infer(CURVE, seed=-1), "-1"),
     (lambda: cavirheo.infer(CURVE, windows=2), "infer has no option windows; it has curve, medium, stretch, "),
     (
         lambda: cavirheo.infer_many([CURVE], windows=2),
@@ -46,7 +45,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: rank_laws([CURVE], "nhkv"), "nhkv"),
     (lambda: simulate("nhkv"), "NeoHookeanKelvinVoigt"),
     (lambda: simulate(max_radius=250), "0.00025 m"),
-    (lambda: simulate(time=[[0.0, 1e-6]]), "(1, 2)"),
     (lambda: simulate(driving=1e5), "Pulse"),
     (lambda: simulate(bubble="field"), "'field'"),
     (lambda: simulate(accuracy=1e-5), "1e-05"),
@@ -54,15 +52,12 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.measure("shot.tif", fps=1e6), "frame_rate"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
-    (lambda: RadiusCurve(TIME, [["a"]]), "[['a']]"),
     (lambda: RadiusCurve(TIME, RADIUS, meta="shot 1"), "'shot 1'"),
-    (lambda: CURVE.with_max_radius(250), "0.00025 m"),
     (lambda: ANSWER.median("E"), "G (shear_modulus), µ (viscosity)"),
     (lambda: ANSWER.interval("mu", 95), "0.95"),
     (lambda: cavirheo.design(ranges={"E": (1e3, 1e4)}), "'E'"),
     (lambda: cavirheo.predict_radius(ANSWER, TIME), "draws"),
     (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),
-    (lambda: cavirheo.load(7), "7"),
 ]
 
 
@@ -81,9 +76,6 @@ CONSTANTS = [  # as a user may give them, and the value that was meant
     ("sound_speed", 1.5, "1500 m/s"),
     ("surface_tension", 72, "0.072 N/m"),
     ("pressure", 1013, "101300 Pa"),
-    ("diffusivity", 0.242, "2.42e-05 m2/s"),
-    ("conductivity_slope", 0.053, "5.3e-05 W/(m K2)"),
-    ("adiabatic_index", 140, "1 to 1.7"),
     ("vapour_reference_temperature", 52, "1000 to 20000 K"),
 ]
 
