@@ -101,9 +101,9 @@ BOMBS: dict[str, tuple[str, Make | str | bytes]] = {  # a name begins with the f
     "h5_of_a_huge_chunk": ("limits.chunks", hdf5(time=CHUNK, radius=CHUNK)),
     "h5_without_a_shape": ("limits.no_shape", hdf5(time=NUMBERS, radius=h5py.Empty("f8"))),
     "h5_that_reads_another_file": ("limits.elsewhere", hdf5(time=NUMBERS, radius=OUTSIDE)),
-    "h5_that_links_to_another_file": ("limits.elsewhere", hdf5(time=NUMBERS, radius=LINKED)),
+    "h5_that_links_to_another_file": ("matlab.variables", hdf5(time=NUMBERS, radius=LINKED)),
     "h5_that_shows_another_file": ("limits.elsewhere", hdf5(time=NUMBERS, radius=SHOWN)),
-    "xlsx_of_one_huge_cell": ("limits.memory", sheet(f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>')),
+    "xlsx_of_one_huge_cell": ("limits.text", sheet(f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>')),
     "xlsx_of_one_text_named_often": ("limits.text", sheet(LONG_TEXT * 2_400)),
     "xlsx_of_a_huge_grid": ("limits.memory", sheet(GRID)),  # the reader alone would end the process
     "xlsx_of_entities": ("tabular.workbook", sheet('<row><c t="str"><v>&b;</v></c></row>', ENTITIES)),

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
     from cavirheo.inference.what_if import predict_radius as predict_radius
+    from cavirheo.io import measure as measure
     from cavirheo.io import read_curves as read_curves
-    from cavirheo.io.videos import measure as measure
     from cavirheo.loading import load as load
     from cavirheo.physics.bubble import Bubble as Bubble
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
@@ -41,8 +41,7 @@ _NAMES = {  # public names, by module
     "inference": "fit fit_many infer infer_many",
     "inference.population": "CommonErrors population Population",
     "inference.what_if": "predict_radius",
-    "io": "read_curves",
-    "io.videos": "measure",
+    "io": "measure read_curves",
     "loading": "load",
     "physics.bubble": "Bubble",
     "physics.materials": "NeoHookeanKelvinVoigt Newtonian QuadraticKelvinVoigt",

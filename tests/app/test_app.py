@@ -3,11 +3,10 @@
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 import zipfile
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing
 from dataclasses import replace
 from multiprocessing import active_children
 from pathlib import Path
@@ -22,12 +21,12 @@ from conftest import ANSWER, refused, until
 from files import write_curve
 from recordings import RATE, SCALE, film
 
-from cavirheo import InputError, RadiusCurve, read_curves
+from cavirheo import RadiusCurve, read_curves
 from cavirheo.app.page import uploaded_paths
+from cavirheo.app.reader import Reader
 from cavirheo.app.session import PAGE_FIELDS, PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, sliders, what_if
 from cavirheo.app.words import shots_table
-from cavirheo.io.subprocess_reader import Reader
 
 SOFT = examples()["soft_gel.csv"]
 
@@ -66,8 +65,7 @@ def told(message=""):
 
 @pytest.fixture(scope="module")
 def reader():
-    with closing(Reader(seconds=60.0)) as one:
-        yield one
+    return Reader(seconds=60.0)
 
 
 @pytest.fixture
@@ -281,30 +279,17 @@ def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong, densit
     assert wrong or PageSettings(**values).density == density
 
 
-@contextmanager
-def stoppable(make):
-    """What `make` makes, closed at the end, and what sends a signal to its one process."""
-    before = {*active_children()}
-
-    def stop(number):
-        (child,) = {*active_children()} - before
-        os.kill(child.pid, number)
-
-    with closing(make()) as made:
-        yield made, stop
-
-
-def test_a_reader_that_hangs_or_dies_is_replaced(tmp_path, monkeypatch):
+def test_a_reader_that_hangs_or_dies_costs_one_call(tmp_path, monkeypatch):
     path, options = single(tmp_path / "a.csv"), {"density": 998.0, "pressure": 101325.0}
-    with stoppable(lambda: Reader(seconds=20.0)) as (reader, stop):
-        stop(signal.SIGSTOP)
-        with monkeypatch.context() as soon, refused("app.reading_too_slow", "a.csv", "0.1 s"):
-            soon.setattr(reader, "seconds", 0.1)
-            reader.read([path], **options)
-        stop(signal.SIGKILL)
-        with suppress(InputError):  # found dead before the file is sent, or while it is read
-            reader.read([path], **options)
-        assert len(reader.read([path], **options)[0]) == 1
+    reader, before = Reader(seconds=0.01), {*active_children()}
+    with refused("app.reading_too_slow", "a.csv", "0.01 s"):
+        reader.read([path], **options)
+    assert {*active_children()} == before
+    reader.seconds = 60.0
+    with monkeypatch.context() as broken, refused("app.reader_ended", "a.csv"):
+        broken.setattr("cavirheo.app.reader._read", os.abort)
+        reader.read([path], **options)
+    assert len(reader.read([path], **options)[0]) == 1
 
 
 def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(session, tmp_path):

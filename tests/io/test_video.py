@@ -18,7 +18,7 @@ from scipy.io import loadmat
 import cavirheo
 from cavirheo import InputError, measure
 from cavirheo.io.files import expand
-from cavirheo.io.videos import examine
+from cavirheo.io.shots import examine
 from cavirheo.video.formats import Footage, is_video, read
 from cavirheo.video.stage import set_stage
 from cavirheo.video.track import USED, Track, follow

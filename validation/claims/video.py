@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion, binary_fill_holes, label
 
 import cavirheo
-from cavirheo.io.videos import examine
+from cavirheo.io.shots import examine
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from validation.numbers import Number, Run, statistic
 from validation.rendering import Film, Scene, render

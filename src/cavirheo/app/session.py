@@ -15,12 +15,12 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
+from cavirheo.app.reader import Reader
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number_list, require
 from cavirheo.inference.analysis import DEFAULT
 from cavirheo.inference.cards import shipped
 from cavirheo.io.files import pixels_of, without_headers
-from cavirheo.io.subprocess_reader import Reader
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.material import cached_material_of
@@ -319,7 +319,7 @@ class Visitors:
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits = limits
         self.reader = Reader(limits.read_seconds, processes=limits.readers)
-        self.measurer = Reader(limits.film_seconds, prestart=False)
+        self.measurer = Reader(limits.film_seconds)
         self.shared: Shared = WeakValueDictionary()
         self._lock = threading.RLock()
         self._pages: dict[str, Session] = {}  # session of each page, in the order of use
@@ -372,8 +372,6 @@ class Visitors:
                 session.close()
 
     def close(self) -> None:
-        """Close all sessions, and end the processes that read files."""
+        """Close all sessions."""
         with self._lock:
             self._forget([*self._pages])
-        self.reader.close()
-        self.measurer.close()

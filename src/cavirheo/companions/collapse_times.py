@@ -14,9 +14,8 @@ import numpy as np
 
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference.collapse_time import CollapseEstimate, estimate, unusable
+from cavirheo.io.binary import opened
 from cavirheo.io.files import Source, guarded
-from cavirheo.io.matlab import opened
-from cavirheo.io.named_arrays import Numbers
 from cavirheo.io.shots import Chosen, selected
 from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.collapse import rayleigh_time
@@ -183,7 +182,7 @@ def _pimr_columns(source: Source) -> list[Any]:
     """R_max, lambda and t_1 in the variable of pIMR. Raises InputError: there is none of this shape."""
     with opened(source) as arrays:
         leaf = arrays.get(VARIABLE)
-        array: Any = leaf.read() if isinstance(leaf, Numbers) else np.empty(0)
+        array: Any = leaf.values if leaf and leaf.size else np.empty(0)
     shape = np.shape(array)
     expected = f"expected a table of text, a workbook, or {VARIABLE}, an array (n, 3): R_max in m, lambda, t_1 in s"
     message = f"{expected}; got an array of the shape {shape}" if leaf else f"{expected}; curves R(t) are for `infer`"

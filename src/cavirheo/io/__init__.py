@@ -4,6 +4,6 @@ The content of a file decides its format; only recordings, and HDF5 files ending
 """
 
 from cavirheo.io.curves import write_csv
-from cavirheo.io.shots import read_curves
+from cavirheo.io.shots import measure, read_curves
 
-__all__ = ["read_curves", "write_csv"]
+__all__ = ["measure", "read_curves", "write_csv"]

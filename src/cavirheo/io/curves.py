@@ -1,4 +1,4 @@
-"""Read tables of radius histories with a header, or in one of two recognisable layouts without a header; write them.
+"""Tables become RadiusCurves: which columns are the times and radii of which shot, and in which unit. Write CSV.
 
 Layouts and titles: docs/how-to/your-shots.md. The notes name the columns that are not used.
 """
@@ -6,11 +6,12 @@ Layouts and titles: docs/how-to/your-shots.md. The notes name the columns that a
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from itertools import repeat
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,16 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed
 from cavirheo.io import limits
 from cavirheo.io.files import Source
-from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, RADIUS_UNITS, WITHOUT_TIMES
+from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, RANGES, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.messages import Message
 from cavirheo.parameters import RADIUS
+from cavirheo.physics.media import CONSTANTS
 from cavirheo.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing.document import write_rows
 
+Part = TypeVar("Part")
+Indices = NDArray[np.intp]
 _PLAUSIBLE = (5e-6, 5e-3)  # m; limits of the largest radius: a number is within them in only one of the units m, mm, um
 _LARGEST_NUMBER = 1e9  # in any unit; larger numbers are damaged data and would overflow later
 _TIME_TOLERANCE = 1e-15  # s; times closer than this are one time and differ only by rounding
@@ -66,19 +70,26 @@ FORMS = (  # the first ones that a table has are used
 )
 
 
-class _Radius(NamedTuple):
-    """(rows,) radii in a unit, from one column or two. warnings: doubts about them."""
+class _Series(NamedTuple):
+    """One radius of a table, as one column or two, and the columns that belong to it."""
 
-    columns: Sequence[Column]
     form: Form
-    numbers: Floats
-    unit: str | None
-    warnings: tuple[Message, ...]
+    radius: tuple[Column, ...]
+    clock: Column | None
+    deviation: Column | None
+    at_rest: Column | None
+    shot: Column | None
+    max_radius: Column | None
+    stretches: list[Column]
+
+    @property
+    def used(self) -> list[Column]:
+        others = (self.clock, self.deviation, self.at_rest, self.shot, self.max_radius)
+        return [*self.radius, *self.stretches, *(column for column in others if column)]
 
 
-def read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of a table. Raises InputError: unknown layout, a missing column, a cell that is no number, or a
-    frame rate or scale that is needed and not given."""
+def read_text(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of a text or a workbook. Raises InputError: as `read_tables`, or there is no table."""
     try:
         tables = read_columns(source, CURVES)
     except InputError as error:
@@ -88,107 +99,304 @@ def read(source: Source, density: float, pressure: float, camera: Camera) -> lis
             tables = read_columns(source, WITHOUT_TIMES)
         except InputError:
             raise error from None
-    curves = []
-    for table in tables:
-        of_table = read_table(table, camera) if table.titles else _read_without_header(table, density, pressure)
-        for k, curve in enumerate(of_table, 1):
-            label = f"{table.sheet}, {curve.meta.get('label', k)}" if len(of_table) > 1 else table.sheet
-            curves.append(curve.labelled(label=label) if len(tables) > 1 else curve)
+    if tables[0].titles:
+        return read_tables([(table.name, partial(replace, table)) for table in tables], camera)
+    return [curve for table in tables for curve in _read_without_header(table, density, pressure)]
+
+
+def read_tables(tables: Sequence[tuple[str, Callable[[], Table]]], camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of tables, which are given as a name and what makes the table. Raises InputError: an unknown
+    layout, a missing column, a cell that is no number, or a frame rate or scale that is needed and not given; if no
+    table can be read."""
+
+    def read(name: str, table: Callable[[], Table]) -> list[RadiusCurve]:
+        curves = _read_table(table(), camera)
+        if len(tables) == 1:
+            return curves
+        several = len(curves) > 1
+        labels = [f"{name}, {curve.meta.get('label', k)}" if several else name for k, curve in enumerate(curves, 1)]
+        return [curve.labelled(label=label) for curve, label in zip(curves, labels, strict=True)]
+
+    return _each(tables, read)
+
+
+def _each(parts: Collection[tuple[str, Part]], read: Callable[[str, Part], list[RadiusCurve]]) -> list[RadiusCurve]:
+    """Read the curves of all parts, by their labels; one that cannot be read is an unusable curve.
+
+    Raises InputError: no part can be read, or a limit is exceeded.
+    """
+    limits.check(len(parts), limits.CURVES, "curves")
+    curves: list[RadiusCurve] = []
+    problems: list[InputError] = []
+    for label, part in parts:
+        try:
+            curves += read(label, part)
+        except InputError as error:
+            if error.code.startswith("limits."):
+                raise
+            problems.append(error)
+            curves.append(unusable_curve(error.message, {"label": label} if label else {}))
+        limits.check(len(curves), limits.CURVES, "curves")
+    if problems and len(problems) == len(curves):
+        raise problems[0]
     return curves
 
 
-def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of a table with titles, or named arrays. Raises InputError as `read`."""
-    shot, max_radius, *stretches = map(table.find, ("curve", "max_radius", "stretch", "stretch_std"))
+def _read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
+    series = _series(table)
+    camera, meta, used = _facts(table, camera)
+    used += [column for one in series for column in one.used]
+    notes = [*meta["notes"], series[0].form.note]
+    titles = [one.radius[0].title.removeprefix(f"{table.name}/") for one in series]
+    names = [""]
+    if len(series) > 1:
+        notes.append(f"{len(series)} columns of radii, a curve each: {listed(titles)}")
+        names = [re.sub(r"\s*[\[(].*", "", re.sub(r".*\{(\d+)\}$", r"\1", title)) or title for title in titles]
+    if len({*names}) < len(names):
+        names = [str(k) for k in range(1, len(names) + 1)]
+    notes.append(_unused(table, {column.index for column in used}))
+    meta["notes"] = list(filter(None, notes))
+    several_clocks = len({one.clock.index for one in series if one.clock}) > 1
+    return _each([*zip(names, series, strict=True)], partial(_read_series, camera, meta, several_clocks))
+
+
+def _series(table: Table) -> list[_Series]:
+    """Return each radius with its columns. Raises InputError: two columns may be two shots, or readings of one."""
+    form = next((form for form in FORMS if all(map(table.all, form.kinds))), None)
+    if form is None:
+        raise InputError(f"one of two axes among {table.titles}: expected both, as in a_um and b_um", "table.columns")
+    radii = list(zip(*map(table.all, form.kinds), strict=False))
+    radii = [columns for columns in radii if columns[0].unit not in ("px", "px2")] or radii
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
-    radii = _radii(table, camera, several=len(clocks) > 1)
+    shot, max_radius = table.find("curve"), table.find("max_radius")
+    firsts = [columns[0] for columns in radii]
     if shot and len(radii) > 1:
         both = f"a column {shot.title!r} and {len(radii)} columns of radii"
         raise InputError(f"{both}; expected one or the other", "table.twice")
-    clock_of: list[Column | None] = [*_partners(radii, clocks)] or [table.at_most_one(clocks)] * len(radii)
-    _ask_for(camera, clock_of[0], radii[0], scaled=max_radius is not None and max_radius.unit in LENGTH_UNITS)
+    if form.kinds[0] == "half_a" and re.search(r"(^|/)A(?![A-Za-z])", firsts[0].title):
+        titles = " and ".join(repr(column.title) for column in radii[0])
+        message = f"{titles}: two shots, or the half-axes of one bubble? name them R1_um and R2_um, or a_um and b_um"
+        raise InputError(message, "table.twice")
+    numbers = {column.name.number for column in firsts}
+    if len(clocks) < 2 and len(firsts) > 1 and ("" in numbers or len(numbers) < len(firsts)):
+        titles = " and ".join(repr(column.title) for column in firsts[:2])
+        message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all: R1_um, R2_um"
+        raise InputError(message, "table.twice")
+    clock_of = _of_each(firsts, clocks) or [table.at_most_one(clocks)] * len(firsts)
     deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
-    deviations = _partners(radii, deviations) if radii[0].form.deviation else []
-    of_radii = [column for radius in radii for column in radius.columns]
-    _note_columns(table, [*of_radii, *deviations, *filter(None, (shot, max_radius, *stretches, *clock_of))])
-    shots: dict[str, list[int]] = {}
-    for k, label in enumerate(_labels(shot) if shot else [""] * table.size):
-        shots.setdefault(label, []).append(k)
-    limits.check(len(shots) * len(radii), limits.CURVES, "curves")
-    curves: list[RadiusCurve] = []
-    names = [re.sub(r"\s*[\[(].*", "", radius.columns[0].title) or radius.columns[0].title for radius in radii]
-    if len({*names}) < len(names):
-        names = [str(k) for k in range(1, len(names) + 1)]
-    for k, (radius, clock, deviation) in enumerate(zip(radii, clock_of, deviations or repeat(None), strict=False)):
-        time = clock.numbers if clock else np.arange(float(table.size))
-        if clock and len(clocks) == 1 and time.size and not (np.abs(time) < _LARGEST_NUMBER).any():
-            message = f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}: of times since 1970 subtract the "
-            message += "first one; formulas that were never calculated have no values before a spreadsheet saves them"
-            raise InputError(message, "table.empty")
-        std = _deviations(deviation, radius, camera.um_per_px) if deviation else np.full(len(time), np.nan)
-        for label, rows in shots.items():
-            if len(clocks) > 1:  # rows below a shot that is shorter than another one
-                rows = [row for row in rows if np.isfinite([time[row], radius.numbers[row]]).any()]
-            parts, lost = _parts(time[rows], radius.numbers[rows])
-            limits.check(len(curves) + len(parts), limits.CURVES, "curves")
-            for number, part in enumerate(parts, 1):
-                chosen = [rows[at] for at in part]
-                meta = _stretch_meta(stretches, chosen, [*table.notes, *lost])
-                seconds, unit = _times(time[chosen], clock, camera, meta["notes"])
-                if unit not in (None, *TIME_UNITS) or radius.unit not in (None, *RADIUS_UNITS):
-                    units = f"{table.titles} give time in {unit} and radius in {radius.unit}"
-                    raise InputError(f"{units}; expected units of time and of length", "table.units")
-                name = [label] if shot else [names[k]] if len(radii) > 1 else []
-                if len(parts) > 1:
-                    meta["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
-                    name.append(str(number))
-                if name:
-                    meta["label"] = ", ".join(name)
-                curve = _curve(seconds, radius.numbers[chosen], std[chosen], unit, radius.unit, meta)
-                curve = curve.labelled(warnings=(*curve.warnings, *radius.warnings))
-                curves.append(_scaled_to_column(curve, max_radius, chosen) if max_radius else curve)
-    return curves
+    deviation_of = _of_each(firsts, deviations if form.deviation else []) or [None] * len(firsts)
+    at_rest = table.all("radius at rest")
+    at_rest_of = _of_each(firsts, at_rest) or [next(iter(at_rest), None)] * len(firsts)
+    stretches = [column for kind in ("stretch", "stretch_std") for column in table.all(kind)[:1]]
+    of_each = zip(radii, clock_of, deviation_of, at_rest_of, strict=True)
+    return [_Series(form, *columns, shot, max_radius, stretches) for columns in of_each]
 
 
-def _labels(shot: Column) -> list[str]:
-    """Return the (rows,) labels of shots: 1.0 is 1, and a blank cell has the label above it, which a note says."""
-    labels = [re.sub(r"^(\d+)\.0*$", r"\1", label) for label in shot.text]
-    blank = [k for k, label in enumerate(labels) if not label and any(labels[:1])]
-    for k in blank:
-        labels[k] = labels[k - 1]
-    if blank:
-        shot.table.notes.append(f"{len(blank)} blank cells of {shot.title!r} filled with the label above them")
-    return labels
+def _of_each(radii: Sequence[Column], columns: Sequence[Column]) -> Sequence[Column | None]:
+    """Return the column that belongs to each radius, by number, else by order; none if their counts differ."""
+    if len(radii) != len(columns):
+        return []
+    numbers = {column.name.number: column for column in columns}
+    if len(numbers) < len(columns):
+        return columns
+    return [numbers.get(radius.name.number, columns[k]) for k, radius in enumerate(radii)]
 
 
-def _ask_for(camera: Camera, clock: Column | None, radius: _Radius, *, scaled: bool) -> None:
-    """Raise InputError if there are no times, and no frame rate, or no unit of the radius and no scale. scaled: the
-    file has R_max."""
-    if clock and not _counts_frames(clock):
-        return
-    title = radius.columns[0].title
+def stated(table: Table) -> dict[str, tuple[Column, float]]:
+    """Return what single numbers state of medium and camera, by quantity, in SI: the first of each that is possible."""
+    facts: dict[str, tuple[Column, float]] = {}
+    for column in table.columns:
+        kind, unit, _ = column.name
+        if kind in facts or kind not in RANGES or len(column.numbers) != 1:
+            continue
+        low, high = RANGES[kind]
+        value = float(column.numbers[0]) * (STATED.terms[kind].units.get(unit, np.nan) if unit else 1.0)
+        if 0.0 < value < np.inf and low <= value <= high:
+            facts[kind] = column, value
+    return facts
+
+
+def _facts(table: Table, camera: Camera) -> tuple[Camera, dict[str, Any], list[Column]]:
+    """Return the camera as the user gives it, else as the file states it; the `meta` of a curve with what is stated of
+    the medium, and notes; and the columns of all that is taken from the file."""
+    meta: dict[str, Any] = {"notes": [*table.notes]}
+    used = []
+    for kind, (column, value) in stated(table).items():
+        if kind in CONSTANTS:
+            meta.setdefault("medium", {})[kind] = value
+            unit = CONSTANTS[kind].unit
+        elif getattr(camera, OF_CAMERA[kind][0]) is None:
+            field, unit, of_camera = OF_CAMERA[kind]
+            camera = camera._replace(**{field: of_camera(value)})
+        else:
+            continue
+        used.append(column)
+        what = f"the file states the {kind.replace('_', ' ')}: {column.title} = {value:.6g} {unit}"
+        meta["notes"].append(what.rstrip())
+    return camera, meta, used
+
+
+def _unused(table: Table, used: set[int]) -> str:
+    """Return a note that names the columns that are not used, "" if there are none."""
+    filled = {k for row in table.rows for k, cell in enumerate(row.texts) if cell} or {*range(len(table.arrays))}
+    titles = [title or f"column {k}, without a title" for k, title in enumerate(table.titles, 1)]
+    left = [re.sub(r"\{\d+\}$", "", titles[k]) for k in sorted(filled - used)]
+    return f"not used: {listed(left, 12)}" if left else ""
+
+
+def _read_series(
+    camera: Camera, meta: Mapping[str, Any], several_clocks: bool, name: str, series: _Series
+) -> list[RadiusCurve]:
+    """Read the curves of one radius: one, or shots below each other. name: its label, or "". Raises InputError: no
+    unit, or no times; arrays of different lengths."""
+    notes = [*meta["notes"]]
+    clock = series.clock
+    of_frames = [column for column in (*series.radius, clock, series.deviation, series.shot) if column]
+    if len({len(column.text if column is series.shot else column.numbers) for column in of_frames}) > 1:
+        sizes = " and ".join(f"{len(column.text)} of {column.title}" for column in of_frames)
+        raise InputError(f"arrays of different lengths: {sizes}", "matlab.cells")
+    radius = series.form.radius(*(column.numbers for column in series.radius))
+    unit = _unit_of_radius(series, notes)
+    in_pixels = _is_in_pixels(radius, unit)
+    if clock is None or _counts_frames(clock):
+        _ask_for(camera, series, unit, in_pixels=in_pixels, notes=notes)
+    time = clock.numbers if clock else np.arange(float(len(radius)))
+    if clock and not several_clocks and time.size and not (np.abs(time) < _LARGEST_NUMBER).any():
+        message = f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}: of times since 1970 subtract the "
+        message += "first one; formulas that were never calculated have no values before a spreadsheet saves them"
+        raise InputError(message, "table.empty")
+    std = _deviations(series, radius, notes)
+    scale = 1.0
+    if camera.um_per_px is not None and in_pixels:
+        scale, unit = camera.um_per_px, "um"
+        notes.append(f"radii in pixels of {scale:g} um")
+    elif camera.um_per_px is not None:
+        notes.append("the scale is not used: the radii have a unit of length")
+    rows_of: dict[str, list[int]] = {}
+    for row, label in enumerate(_labels(series.shot, notes) if series.shot else ()):
+        rows_of.setdefault(label, []).append(row)
+    rows_of = rows_of or {name: [*range(len(time))]}
+
+    def read(label: str, numbers: list[int]) -> list[RadiusCurve]:
+        rows = np.array(numbers, dtype=np.intp)
+        if several_clocks:  # rows below a shot that is shorter than another one
+            rows = rows[np.isfinite(time[rows]) | np.isfinite(radius[rows])]
+        parts, lost = _parts(time[rows], radius[rows])
+        limits.check(len(parts), limits.CURVES, "curves")
+        curves = []
+        for number, part in enumerate(parts, 1):
+            chosen = rows[part]
+            words = [label, str(number)] if len(parts) > 1 else [label]
+            more = [f"the times begin again: shot {number} of {len(parts)} below each other"] if len(parts) > 1 else []
+            about = {**meta, "notes": [*notes, *lost, *more]}
+            about |= {"label": ", ".join(filter(None, words))} if any(words) else {}
+            seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
+            curve = _curve(seconds, scale * radius[chosen], scale * std[chosen], unit_of_time, unit, about)
+            curve = curve.labelled(warnings=(*curve.warnings, *_aspherical(series.radius, radius)))
+            curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
+        return curves
+
+    return _each(rows_of.items(), read)
+
+
+def _unit_of_radius(series: _Series, notes: list[str]) -> str | None:
+    """Return the unit of length that the columns name. Raises InputError: they name another one, or two."""
+    title, unit = series.radius[0].title, series.radius[0].unit
+    clock = series.clock
+    if any(column.unit != unit for column in series.radius):
+        raise InputError(
+            f"{' and '.join(column.title for column in series.radius)}: give both in one unit", "table.units"
+        )
+    if series.form.kinds == ("area",):
+        if unit is not None and unit not in AREA_UNITS:
+            raise InputError(f"{title!r} is in {unit}: expected a unit of area, as in Area [um^2]", "table.units")
+        if unit is None:
+            notes.append(f"{title!r} has no unit: taken to be in px^2")
+        unit = AREA_UNITS.get(unit or "px")
+    if (clock and clock.unit not in (None, "frame", *TIME_UNITS)) or unit not in (None, *RADIUS_UNITS):
+        units = f"time in {clock.unit if clock else None} and radius in {unit}"
+        titles = [column.title for column in (clock, *series.radius) if column]
+        raise InputError(f"{titles} give {units}; expected units of time and of length", "table.units")
+    return unit
+
+
+def _deviations(series: _Series, radius: Floats, notes: list[str]) -> Floats:
+    """Return the (n,) standard deviations in the unit of the radius. Raises InputError: their units do not agree."""
+    deviation, unit = series.deviation, series.radius[0].unit
+    if deviation is None:
+        return np.full(len(radius), np.nan)
+    notes.append(f"{deviation.title!r} is taken as the standard deviation of the radius in each frame")
+    unit = unit or next(iter(_units_by_size(_largest(radius))), None)
+    factor = series.form.deviation
+    if deviation.unit not in (None, unit):
+        if deviation.unit not in LENGTH_UNITS or unit not in LENGTH_UNITS:
+            message = f"{deviation.title!r} is in {deviation.unit} and the radius in {unit}: give both in one unit"
+            raise InputError(message, "table.units")
+        factor *= LENGTH_UNITS[deviation.unit] / LENGTH_UNITS[unit]
+    return factor * deviation.numbers
+
+
+def _ask_for(camera: Camera, series: _Series, unit: str | None, *, in_pixels: bool, notes: list[str]) -> None:
+    """Raise InputError if there is no frame rate for frames without times, or no unit of the radius and no scale."""
+    title, clock = series.radius[0].title, series.clock
+    scaled = series.max_radius is not None and series.max_radius.unit in LENGTH_UNITS
     missing = ["the frame rate (--fps 1e6)"] if camera.frame_rate is None else []
-    unclear = _is_in_pixels(radius.numbers, radius.unit) and (missing or radius.unit is None)
-    if camera.um_per_px is None and not scaled and unclear:
+    if camera.um_per_px is None and not scaled and in_pixels and (missing or unit is None):
         missing.append(f"the scale (--um-per-px 3.2) of {title!r}, in pixels unless its title says more")
+    what = f"{clock.title!r} has numbers of frames and no times" if clock else f"{title!r} has no times"
+    if camera.frame_rate is not None:
+        what = f"{title!r} has no unit"
     if missing:
-        what = f"{clock.title!r} has numbers of frames and no times" if clock else f"{title!r} has no times"
-        if camera.frame_rate is not None:
-            what = f"{title!r} has no unit"
-        raise InputError(f"{what}: give {' and '.join(missing)}", "table.frame_rate")
+        unused = [f"; {note}" for note in notes if note.startswith("not used")]
+        raise InputError(f"{what}: give {' and '.join(missing)}{''.join(unused)}", "table.frame_rate")
 
 
 def _counts_frames(clock: Column) -> bool:
     return clock.name.kind == "frame" or clock.unit == "frame"
 
 
-def _note_columns(table: Table, used: Sequence[Column]) -> None:
-    """Add a note that names the columns that are not used."""
-    taken = {column.index for column in used}
-    filled = {k for row in table.rows for k, cell in enumerate(row.texts) if cell} or {*range(len(table.arrays))}
-    titles = [repr(title) if title else f"column {k}, without a title" for k, title in enumerate(table.titles, 1)]
-    if left := sorted(filled - taken):
-        table.notes.append(f"columns not used: {', '.join(titles[k] for k in left)}")
+def _is_in_pixels(numbers: Floats, unit: str | None) -> bool:
+    """Whether radii are in pixels if a scale is given: without a unit, those that are no bubble in m or mm."""
+    return unit == "px" or (unit is None and bool(np.nanmax(numbers, initial=0.0) > 1e3 * _PLAUSIBLE[1]))
+
+
+def _aspherical(columns: Sequence[Column], radius: Floats) -> tuple[Message, ...]:
+    """Return a warning if two axes differ where the bubble is large."""
+    if len(columns) == 1:
+        return ()
+    a, b = (column.numbers for column in columns)
+    large = radius > 0.5 * np.nanmax(radius, initial=0.0)
+    share = float(np.median(np.abs(a - b)[large] / np.maximum(a, b)[large])) if large.any() else 0.0
+    return (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
+
+
+def _labels(shot: Column, notes: list[str]) -> list[str]:
+    """Return the (n,) labels of shots: 1.0 is 1, and a blank cell has the label above it, which a note says."""
+    labels = [re.sub(r"^(\d+)\.0*$", r"\1", label) for label in shot.text]
+    blank = [k for k, label in enumerate(labels) if not label and any(labels[:1])]
+    for k in blank:
+        labels[k] = labels[k - 1]
+    if blank:
+        notes.append(f"{len(blank)} blank cells of {shot.title!r} filled with the label above them")
+    return labels
+
+
+def _parts(time: Floats, radius: Floats) -> tuple[list[Indices], list[str]]:
+    """Return the indices of the frames of each shot in (n,) times, which begin again with each, and a note, in a list,
+    on the rows that are no frames: those without a time, and after the start those with time 0 and no radius."""
+    timed = np.abs(time) < _LARGEST_NUMBER
+    latest = np.maximum.accumulate(np.r_[-np.inf, np.where(timed, time, -np.inf)])[:-1]  # before each row
+    padding = (time == 0.0) & ~(radius > 0.0) & (latest >= 0.0)
+    notes = {
+        f"{len(time) - timed.sum()} of {len(time)} frames without a time left out": not timed.all(),
+        f"{padding.sum()} rows with time 0 and no radius left out: lost frames or padding": padding.any(),
+    }
+    frames = np.flatnonzero(timed & ~padding)
+    parts = np.split(frames, np.flatnonzero(np.diff(time[frames]) < 0) + 1)
+    whole = time[parts[0]]
+    start = whole[0] + _LATEST_START * np.ptp(whole) if len(whole) else np.nan
+    begins_again = all(len(part) >= _FEWEST_FRAMES and time[part[0]] <= start for part in parts)
+    return parts if begins_again else [frames], [note for note, applies in notes.items() if applies]
 
 
 def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str]) -> tuple[Floats, str | None]:
@@ -209,56 +417,50 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
     return time, clock.unit
 
 
-def _deviations(column: Column, radius: _Radius, um_per_px: float | None) -> Floats:
-    """Return the (rows,) standard deviations in the unit of the radius. Raises InputError: their units do not agree."""
-    column.table.notes.append(f"{column.title!r} is taken as the standard deviation of the radius in each frame")
-    of_radius = radius.columns[0].unit or next(iter(_units_by_size(_largest(radius.numbers))), None)
-    unit = column.unit or of_radius
-    factor = radius.form.deviation
-    if unit != of_radius:
-        if unit not in LENGTH_UNITS or of_radius not in LENGTH_UNITS:
-            message = f"{column.title!r} is in {unit} and the radius in {of_radius}: give both in one unit"
-            raise InputError(message, "table.units")
-        factor *= LENGTH_UNITS[unit] / LENGTH_UNITS[of_radius]
-    elif radius.unit != of_radius:
-        factor *= um_per_px or 1.0
-    return factor * column.numbers
+def _single(column: Column, rows: Indices) -> list[float]:
+    """Return the distinct numbers of a column in some rows, or the one that is stated for all."""
+    numbers = column.numbers if len(column.numbers) == 1 else column.numbers[rows]
+    return np.unique(numbers[np.isfinite(numbers)]).tolist()
 
 
-def _is_in_pixels(numbers: Floats, unit: str | None) -> bool:
-    """Whether radii are in pixels if a scale is given: without a unit, those that are no bubble in m or mm."""
-    return unit == "px" or (unit is None and bool(np.nanmax(numbers, initial=0.0) > 1e3 * _PLAUSIBLE[1]))
+def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: float) -> RadiusCurve:
+    """Return the curve with the R_max and the stretch that the file states for these rows. largest: the number of its
+    largest radius. Raises InputError: several R_max, or an implausible one."""
+    if column := series.max_radius:
+        curve = _scaled_to_column(curve, column, rows)
+    meta: dict[str, Any] = {}
+    notes = []
+    for column in series.stretches:
+        values = _single(column, rows)
+        if len(values) == 1 and (column.name.kind == "stretch_std" or 1.0 <= values[0] <= 100.0):
+            meta[column.name.kind] = values[0]
+        elif values:
+            notes.append(f"{column.title!r} is not used: it changes from frame to frame, or is no stretch")
+    if "stretch" in meta:
+        notes.append(f"the file states the stretch {meta['stretch']:.4g} +- {meta.get('stretch_std', np.nan):.2g}")
+    elif column := series.at_rest:
+        per_number = float(np.nanmax(curve.radius, initial=0.0)) / largest if largest > 0.0 else np.nan
+        at_rest = float(column.numbers[0]) * LENGTH_UNITS.get(column.unit or "", per_number)  # m
+        with suppress(InputError):  # no scale, or no maximum
+            stretch = curve.max_radius / at_rest if at_rest > 0.0 else np.nan
+            if 1.0 < stretch < 100.0:
+                meta["stretch"] = stretch
+                notes.append(f"the file states the stretch {stretch:.4g}: R_max over {column.title}")
+        notes += [] if meta else [f"{column.title!r} is not used: it gives no stretch"]
+    return curve.labelled(**meta).with_notes(*notes)
 
 
-def _parts(time: Floats, radius: Floats) -> tuple[list[NDArray[np.intp]], list[str]]:
-    """Return the indices of the frames of each shot in (n,) times, which begin again with each, and a note, in a list,
-    on the rows that are no frames: those without a time, and after the start those with time 0 and no radius."""
-    timed = np.abs(time) < _LARGEST_NUMBER
-    latest = np.maximum.accumulate(np.r_[-np.inf, np.where(timed, time, -np.inf)])[:-1]  # before each row
-    padding = (time == 0.0) & ~(radius > 0.0) & (latest >= 0.0)
-    notes = {
-        f"{len(time) - timed.sum()} of {len(time)} frames without a time left out": not timed.all(),
-        f"{padding.sum()} rows with time 0 and no radius left out: lost frames or padding": padding.any(),
-    }
-    frames = np.flatnonzero(timed & ~padding)
-    parts = np.split(frames, np.flatnonzero(np.diff(time[frames]) < 0) + 1)
-    whole = time[parts[0]]
-    start = whole[0] + _LATEST_START * np.ptp(whole) if len(whole) else np.nan
-    begins_again = all(len(part) >= _FEWEST_FRAMES and time[part[0]] <= start for part in parts)
-    return parts if begins_again else [frames], [note for note, applies in notes.items() if applies]
-
-
-def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
+def _scaled_to_column(curve: RadiusCurve, column: Column, rows: Indices) -> RadiusCurve:
     """Scale a curve to the R_max in these rows of a column, if any. Raises InputError: several, or implausible."""
-    if column.unit not in RADIUS_UNITS or column.unit == "px":
-        return curve.with_notes(f"the column {column.title!r} is not used: it names no unit of length, as rmax_um does")
-    sizes = np.unique(column.numbers[rows][np.isfinite(column.numbers[rows])])
+    if column.unit not in LENGTH_UNITS:
+        return curve.with_notes(f"{column.title!r} is not used: it names no unit of length, as rmax_um does")
+    sizes = _single(column, rows)
     if len(sizes) > 1:
-        values = f"{len(sizes)} values for one curve, {sizes[:2].tolist()}"
+        values = f"{len(sizes)} values for one curve, {sizes[:2]}"
         raise InputError(f"{column.title!r} has {values}: expected its R_max in every row", "table.several_sizes")
-    if not len(sizes):
+    if not sizes:
         return curve
-    size = float(sizes[0]) * RADIUS_UNITS[column.unit]
+    size = sizes[0] * LENGTH_UNITS[column.unit]
     RADIUS.check(column.title, size, "curve.max_radius")
     hint = f"R_max of each shot as the column {column.title!r} has it"
     notes = [note for note in curve.notes if note != curve.unscaled]  # it asks for a scale
@@ -267,81 +469,6 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: list[int]) -> Ra
             hint += f": radii scaled by {size / curve.max_radius:.3g}"
         return curve.labelled(hints=(*curve.hints, hint), notes=notes).with_max_radius(size)
     return curve
-
-
-def _stretch_meta(columns: list[Column | None], rows: list[int], notes: list[str]) -> dict[str, Any]:
-    """Return the `meta` of one curve: the stretch that the columns state for its rows, and the notes."""
-    meta: dict[str, Any] = {"notes": [*notes]}
-    for column in filter(None, columns):
-        values = np.unique(column.numbers[rows][np.isfinite(column.numbers[rows])])
-        if len(values) == 1:
-            meta[column.name.kind] = float(values[0])
-        elif len(values):  # it varies, so it is another quantity
-            meta["notes"].append(f"the column {column.title!r} is not used: it changes from frame to frame")
-    if "stretch" in meta:
-        spread = meta.get("stretch_std", np.nan)
-        meta["notes"].append(f"the file states the stretch {meta['stretch']:.4g} +- {spread:.2g}")
-    return meta
-
-
-def _radii(table: Table, camera: Camera, *, several: bool) -> list[_Radius]:
-    """Return the radii of each curve; `several`: each has its own times. Raises InputError: unclear columns."""
-    form = next((form for form in FORMS if all(map(table.all, form.kinds))), None)
-    if form is None:
-        raise InputError(f"one of two axes among {table.titles}: expected both, as in a_um and b_um", "table.columns")
-    of_curves = list(zip(*map(table.all, form.kinds), strict=False))
-    of_curves = [columns for columns in of_curves if columns[0].unit not in ("px", "px2")] or of_curves
-    firsts = [columns[0] for columns in of_curves]
-    if form.kinds[0] == "half_a" and re.search(r"(^|/)A(?![A-Za-z])", firsts[0].title):
-        titles = " and ".join(repr(column.title) for column in of_curves[0])
-        message = f"{titles}: two shots, or the half-axes of one bubble? name them R1_um and R2_um, or a_um and b_um"
-        raise InputError(message, "table.twice")
-    numbers = {column.name.number for column in firsts}
-    if not several and len(firsts) > 1 and ("" in numbers or len(numbers) < len(firsts)):
-        titles = " and ".join(repr(column.title) for column in firsts[:2])
-        message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all: R1_um, R2_um"
-        raise InputError(message, "table.twice")
-    if form.note:
-        table.notes.append(form.note)
-    if len(of_curves) > 1:
-        titles = listed([column.title for column in firsts])
-        table.notes.append(f"{len(of_curves)} columns of radii, a curve each: {titles}")
-    return [_radius(table, form, columns, camera) for columns in of_curves]
-
-
-def _radius(table: Table, form: Form, columns: Sequence[Column], camera: Camera) -> _Radius:
-    """Return the radii of one curve, in um if they are in pixels of a known size. Raises InputError: no unit."""
-    title, unit = columns[0].title, columns[0].unit
-    if any(column.unit != unit for column in columns):
-        raise InputError(f"{' and '.join(column.title for column in columns)}: give both in one unit", "table.units")
-    if form.kinds == ("area",):
-        if unit is not None and unit not in AREA_UNITS:
-            raise InputError(f"{title!r} is in {unit}: expected a unit of area, as in Area [um^2]", "table.units")
-        if unit is None:
-            table.notes.append(f"{title!r} has no unit: taken to be in px^2")
-        unit = AREA_UNITS.get(unit or "px")
-    numbers = form.radius(*(column.numbers for column in columns))
-    if camera.um_per_px is not None:
-        note = "the scale is not used: the radii have a unit of length"
-        if _is_in_pixels(numbers, unit):
-            note = f"radii in pixels of {camera.um_per_px:g} um"
-            numbers, unit = numbers * camera.um_per_px, "um"
-        table.notes.extend({note} - {*table.notes})
-    warnings: tuple[Message, ...] = ()
-    if len(columns) == 2:
-        a, b = (column.numbers for column in columns)
-        large = numbers > 0.5 * np.nanmax(numbers, initial=0.0)
-        share = float(np.median(np.abs(a - b)[large] / np.maximum(a, b)[large])) if large.any() else 0.0
-        warnings = (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
-    return _Radius(columns, form, numbers, unit, warnings)
-
-
-def _partners(radii: list[_Radius], columns: list[Column]) -> list[Column]:
-    """Return the column that belongs to each radius, by number, else by order; none if their counts differ."""
-    numbers = {column.name.number: column for column in columns}
-    if len(radii) == len(columns) and len(numbers) == len(columns):
-        return [numbers.get(radius.columns[0].name.number, columns[k]) for k, radius in enumerate(radii)]
-    return columns if len(radii) == len(columns) else []
 
 
 def _read_without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
@@ -353,13 +480,12 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
     if len(values) != 2:
         raise InputError(f"{len(values)} columns and no header; {HEADER_ADVICE}", "table.header")
     titles = ["time", "radius"]
-    names = list(map(Name, titles))
     empty = values[1] < _LEAST_RADIUS  # lost frames, or rows of -1000 between shots
-    arrays = [column[~empty] for column in values]
+    arrays = [(Name(title), partial(np.copy, column[~empty])) for title, column in zip(titles, values, strict=True)]
     notes = ["no header: columns taken as time and radius", *table.notes]
     if empty.any():
         notes.append(f"{np.count_nonzero(empty)} rows with radius <= 0 left out")
-    curves = read_table(Table(CURVES, [], notes, titles=titles, names=names, arrays=arrays), Camera())
+    curves = _read_table(Table(CURVES, [], notes, titles=titles, arrays=arrays), Camera())
     ratios = [ratio for curve in curves if (ratio := curve.rayleigh_ratio(density, pressure))]
     if not ratios or not all(_RATIOS[0] <= ratio <= _RATIOS[1] for ratio in ratios):
         raise InputError(f"no header, and the numbers do not prove their units; {HEADER_ADVICE}", "table.header")

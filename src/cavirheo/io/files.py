@@ -138,18 +138,16 @@ def expand(arguments: Iterable[str | Path], notify: Callable[[str], None] = lamb
     Raises InputError: no measurement in a folder ("files.none_in_folder"), or no match of a pattern ("files.no_match").
     """
     paths: list[Path] = []
-    for argument in arguments:
-        path = Path(argument)
+    for path in map(Path, arguments):
         if isdir(path):
             paths += _files_of_folder(path, notify)
-        elif not exists(path) and glob.has_magic(str(path)):
-            matches = [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if not isdir(name)]
-            if not matches:
-                message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
-                raise InputError(message, "files.no_match")
+        elif exists(path) or not glob.has_magic(str(path)):
+            paths.append(path)
+        elif matches := [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if not isdir(name)]:
             paths += matches
         else:
-            paths.append(path)
+            message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
+            raise InputError(message, "files.no_match")
     return without_headers(paths)
 
 

@@ -104,11 +104,11 @@ STATED = Vocabulary(
     (),
 )
 _ANY = (0.0, np.inf)
-RANGES: dict[str, tuple[float, float]] = {name: plausible[:2] for name, plausible in CONSTANTS.items()}
-RANGES |= {"density": _ANY, "pressure": _ANY, "surface_tension": (1e-3, 1.0), "stretch": (1.0, 100.0)}
 OF_CAMERA: dict[str, tuple[str, str, Callable[[float], float]]] = {  # field of Camera; unit in the file; its value
     "frame interval": ("frame_rate", "s", lambda interval: 1.0 / interval),
     "frame rate": ("frame_rate", "per second", lambda rate: rate),
     "size of a pixel": ("um_per_px", "m", lambda size: 1e6 * size),
     "um per pixel": ("um_per_px", "", lambda scale: scale),
 }
+RANGES: dict[str, tuple[float, float]] = {name: plausible[:2] for name, plausible in CONSTANTS.items()}
+RANGES |= {"density": _ANY, "pressure": _ANY, "surface_tension": (1e-3, 1.0), **dict.fromkeys(OF_CAMERA, _ANY)}

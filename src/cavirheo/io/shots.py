@@ -1,4 +1,9 @@
-"""Read the shots of one run from files: each recording once, with a unique name, in groups by file or folder."""
+"""Read the curves of a file; and the shots of one run: each recording once, with a unique name, in its group.
+
+The way of a file: its path is checked and opened once (`files.Source`). The first bytes choose the reader: a text or a
+workbook (`tables`), or a file of arrays (`binary`, `arrays`), becomes tables with named columns, whose titles `names`
+understands; `curves` makes RadiusCurves of them.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +13,21 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, parse_number_list, printable
-from cavirheo.io.curves import SCALE_TOLERANCE, Camera
+from cavirheo.errors import InputError, as_path, parse_number_list, printable, require
+from cavirheo.io.arrays import read_arrays
+from cavirheo.io.binary import opened
+from cavirheo.io.curves import SCALE_TOLERANCE, Camera, read_text
 from cavirheo.io.files import Source, guarded
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.video.formats import is_video
+
+if TYPE_CHECKING:
+    from cavirheo.video.measurement import Measurement, MeasureOptions
 
 Chosen = str | Iterable[int] | None  # which shots of a file: "1,4-7", numbered from 1 in the order of the file
 Item = TypeVar("Item")
@@ -69,11 +79,9 @@ def read_curves(
     """
     path = as_path(path)
     if is_video(path):
-        from cavirheo.io.videos import examine
-
         camera: dict[str, Any] = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure}
         _, curve = examine(path, sheet=True, exclude=exclude, **camera)
-        return selected([with_maximum_notes(curve)], shots)
+        return selected([_with_maximum_notes(curve)], shots)
     if exclude is not None:
         message = f"{printable(str(path))}: frames are excluded of recordings; of a table empty their radius"
         raise InputError(message, "reading.exclude")
@@ -85,28 +93,68 @@ def read_curves(
         labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
         labels = labels if len(curves) > 1 else [path.stem]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)
-        return [with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
+        return [_with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
 
 
 def _read(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
-    from cavirheo.io import curves, matlab, named_arrays, npy
-
     if source.kind == "empty":
         raise InputError(f"the file is empty; {_EXPECTED}", "reading.empty")
     if source.kind == "binary":
         advice = "unpack what is packed, and save arrays of old MATLAB with '-v7'"
         raise InputError(f"binary data of no known format: {advice}; {_EXPECTED}", "reading.binary")
     if source.kind in ("text", "workbook"):
-        return curves.read(source, density, pressure, camera)
-    if source.kind == "numpy":
-        columns = npy.arrays(source)
-        note = f"an array of numpy: {', '.join(columns)}"
-        return [curve.with_notes(note) for curve in named_arrays.curves(columns, camera, density, pressure)]
-    with matlab.opened(source) as arrays:
-        return named_arrays.curves(arrays, camera, density, pressure)
+        return read_text(source, density, pressure, camera)
+    with opened(source) as arrays:
+        curves = read_arrays(arrays, camera, density, pressure)
+        note = f"an array of numpy: {', '.join(arrays)}"
+        return [curve.with_notes(note) for curve in curves] if source.kind == "numpy" else curves
 
 
-def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
+def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:
+    """Measure R(t) in a recording: .mp4, .avi, .mkv, .mov, .tif, .cine, .mraw + .cihx or .cih, or a folder of images.
+
+    Args:
+        path: the recording.
+        options: `frame_rate` (1/s; needed unless the camera's file states it), `um_per_px` (without it, unless the file
+            states it, the curve has no scale), `exposure` (s), `polarity` ("auto", "dark", "bright"), `roi` (x, y,
+            width, height in px), `reference_frame`, `span` (first, last frame), `exclude` (frames to leave out,
+            "12,40-45" or a list); frames are counted from 1.
+
+    Returns:
+        A curve: (n,) times in s, radii and their standard deviations in m. Frames that cannot be measured are NaN;
+        `curve.meta["flags"]` has the reason for each frame.
+
+    Raises:
+        InputError: the recording cannot be read, its frame rate is not known, or no bubble is found.
+
+    Source: docs/method/video.md.
+    """
+    return examine(path, **options)[1]
+
+
+def examine(
+    path: str | Path, *, sheet: bool = False, **options: Unpack[MeasureOptions]
+) -> tuple[Measurement, RadiusCurve]:
+    """Return (the measurement, its curve), as `measure`; with `sheet` the curve's `meta` has the contact sheet."""
+    from cavirheo.video.measurement import MeasureOptions
+    from cavirheo.video.measurement import measure as measure_frames
+
+    path = as_path(path)
+    names = MeasureOptions.__annotations__.keys()
+    unknown = ", ".join(sorted(options.keys() - names))
+    require(not unknown, f"measure has no option {unknown}; it has {', '.join(names)}", "video.option")
+    with guarded(path, "expected a recording of a bubble", folder=True) as source:
+        measurement = measure_frames(path, **options)
+        origin: dict[str, Any] = {"name": path.stem, "group": path.stem, "source": printable(str(path))}
+        origin["source_sha256"] = None if path.is_dir() else source.sha256
+        if sheet:
+            from cavirheo.video.picture import contact_sheet, data_url
+
+            origin["contact_sheet"] = data_url(contact_sheet(measurement))
+        return measurement, measurement.curve(**origin)
+
+
+def _with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
     """Return the curve with notes on its growth and on outlying frames, unless it has no maximum."""
     try:
         start, spikes = curve.time_of_max, curve.spikes()
@@ -203,18 +251,15 @@ def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], li
 
 
 def _with_unique_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
-    """Return the curves with unique names: a shared name gets folders before it, or a number behind it."""
+    """Return the curves with unique names: a shared name gets its folder before it, or a number behind it."""
     sharing: dict[str, list[int]] = {}
     for k, curve in enumerate(curves):
         sharing.setdefault(curve.name, []).append(k)
     for name, places in sharing.items():
-        if len(places) < 2:
-            continue
-        paths = [Path(curves[k].source).resolve() for k in places]
-        with_folders = (["/".join((*path.parts[-depth:-1], name)) for path in paths] for depth in range(2, 9))
+        with_folders = [f"{Path(curves[k].source).resolve().parent.name}/{name}" for k in places]
         numbered = [f"{name} ({k})" for k in range(1, len(places) + 1)]
-        unique = next((names for names in with_folders if len({*names}) == len(places)), numbered)
-        for k, new in zip(places, unique, strict=True):
+        names = with_folders if len({*with_folders}) == len(places) else numbered
+        for k, new in zip(places, names if len(places) > 1 else [name], strict=True):
             curves[k] = curves[k].labelled(name=new)
     return curves
 

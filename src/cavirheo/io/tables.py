@@ -136,8 +136,9 @@ class Column:
 
     table: Table
     index: int  # its index, from 0
-    title: str  # as it is written, with the unit from the row below, if any
+    title: str  # as it is written, with the unit from the row below, if any; the path of an array
     name: Name
+    read: Callable[[], Floats] | None = None  # reads an array, which may have a length of its own
 
     @property
     def term(self) -> Term:
@@ -152,16 +153,16 @@ class Column:
     @property
     def text(self) -> list[str]:
         """(rows,) cells; "" for a missing one."""
-        if self.table.arrays:
+        if self.read:
             return list(map(str, self.numbers.tolist()))
         return [texts[self.index] if self.index < len(texts) else "" for _, texts in self.table.rows]
 
     @cached_property
     def numbers(self) -> Floats:
         """(rows,) numbers in the unit of the column; NaN for a missing one. Raises InputError: a cell is no number, or
-        has a comma of unknown meaning."""
-        if self.table.arrays:
-            return self.table.arrays[self.index]
+        has a comma of unknown meaning; or what is no array of numbers."""
+        if self.read:
+            return self.read()
         return np.array([self._number(*pair) for pair in zip(self.table.rows, self.text, strict=True)], dtype=float)
 
     def _number(self, row: Row, cell: str) -> float:
@@ -203,26 +204,23 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table below its titles; or all rows of a text or a sheet, without titles."""
+    """A table below its titles; all rows of a text or a sheet, without titles; or arrays with names."""
 
     vocabulary: Vocabulary  # used to read it
     rows: list[Row]  # of data
     notes: list[str]  # what was left out or recognised
-    sheet: str = ""  # its name in a workbook
+    name: str = ""  # of its sheet in a workbook, or of the group of the arrays
     titles: list[str] = field(default_factory=list)  # as they are written, with units from the row below
     line: int = 1  # number of the line with the titles
-    names: Sequence[Name] = ()  # what the titles of arrays name
-    arrays: Sequence[Floats] = ()  # (rows,) numbers of each title; then `rows` is empty
-
-    @property
-    def size(self) -> int:
-        return len(self.arrays[0]) if self.arrays else len(self.rows)
+    arrays: Sequence[tuple[Name, Callable[[], Floats]]] = ()  # of each title; then `rows` is empty
 
     @cached_property
     def columns(self) -> list[Column]:
         """The columns whose titles the vocabulary knows."""
-        names = self.names or [self.vocabulary.name(title) for title in self.titles]
-        columns = [Column(self, k, title, name) for k, (title, name) in enumerate(zip(self.titles, names, strict=True))]
+        if self.arrays:
+            columns = [Column(self, k, self.titles[k], *array) for k, array in enumerate(self.arrays)]
+        else:
+            columns = [Column(self, k, title, self.vocabulary.name(title)) for k, title in enumerate(self.titles)]
         return [column for column in columns if column.name.kind]
 
     def all(self, kind: str) -> list[Column]:
@@ -273,9 +271,9 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
 
 def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
     """Add a note to the tables of a workbook: which sheets are read, and which are not."""
-    read = [table.sheet for table in tables]
-    left = ", ".join(repr(sheet.sheet) for sheet in sheets if sheet.sheet not in read)
-    if any(sheet.sheet for sheet in sheets):
+    read = [table.name for table in tables]
+    left = ", ".join(repr(sheet.name) for sheet in sheets if sheet.name not in read)
+    if any(sheet.name for sheet in sheets):
         for table in tables:
             note = f"read from the workbook: {', '.join(map(repr, read))}"
             table.notes.insert(0, note + (f"; not read: {left}" if left else ""))
@@ -290,7 +288,7 @@ def _no_titles(sheets: list[Table], vocabulary: Vocabulary) -> InputError:
     titles = ", ".join(repr(title[:30]) for title in closest[:_LISTED])
     missing = [kind.split("|")[0] for kind in vocabulary.missing(closest)]
     names = " and ".join(vocabulary.terms[kind].label or kind for kind in missing)
-    hidden = "".join(f"; not read: {sheet.sheet}" for sheet in sheets if not sheet.rows)
+    hidden = "".join(f"; not read: {sheet.name}" for sheet in sheets if not sheet.rows)
     return vocabulary.error("columns", f"no column for {names} among {titles}{hidden}; {vocabulary.expected}")
 
 
@@ -318,7 +316,7 @@ def _tables(sheet: Table) -> Iterator[Table]:
             if word := next((cell for cell in row.texts if plain_title(cell) in _SUMMARIES.split()), ""):
                 message = f"row {row.number} is a {word} and no measurement: remove it, and others like it"
                 raise vocabulary.error("summary", message)
-        yield Table(vocabulary, rows, notes, sheet.sheet, titles, sheet.rows[at].number)
+        yield Table(vocabulary, rows, notes, sheet.name, titles, sheet.rows[at].number)
 
 
 def _begins_section(row: Row) -> bool:
@@ -468,15 +466,14 @@ def _replace_signs(sheet: Table) -> None:
     with_points, with_commas = (set(filter(form.fullmatch, marked)) for form in (_POINTED, _COMMAED))
     if with_points == with_commas or (with_points - with_commas and with_commas - with_points):
         return  # every number can be read in two ways, or each way is that of a number
-    form, thousands, word = (_POINTED, ",", "points") if with_points - with_commas else (_COMMAED, ".", "commas")
-    counts = dict.fromkeys((f"decimal {word}", "marks between thousands"), 0)
+    form, thousands = (_POINTED, ",") if with_points - with_commas else (_COMMAED, ".")
+    numbers = [cell for texts in rows for cell in texts if form.fullmatch(cell)]
     for texts in rows:
-        for k, cell in enumerate(texts):
-            if form.fullmatch(cell):
-                texts[k] = cell.replace(thousands, "").replace(",", ".")
-                counts[f"decimal {word}"] += form is _COMMAED and "," in cell
-                counts["marks between thousands"] += cell.count(thousands)
-    sheet.notes.extend(f"{count} {what}" for what, count in counts.items() if count)
+        texts[:] = [cell.replace(thousands, "").replace(",", ".") if form.fullmatch(cell) else cell for cell in texts]
+    if form is _COMMAED and any("," in cell for cell in numbers):
+        sheet.notes.append("decimal commas")
+    if any(thousands in cell for cell in numbers):
+        sheet.notes.append("marks between thousands left out")
 
 
 def _plain_number(cell: str) -> str:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, require, sha256
-from cavirheo.io import hdf5
+from cavirheo.io.binary import check_sizes, local_items
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import TrainingProblem, uniforms
 from cavirheo.training import trajectories
@@ -275,8 +275,8 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
                     raise InputError(f"{message}; use an empty folder or its settings", f"dataset.another_{key}")
             layout, start = layout_of(_problem_of(json.loads(head["problem"]))), head["start"]
             count = min(PER_FILE, head["total"] - start)
-            items = {name: hdf5.local_item(file, name) for name in layout.columns}
-            hdf5.check_sizes(items.values())
+            items = {name: item for name, item in local_items(file).items() if name in layout.columns}
+            check_sizes(items.values())
             shapes = {name: (item.dtype, item.shape) for name, item in items.items()}
             needed = {name: (np.dtype(kind), (count, *shape)) for name, (kind, shape) in layout.columns.items()}
             fine = shapes == needed and path.name == _name(start)

@@ -46,7 +46,7 @@ class Measure(options.PrintingVerb):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.inference import input_warnings
-        from cavirheo.io.videos import examine
+        from cavirheo.io.shots import examine
         from cavirheo.physics.media import WATER
         from cavirheo.reporting.measured import describe, write_csv
         from cavirheo.video.formats import require_library
