@@ -113,9 +113,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("repository") and not (ROOT / "docs").is_dir():
             item.add_marker(pytest.mark.skip(reason="no repository beside the tests"))
-        for mark in item.iter_markers("needs"):
-            if find_spec(mark.args[0]) is None:
-                item.add_marker(pytest.mark.skip(reason=f"needs {mark.args[0]}"))
     items.sort(key=lambda item: next((i for i, name in enumerate(LONGEST) if item.path.stem == name), len(LONGEST)))
 
 

@@ -30,7 +30,6 @@ def shot(tmp_path) -> Path:
     return tmp_path / "shot.csv"
 
 
-@pytest.mark.needs("matplotlib")
 def test_the_main_job(run):
     curves, (group,), _ = infer(run, EXAMPLE)
     assert [(row["verdict"], row["medium"]["density"]) for row in curves] == [("unverified", 998.0)] * 5

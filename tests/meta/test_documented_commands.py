@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from validation.rendering import Scene, render
 
 pytestmark = [
     pytest.mark.slow,
-    *(pytest.mark.needs(library) for library in ("torch", "av", "matplotlib")),
+    pytest.mark.skipif(not all(map(find_spec, ("torch", "av", "matplotlib"))), reason="needs the extras"),
     pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash"),
 ]
 NOT_RUN = {  # what a line begins with: why

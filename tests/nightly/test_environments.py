@@ -18,8 +18,6 @@ COMMANDS = {
     "simulate": "simulate --rmax-um 250 --stretch 7 --material newtonian(0.05) -o out",
     "rheometer": "rheometer frequency.csv -o out",
     "collapse-time": "collapse-time times.csv -o out",
-    "references": "infer curve.csv --references sets.csv -o out",
-    "models": "models",
 }
 WELL = {  # where everything must work: what the shell does before
     "no home": "unset HOME XDG_CACHE_HOME",
@@ -39,7 +37,7 @@ BADLY = {  # where a command may also say that it cannot
     "stdout is closed": "exec 1>&-",
     "all streams are closed": "exec 0<&- 1>&- 2>&-",
 }
-CASES = [(case, command) for case in WELL for command in ("infer", "rheometer", "models")]
+CASES = [(case, command) for case in WELL for command in ("infer", "rheometer")]
 CASES += [(case, command) for case in BADLY for command in COMMANDS]
 
 
@@ -48,7 +46,6 @@ def here(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("here")
     for name in ("curve.csv", "frequency.csv", "times.csv"):
         (folder / name).write_text(TEXTS[name])
-    (folder / "sets.csv").write_text("set,files,method,quantity,mean\ngel,curve.csv,IMR,G_kPa,5\n")
     return folder
 
 

@@ -1,5 +1,5 @@
 """The forward problem against what is known exactly: linear oscillations, limits, invariants, orders of convergence;
-laws with memory against convolution integrals and a Lagrangian tensor solution.
+laws with memory against convolution integrals and the stress field around the bubble.
 
 `pytest -s` shows every measured number beside its limit. The limits are two to ten times what was measured. Two
 fifths of the cases are always run, and cover every law, motion and limit; the others are slow (`make test-slow`).

@@ -12,7 +12,7 @@ import pytest
 from conftest import FIELD, WATER, refused
 from scipy.integrate import quad
 
-from cavirheo import Bubble, InputError, Medium, Newtonian, simulate, simulate_many
+from cavirheo import Bubble, InputError, Medium, Newtonian, simulate
 from cavirheo.inference.assumptions import FITTABLE, Family
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import laws, materials
@@ -20,7 +20,7 @@ from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import Damage
 from cavirheo.physics.laws import Elastic, Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, Viscous, Yeoh
 from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse
-from cavirheo.physics.media import Pulse, medium
+from cavirheo.physics.media import Pulse
 from cavirheo.physics.table import look_up
 
 
@@ -137,12 +137,8 @@ def test_lock_up_is_a_status():
     assert str(law) in run.status
     assert np.isfinite(run.radius[:5]).all()  # it starts, and locks when the collapse has squeezed the gel
     assert np.isnan(run.radius[-1])
-    taut = law.table()[[0, -1], 0]
-    assert all(f"{ratio:.4g}" in run.status for ratio in taut)
-    assert taut**-4 + 2 * taut**2 - 3 == pytest.approx(20.0, rel=1e-6)
     at_once = simulate(law, **WAY | {"stretch": 5.0}, throw=False)
     assert at_once.stats["steps"] == 0
-    assert "t = 0 us" in at_once.status
 
 
 # --- the registry and the notation
@@ -234,17 +230,13 @@ IMPOSSIBLE: dict[str, list] = {  # by the code of the refusal: texts of laws, ca
     "followed_twice": [lambda: Viscoelastic(NeoHookean(1e3), None, 2 * [TotalRelaxation(0.1, 1e-6)])],
     "not_Elastic": [lambda: Viscoelastic(Newtonian(1.0), NeoHookean(1e3))],
     "boiling": [lambda: replace(WATER, temperature=400.0)],
-    "unknown_medium": [lambda: medium("honey")],
     "radius": [lambda: Damage(0.5, 0.9), lambda: Damage(0.5, nan)],
     "amplitude": [lambda: Pulse(nan, 1e6, 0.0)],
-    "frequency": [lambda: Pulse(1e6, 0.0, 0.0)],
     "max_radius": [lambda: simulate(NeoHookean(1e3), **WAY | {"max_radius": -1e-4})],
     "stretch": [lambda: simulate(NeoHookean(1e3), **WAY | {"stretch": 0.5})],
     "times_descend": [lambda: simulate(NeoHookean(1e3), **WAY | {"time": [0, 2e-6, 1e-6]})],
     "no_fields": [lambda: simulate(NeoHookean(1e3), bubble=Bubble(exponent=1.4), fields=True, **WAY)],
     "sound_speed": [lambda: simulate(NeoHookean(1e3), **WAY | SILENT)],
-    "shapes": [lambda: simulate_many(2 * [NeoHookean(1e3)], **WAY | {"max_radius": [1e-4] * 3})],
-    "motion": [{"motion": "rayleigh"}],
     "contents": [{"contents": "frozen"}],
     "accommodation": [KINETIC | {"accommodation": value} for value in (0.0, "some")],
     "contents_twice": [{"exponent": 1.4} | other for other in ({"vapour_excess": "free"}, KINETIC)],
