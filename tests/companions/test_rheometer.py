@@ -65,14 +65,10 @@ def test_nothing_is_extrapolated(omega, answered):
 
 
 SCATTER = np.append([1.8, 0.5, 1.4, 0.7, 1.25, 0.88], np.ones(STRAIN.size - 6))  # at low torque
-OUTLIER = np.where(np.arange(STRAIN.size) == 15, 1.3, 1.0)
-NOISE = 1 + 0.02 * np.random.default_rng(0).standard_normal(STRAIN.size)
 SOFT, FIVE = softening(STRAIN), np.sqrt(1 / 0.95 - 1)
 STRAIN_SWEEPS = {  # G', where the linear range ends, how near that is found
     "softening": (SOFT, FIVE, 0.02),
     "scatter": (SOFT * SCATTER, FIVE, 0.02),
-    "outlier": (SOFT * OUTLIER, FIVE, 0.02),
-    "noise": (SOFT * NOISE, FIVE, 0.25),
     "stiffening": (500 * (1 + (STRAIN / 0.3) ** 2), 0.3 * np.sqrt(0.05), 0.02),
     "ends in the linear range": (np.full(20, 1e3), STRAIN[19], 0.02),
     "has none": (1e3 * STRAIN**-0.3, None, 0.02),

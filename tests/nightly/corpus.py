@@ -35,7 +35,6 @@ add(
     name_not_utf8=(b"caf\xe9\xff.csv", CURVE),
     name_newline_bad=("two\nerror: lines.csv", "nothing"),
     name_escape=("\x1b[31mred\x1b[0m\x07.csv", CURVE),
-    name_escape_bad=("\x1b]0;title\x07.csv", "nothing"),
     name_right_to_left=("\u202egpj.csv", CURVE),
     name_dash=("-o.csv", CURVE),
     name_quotes=('it\'s "quoted" `x` $HOME.csv', CURVE),
@@ -82,7 +81,6 @@ ODD_CURVES: dict[str, tuple[np.ndarray, np.ndarray]] = {  # us, um
     "denormal": (TIME, np.full(100, 5e-324)),
     "negative": (TIME, -RADIUS),
     "no_rows": (TIME[:0], RADIUS[:0]),
-    "four_rows": (TIME[:4], RADIUS[:4]),
     "same_times": (np.zeros(100), RADIUS),
 }
 for _name, (_t, _r) in ODD_CURVES.items():

@@ -13,7 +13,7 @@ SOURCE = Path(cavirheo.__file__).parent
 
 _SAMPLE = """
 name_not_utf8 name_newline_bad name_escape name_of_255_bytes fifo_csv fifo_json socket device_zero_csv folder_csv
-link_to_itself unreadable missing empty_mat sparse_csv csv_all_nan csv_huge csv_denormal mat_four_rows
+link_to_itself unreadable missing empty_mat sparse_csv csv_all_nan csv_huge csv_denormal
 csv_escape_labels csv_html_labels csv_of_html bomb_mat_of_cells_where_an_array_belongs bomb_h5_without_a_shape
 json_deep toml_deep references_huge damaged_bdt.mat_1 damaged_groups.h5_2 damaged_frequency.csv_3
 damaged_result.json_4 damaged_curve.xlsx_5
