@@ -75,11 +75,10 @@ ANSWERS = Page(
         Group(
             "Documents",
             {
-                "cavirheo.reporting.record": "Result",
-                "cavirheo.reporting.answer": "CurveRecord Sentence Compared",
-                "cavirheo.reporting.group": "GroupRecord PublishedValue",
-                "cavirheo.reporting.material": "PopulationRecord Systematic MaterialRatio",
-                "cavirheo.reporting.laws": "LawsOfGroup LawOfGroup",
+                "cavirheo.reporting.record": (
+                    "Result CurveRecord Sentence Compared GroupRecord PublishedValue PopulationRecord Systematic "
+                    "MaterialRatio LawsOfGroup LawOfGroup"
+                ),
                 "cavirheo.companions.design": "Design DesignedSetting",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer": "Rheometry",

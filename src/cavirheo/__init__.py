@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulate import simulate as simulate
     from cavirheo.physics.simulate import simulate_many as simulate_many
     from cavirheo.posterior import Posterior as Posterior
-    from cavirheo.reporting.record import table as table
+    from cavirheo.reporting.documents import table as table
 
 _NAMES = {  # public names, by module
     "companions.design": "design Rig",
@@ -48,7 +48,7 @@ _NAMES = {  # public names, by module
     "physics.media": "Medium",
     "physics.simulate": "simulate simulate_many Simulation",
     "posterior": "Posterior",
-    "reporting.record": "table",
+    "reporting.documents": "table",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

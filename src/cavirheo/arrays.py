@@ -16,6 +16,11 @@ def relative_weights(log_weight: Floats) -> Floats:
     return np.asarray(np.exp(log_weight - np.max(log_weight)))
 
 
+def relative_scatter(decades: float) -> float:
+    """Standard deviation over the mean of a lognormal distribution with this standard deviation of log10."""
+    return float(np.sqrt(np.expm1((decades * np.log(10.0)) ** 2)))
+
+
 def log_sum(log_value: ArrayLike, axis: int | None = None) -> Floats:
     """log of the sum of exp(log_value), along an axis or over the whole array; -inf where every term is zero. scipy's
     logsumexp takes ten times as long for the small arrays of a posterior, which needs thousands of these sums."""

@@ -22,8 +22,8 @@ from cavirheo.io.files import header_of, measurement_files, pixels_of
 from cavirheo.io.shots import CurveSet, read_shots
 from cavirheo.parallel import Executor, cores
 from cavirheo.reporting import DOCUMENTS, result, write_report
-from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.documents import curve_record
+from cavirheo.reporting.record import CurveRecord, Result
 from cavirheo.workflow.store import Store, analyse, with_source_of
 from cavirheo.writing.document import Outputs
 from cavirheo.writing.packing import content_hash

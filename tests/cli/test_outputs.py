@@ -22,7 +22,7 @@ from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import html, read_json, result, write_report
 from cavirheo.workflow.store import Store, analyse_all
-from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs
+from cavirheo.writing.document import LIST_FILE, Claim, Outputs
 
 VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": "infer shot.csv --model bdt-viscoelastic",
@@ -68,8 +68,8 @@ def test_what_is_not_this_runs_is_not_replaced(run, inputs, name):
     (out / name).unlink()
     with Claim("cavirheo elsewhere", {}).running():
         Outputs(out, "r")
-        leaves_all(inputs, run, name, "out", "cavirheo elsewhere")
-    with Claim("cavirheo of yesterday", {}).running():
+        leaves_all(inputs, run, name, "out", "in use by another run")
+    with Claim("cavirheo of yesterday", {"verb": "another"}).running():
         Outputs(out, name).write(name, Path.write_text, "answers")
     leaves_all(inputs, run, name, "out", "cavirheo of yesterday", "-o", "--replace")
 
@@ -102,10 +102,11 @@ def test_a_run_knows_its_own_answers_again_and_leaves_those_of_others(run, tmp_p
 def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
     Outputs(tmp_path, "a.csv").write("a.csv", Path.write_text, "ours")
     assert code_of(Outputs, tmp_path, "a.csv", inputs=[tmp_path / "." / "a.csv"]) == "document.input"
-    later = Outputs(tmp_path, "a.csv", "b.csv")
-    later.write("b.csv", Path.write_text, "b")
-    assert (tmp_path / "a.csv").exists()
-    later.finish()
+    with Claim("another", {"verb": "another"}, replace=True).running():
+        later = Outputs(tmp_path, "a.csv", "b.csv")
+        later.write("b.csv", Path.write_text, "b")
+        assert (tmp_path / "a.csv").exists()
+        later.finish()
     assert not (tmp_path / "a.csv").exists()
 
 
@@ -113,14 +114,14 @@ LINKS = [Path.symlink_to, Path.hardlink_to, lambda path, _: os.mkfifo(path)]
 
 
 @pytest.mark.parametrize("link", LINKS, ids=["link", "hard link", "pipe"])
-@pytest.mark.parametrize("name", [LOCK_FILE, LIST_FILE, ".part-result.json"])
+@pytest.mark.parametrize("name", [LIST_FILE, ".part-result.json"])
 def test_nothing_is_written_through_a_link_of_somebody_else(tmp_path, name, link):
     out, theirs = tmp_path / "out", tmp_path / "theirs"
     out.mkdir()
     theirs.write_text("measured with care")
     link(out / name, theirs)
     with Claim("cavirheo infer", {}).running():
-        if name in (LOCK_FILE, LIST_FILE):
+        if name == LIST_FILE:
             assert code_of(Outputs, out, "result.json") == "document.link"
         else:
             Outputs(out, "result.json").write("result.json", Path.write_text, "answers")
@@ -150,7 +151,6 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
 def test_another_report_or_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):
     write_report(tmp_path, solved[:1], result(solved[:1], "first"))
     before = contents(tmp_path)
-    assert LOCK_FILE not in before
     for pairs, command in ((solved[:1], "second"), (solved[1:], "first")):
         assert code_of(write_report, tmp_path, pairs, result(pairs, command)) == "document.other_run"
     assert contents(tmp_path) == before

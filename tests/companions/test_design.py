@@ -11,8 +11,8 @@ from cavirheo.arrays import NORMAL_90
 from cavirheo.inference import design
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.design import Setting, gain, shots_wanted
-from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.record import result, result_of
+from cavirheo.reporting.documents import result, result_of
+from cavirheo.reporting.record import CurveRecord
 from cavirheo.writing.document import Quantity
 
 NHKV = Family("nhkv")

@@ -18,7 +18,7 @@ from cavirheo.column import read_column
 from cavirheo.inference.which_law import ranked
 from cavirheo.posterior import Diagnostics, Evidence
 from cavirheo.reporting import html, result, write_report
-from cavirheo.reporting.laws import laws_by_curve
+from cavirheo.reporting.documents import laws_by_curve
 from cavirheo.writing import document
 from cavirheo.writing.document import Quantity
 

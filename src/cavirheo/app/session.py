@@ -22,9 +22,8 @@ from cavirheo.inference.analysis import DEFAULT
 from cavirheo.inference.cards import shipped
 from cavirheo.io.files import pixels_of, without_headers
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.material import cached_material_of
-from cavirheo.reporting.record import Pairs, Result
+from cavirheo.reporting.documents import Pairs
+from cavirheo.reporting.record import CurveRecord, Result
 from cavirheo.settings import Exclude, InferSettings, checked
 from cavirheo.video.formats import is_video
 from cavirheo.writing.document import short_name
@@ -301,7 +300,6 @@ class Session:
 
     def close(self) -> None:
         self.clear()
-        cached_material_of.cache_clear()
         self._temporary.cleanup()
 
     def _unused_path(self, name: str) -> Path:

@@ -19,8 +19,7 @@ from cavirheo.io import write_csv
 from cavirheo.parallel import Threads, cores, run_on_any_core
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import group_pictures, result, write_report
-from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.record import Pairs
+from cavirheo.reporting.documents import Pairs, curve_record
 from cavirheo.workflow.store import with_source_of
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST_FILE, short_name

@@ -15,12 +15,11 @@ from cavirheo.inference.cards import card, shipped
 from cavirheo.inference.what_if import compared_window
 from cavirheo.posterior import Checks
 from cavirheo.reporting import html
-from cavirheo.reporting.answer import parameter_key
 from cavirheo.reporting.citation import TITLE, methods_paragraph
+from cavirheo.reporting.documents import result_of
 from cavirheo.reporting.panels import all_curves_panel, curve_panels, preview_panels
-from cavirheo.reporting.record import result_of
 from cavirheo.reporting.svg import GROUP_SIZE, picture
-from cavirheo.reporting.table import curve_warnings, curves_by_message, curves_by_note, summary_cells
+from cavirheo.reporting.table import curve_warnings, curves_by_message, curves_by_note, parameter_key, summary_cells
 from cavirheo.writing import digits
 
 VERSION = version("cavirheo")

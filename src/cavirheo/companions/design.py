@@ -29,9 +29,7 @@ from cavirheo.inference.design import (
 from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, STRETCH_RANGE, require_name
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
-from cavirheo.reporting.answer import StoredMedium
-from cavirheo.reporting.material import log_ends
-from cavirheo.reporting.record import Result, read_json
+from cavirheo.reporting.record import Result, StoredMedium, log_ends, read_json
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
 

@@ -15,8 +15,7 @@ from cavirheo.errors import InputError, is_float, listed
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.reporting import comparison
-from cavirheo.reporting.group import OUR_METHOD, Published, PublishedValue
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.record import OUR_METHOD, Published, PublishedValue, Result
 from cavirheo.writing.document import Outputs
 
 TABLE = "comparison.csv"

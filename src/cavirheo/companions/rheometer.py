@@ -20,7 +20,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable
 from cavirheo.io.files import guarded
 from cavirheo.io.tables import Column, Table, Term, Vocabulary, read_columns
-from cavirheo.reporting.group import PublishedValue
+from cavirheo.reporting.record import PublishedValue
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
 from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of

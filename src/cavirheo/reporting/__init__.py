@@ -9,10 +9,10 @@ from markupsafe import Markup
 
 from cavirheo.posterior import TRUSTED, Checks
 from cavirheo.reporting import html, svg
-from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.documents import Pairs, result
 from cavirheo.reporting.panels import curve_panels
 from cavirheo.reporting.plane import group_panels
-from cavirheo.reporting.record import Pairs, Result, read_json, result
+from cavirheo.reporting.record import GroupRecord, Result, read_json
 from cavirheo.reporting.table import csv_rows
 from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
 
@@ -69,18 +69,18 @@ def _curve_pictures(pairs: Pairs, document: Result, *, draw: bool) -> dict[int, 
     rows, notes = document.curves, document.notes
     size = svg.SIZE if len(pairs) == 1 else svg.SHOT_SIZE
     exceptions_first = sorted(range(len(rows)), key=lambda number: rows[number].verdict in TRUSTED)
+    if len(rows) > MAX_PICTURES:
+        notes.append(f"report.html has the sections of {MAX_PICTURES} of {len(rows)} curves, exceptions first")
 
     def curve_picture(number: int) -> str:
         curve, answer = pairs[number]
         panels = curve_panels(curve, answer.checks if rows[number].has_answer else Checks("failed"), answer.method)
         return svg.picture(panels, size, with_key=len(pairs) == 1)
 
-    pictures = dict.fromkeys(sorted(exceptions_first[:MAX_PICTURES]), "")
-    for number in pictures if draw else ():
-        pictures[number] = try_to_draw(f"picture of {rows[number].name}", notes, curve_picture, number)
-    if len(rows) > MAX_PICTURES:
-        notes.append(f"report.html has the sections of {MAX_PICTURES} of {len(rows)} curves, exceptions first")
-    return pictures
+    return {
+        number: try_to_draw(f"picture of {rows[number].name}", notes, curve_picture, number) if draw else ""
+        for number in sorted(exceptions_first[:MAX_PICTURES])
+    }
 
 
 def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> dict[str, str]:

@@ -5,10 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cavirheo.reporting.answer import display_unit
-from cavirheo.reporting.group import OUR_METHOD, GroupRecord
-from cavirheo.reporting.material import MAIN_FIELDS
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.record import MAIN_FIELDS, OUR_METHOD, GroupRecord, Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Quantity, Spread, write_rows
 
@@ -64,7 +61,7 @@ def comparison_table(result: Result) -> tuple[list[str], list[list[str]]]:
     rows = []
     for group in result.groups:
         for name, method, value in _values(group):
-            symbol, factor, unit = display_unit(name, result.modulus_unit)
+            symbol, factor, unit = digits.display_unit(name, result.modulus_unit)
             if name not in MAIN_FIELDS:  # of a rheometer, at one angular frequency
                 symbol, unit = f"µ at {name.removeprefix('viscosity_at_').removesuffix('_rad_per_s')} rad/s", "Pa s"
             words = digits.spread(value, factor) if isinstance(value, Spread) else digits.quantity(value, factor)

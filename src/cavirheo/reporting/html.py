@@ -13,17 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.reporting.advice import answer_lines, group_facts
-from cavirheo.reporting.answer import display_unit, meaning_of, parameter_key, parameters_of
 from cavirheo.reporting.comparison import comparison_key, comparison_table
-from cavirheo.reporting.laws import LAW_HEADS, LAWS_TITLE
-from cavirheo.reporting.record import Result
-from cavirheo.reporting.table import shots_table
+from cavirheo.reporting.record import LAW_HEADS, LAWS_TITLE, Result
+from cavirheo.reporting.table import meaning_of, parameter_key, parameters_of, shots_table
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
 _FUNCTIONS = (
     *(answer_lines, group_facts, shots_table, comparison_table, comparison_key),
-    *(display_unit, meaning_of, parameter_key, parameters_of),
+    *(meaning_of, parameter_key, parameters_of),
 )
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.posterior import Posterior, weighted_quantile
-from cavirheo.reporting.answer import CurveRecord, Unit, display_unit, parameters_of
-from cavirheo.reporting.group import MATERIAL_CONSTANTS, GroupRecord
+from cavirheo.reporting.documents import MATERIAL_CONSTANTS, Pairs
 from cavirheo.reporting.panels import MAX_DRAWN, Axis, Layer, Panel, all_curves_panel, tones_of
-from cavirheo.reporting.record import Pairs, Result
+from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
+from cavirheo.reporting.table import parameters_of
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Spread
 
@@ -91,13 +91,13 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
     return [_plane([shot for shot in shots if shot.known.all()], _references(group, axes), axes), curves]
 
 
-def _axes(rows: Sequence[CurveRecord], unit: Unit) -> list[_Parameter]:
+def _axes(rows: Sequence[CurveRecord], unit: tuple[float, str]) -> list[_Parameter]:
     known = parameters_of(rows)
     upper = next((name for name in MATERIAL_CONSTANTS[:2] if name in known), "")
     axes = []
     for name in ("shear_modulus", upper):
         if name in known:
-            symbol, factor, written = display_unit(name, unit)
+            symbol, factor, written = digits.display_unit(name, unit)
             axes.append(_Parameter(name, factor, f"{symbol} ({written})"))
     return axes
 

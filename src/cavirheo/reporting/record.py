@@ -1,4 +1,4 @@
-"""result.json: the answers as a document for other programs (schema 1), made and read.
+"""The documents of a run: result.json (schema 1) as classes, with what is read from it in words.
 
 Every number is SI and finite, or null: q05 and q95 are null for a method without an interval; all values of the answer
 are null for a curve without one, and `messages` say why. A bound has no median. The answer of a group is that of the
@@ -7,38 +7,483 @@ population of its shots.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from datetime import datetime
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import BeforeValidator, PlainSerializer, model_validator
+from pydantic_core import to_jsonable_python
 
+from cavirheo.arrays import Floats, relative_scatter
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, expect
+from cavirheo.messages import is_input_warning
 from cavirheo.parameters import VISCOSITY_AT_RATE
-from cavirheo.posterior import Posterior
-from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.group import GroupRecord, Published, group_record
-from cavirheo.reporting.laws import LawsOfGroup
-from cavirheo.reporting.material import (
-    MaterialRatio,
-    cached_material_of,
-    differences,
-    material_of,
-)
+from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.media import Medium
+from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Heap, Pair, Verdict
 from cavirheo.writing import digits, document
-from cavirheo.writing.document import Document
+from cavirheo.writing.document import Document, Finite, Quantity, Record, Spread
 from cavirheo.writing.export import dataframe
 
-if TYPE_CHECKING:
-    from cavirheo.inference.population import CommonErrors, Population
+MAIN_FIELDS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
+SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # of the parameters of an answer
+WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
+OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
+LAW_HEADS = ["law", "log evidence", "probability", "of one material"]
+LAWS_TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
+_NEUTRAL_VALUES = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}  # values that change nothing
 
-Pairs = Sequence[tuple[RadiusCurve, Posterior]]
+
+class ParameterValues(Record):
+    """A record with parameters: those of `_keys` are fields, all others are in `other_parameters`.
+
+    Attributes:
+        shear_modulus_Pa: shear modulus G, Pa.
+        viscosity_Pa_s: viscosity mu, Pa s; its values are null for a law without a constant viscosity.
+        other_parameters: all other parameters by natural name, SI.
+    """
+
+    shear_modulus_Pa: Quantity = Quantity()
+    viscosity_Pa_s: Quantity = Quantity()
+    other_parameters: dict[str, Quantity] = {}
+    _keys: ClassVar[Mapping[str, str]] = MAIN_FIELDS
+
+    @classmethod
+    def fields_of(cls, values: Mapping[str, Quantity]) -> dict[str, Any]:
+        """The fields of a record that hold these parameters."""
+        standard = {key: values[name] for name, key in cls._keys.items() if name in values}
+        further = {name: value for name, value in values.items() if name not in cls._keys}
+        return {**standard, "other_parameters": further}
+
+    def value(self, name: str) -> Quantity:
+        """The value of a parameter by its natural name; an empty one if there is none."""
+        if key := self._keys.get(name):
+            return getattr(self, key)
+        return self.other_parameters.get(name, Quantity())
+
+    @property
+    def viscosity(self) -> Quantity:
+        """The viscosity, or that at 1e5 1/s of a law without a constant viscosity."""
+        return self.viscosity_Pa_s if self.viscosity_Pa_s.known else self.value(VISCOSITY_AT_RATE)
+
+    def main(self, name: str) -> Quantity:
+        """G ("shear_modulus") or mu ("viscosity"), which is that at 1e5 1/s of a law without a constant viscosity."""
+        return self.viscosity if name == "viscosity" else self.value(name)
 
 
-MAX_CACHED_CURVES = 500  # most curves of a run whose materials are kept in memory
+def log_ends(values: Iterable[Quantity]) -> Floats:
+    """(n, 3) log10 of q05, median and q95, SI; NaN where there is none. The middle of a wide interval is its median."""
+    values = list(values)
+    ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float).reshape(-1, 3)
+    logs = np.log10(np.where(ends > 0, ends, np.nan))
+    wide = [value.bound == "wide" for value in values]
+    logs[wide, 1] = 0.5 * (logs[wide, 0] + logs[wide, 2])
+    return np.asarray(logs)
+
+
+class Compared(Record):
+    """The part of a recording in which simulation and measurement were compared; it begins at R_max.
+
+    Attributes:
+        collapses: number of complete collapses in it; null without an answer.
+        t_star_end: end of the window, as time after R_max over t_c = R_max sqrt(density/pressure); null without an
+            answer.
+    """
+
+    collapses: int | None = None
+    t_star_end: Finite = None
+
+    @property
+    def words(self) -> str:
+        """The window in words: '3 collapses, t* ≤ 3.1'."""
+        words = [] if self.collapses is None else [digits.counted(self.collapses, "collapse")]
+        words += [] if self.t_star_end is None else [f"t* ≤ {digits.significant(self.t_star_end, 2)}"]
+        return ", ".join(words) or digits.MISSING
+
+
+def _read_medium(value: Any) -> Any:
+    """The medium in a document, where null is an infinite speed of sound; fields of a later version are left out."""
+    if not isinstance(value, dict):
+        return value
+    constants = {field.name: value[field.name] for field in fields(Medium) if field.name in value}
+    speed = constants.get("sound_speed")
+    return Medium(**constants | {"sound_speed": inf if speed is None else speed}, unusual=True)
+
+
+def json_data(value: Any) -> Any:
+    """The value as JSON data: arrays as lists, NaN and infinity as null, other objects as their text."""
+    return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda v: getattr(v, "tolist", v.__str__)())
+
+
+StoredMedium = Annotated[Medium, BeforeValidator(_read_medium), PlainSerializer(json_data)]
+
+
+class Sentence(Record):
+    """A message of an answer.
+
+    Attributes:
+        code: subject of the message, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected".
+        text: the message as a sentence.
+    """
+
+    code: str
+    text: str
+
+
+class CurveRecord(ParameterValues):
+    """The answer for one curve. If the verdict is "failed", all values of the answer are null, and `messages` say why.
+
+    Attributes:
+        name: name of the curve.
+        source: file of the curve, as it was given.
+        group: name of the group to which the shot belongs.
+        group_source: file or folder whose shots form the group.
+        material: name of the law.
+        bubble: model of the bubble; each of its parameters is a number or "free" (inferred).
+        max_radius_m: R_max, m.
+        time_of_max_s: time of R_max on the clock of the file, s.
+        strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
+        medium: constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older
+            version.
+        switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening" and "field_bubble";
+            left out for other laws.
+        method: method of the answer: "bdt", "verified" or "least_squares".
+        stretch: R_max/R_0, inferred, fitted or given.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        other_parameters: further parameters by natural name, SI: those inferred besides G, mu and the stretch, those
+            given for the bubble, and the viscosity at a shear rate of 1e5 1/s if the law has no constant viscosity.
+        best: parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the
+            stretch, and the corrections of the clock, the radius scale and R_max. They are not the medians.
+        mae_over_rmax: mean absolute difference between measured and simulated radius, over R_max.
+        max_difference_over_rmax: largest absolute difference between measured and simulated radius, over R_max.
+        window: the window in which frames were compared.
+        verdict: "ok", or what is wrong (docs/method/verdicts.md).
+        messages: reasons for the verdict, and other remarks; input warnings first.
+        notes: what was recognised, converted or left out when the file was read.
+        seconds: wall time of the computation, s.
+        evidence: evidence of the law; null where the method gives none.
+        diagnostics: how the answer was computed.
+        column: title and value of the column declared by the user; left out where there is none.
+        stretch_prior: "mean" and "std" of the normal prior of the stretch, from the file or the late plateau; left out
+            where there is no such prior.
+        provenance: model, settings, versions and hash of the source, as a record for readers; its keys may change.
+    """
+
+    name: str
+    source: str
+    group: str
+    group_source: str
+    material: str
+    bubble: Bubble = FIELD
+    stretch: Quantity = Quantity()
+    rmse_over_rmax: Finite = None
+    max_radius_m: Finite
+    time_of_max_s: Finite
+    strain_rate_per_s: Finite
+    switches: dict[str, float] = {}
+    medium: StoredMedium | None = None
+    method: str
+    best: Mapping[str, Finite] = {}
+    mae_over_rmax: Finite
+    max_difference_over_rmax: Finite
+    window: Compared
+    verdict: Verdict
+    messages: list[Sentence] = []
+    notes: list[str]
+    seconds: float
+    evidence: Evidence | None = None
+    diagnostics: Diagnostics = Diagnostics()
+    column: dict[str, float] = {}
+    stretch_prior: dict[str, float] = {}
+    provenance: dict[str, Any]
+    _omitted_if_empty = ("switches", "column", "stretch_prior")
+    _keys = MAIN_FIELDS | {"stretch": "stretch"}
+
+    @property
+    def model(self) -> str:
+        """Law and name of the bubble: 'nhkv, real'."""
+        return f"{self.material}, {self.bubble.name}"
+
+    @property
+    def has_answer(self) -> bool:
+        return self.verdict != "failed"
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the curve counts in the means and in the material of its group."""
+        return self.verdict in TRUSTED
+
+    @property
+    def verdict_in_words(self) -> str:
+        """The verdict, and what it is about: 'bound: µ', 'check input: walls'."""
+        subjects = [message.code.split(".")[1].replace("_", " ") for message in self.warnings[:1]]
+        if self.verdict == "bound":
+            values = {symbol: self.main(name) for name, symbol in SYMBOLS.items()}
+            subjects = [symbol for symbol, value in values.items() if value.bound and not value.is_zero]
+        words = digits.VERDICT_WORDS[self.verdict]
+        return f"{words}: {', '.join(subjects)}" if subjects else words
+
+    @property
+    def simulation_in_words(self) -> str:
+        """Kind and values of the simulation that is drawn over the measurement, or "" where they are not known:
+        'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs'."""
+        words = []
+        for name, value in self.best.items():
+            if value is not None and value != _NEUTRAL_VALUES.get(name):
+                symbol, factor, unit = digits.display_unit(name, digits.modulus_unit([value]))
+                words.append(f"{symbol} = {digits.significant(factor * value, 4)} {unit}".rstrip())
+        return f"{digits.simulation_name(self.method)}: {', '.join(words)}" if words else ""
+
+    @property
+    def message(self) -> str:
+        """All messages in one line."""
+        return "; ".join(message.text for message in self.messages)
+
+    @property
+    def warnings(self) -> list[Sentence]:
+        """Messages about the recording and its settings, if they decide the verdict."""
+        decisive = self.verdict == "check_input"
+        return [message for message in self.messages if decisive and is_input_warning(message.code)]
+
+
+class Systematic(Record):
+    """What errors that all shots of a group share do to its answer.
+
+    Attributes:
+        errors: relative standard deviations of the errors: "scale" of the radius, "rate" of the frames, "density" and
+            "pressure" of the medium.
+        slopes: relative change of a parameter per relative change of each of these, by natural name.
+        statistics: the answer without these errors, by natural name, SI; the interval in the population has them.
+    """
+
+    errors: dict[str, float] = {}
+    slopes: dict[str, dict[str, float]] = {}
+    statistics: dict[str, Quantity] = {}
+
+
+class PopulationRecord(ParameterValues):
+    """The material of n shots. Without a material, the parameters are null, and `line` says why.
+
+    Attributes:
+        line: the material in a sentence, for a paper; or why there is none.
+        model: law and name of the bubble model, "nhkv, real".
+        n: number of shots that count.
+        switches: probability of each switch of the default family, by all shots together; left out for other laws.
+        heaps: the two heaps into which the shots fall in a parameter in which they disagree, by natural name; left out
+            where there are none.
+        spreads_decades: standard deviation of the shots about the material in each parameter, decades (log10), by
+            natural name.
+        correlation: correlation coefficients of the scatter of the shots, by "name, name".
+        outliers: probability that a shot is of another material, by the name of the shot; for shots above 0.5.
+        left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
+            "other_model" or "copy".
+        log_evidence: log evidence of the law for all these shots, with one material and its scatter; null where a shot
+            has none.
+        log_evidence_error: standard error of log_evidence.
+        agree: whether the shots differ by no more than their intervals.
+        column: title of the declared column with which the material may change; left out where there is none.
+        column_at: value of the column at which the parameters are given; left out where there is no column.
+        slopes_decades: slope of each parameter along the column, decades per unit of the column, by natural name; left
+            out where there is no column.
+    """
+
+    line: str = ""
+    model: str = ""
+    n: int = 0
+    switches: dict[str, float] = {}
+    heaps: dict[str, tuple[Heap, Heap]] = {}
+    spreads_decades: dict[str, Quantity] = {}
+    correlation: dict[str, Quantity] = {}
+    outliers: dict[str, float] = {}
+    left_out: dict[str, int] = {}
+    log_evidence: Finite = None
+    log_evidence_error: Finite = None
+    agree: bool = False
+    column: str = ""
+    column_at: Finite = None
+    slopes_decades: dict[str, Quantity] = {}
+    _omitted_if_empty = ("switches", "heaps", "column", "column_at", "slopes_decades")
+
+    @property
+    def has_material(self) -> bool:
+        """Whether there is a material; if not, the line says why."""
+        return bool(self.spreads_decades)
+
+    @property
+    def wide_scatters(self) -> dict[str, float]:
+        """Standard deviation of the shots over the material, by parameter in which they scatter more than one batch of
+        gel does and than their intervals explain, and are no two heaps."""
+        spreads = {} if self.agree else self.spreads_decades
+        scatters = {name: relative_scatter(spreads[name].median or 0.0) for name in MAIN_FIELDS if name in spreads}
+        return {name: size for name, size in scatters.items() if size > WIDE_SCATTER and name not in self.heaps}
+
+
+class MaterialRatio(Record):
+    """A parameter of the material of the first group over that of the second (`Difference` in inference/population).
+
+    Attributes:
+        first: name of the group whose value is the numerator.
+        second: name of the group whose value is the denominator.
+        parameter: natural name.
+        ratio: value of the first material over that of the second.
+        probability_higher: probability that the value of the first material is larger.
+        probability_differs: probability of two materials against one, if both are equally likely in advance, and two
+            materials are a factor of about 2 apart.
+    """
+
+    first: str
+    second: str
+    parameter: str
+    ratio: Quantity
+    probability_higher: float
+    probability_differs: float
+
+    @property
+    def words(self) -> str:
+        """'gel B over gel A: G 1.32 (1.05 to 1.65), larger with probability 0.98'."""
+        higher = self.probability_higher
+        way, probability = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
+        probable = "> 0.99" if probability > 0.99 else f"{probability:.2f}"
+        ratio = f"{digits.symbol_and_unit(self.parameter)[0]} {digits.quantity(self.ratio)}"
+        return f"{self.first} over {self.second}: {ratio}, {way} with probability {probable}"
+
+
+class LawOfGroup(Record):
+    """The evidence of one law for the shots of a group; null where there is none.
+
+    Attributes:
+        log_evidence: sum over the shots of the natural logarithm of p(frames | law).
+        standard_error: standard error of log_evidence.
+        probability: probability of the law among those that have an evidence, if all are equally likely in advance.
+        material: the shots as one material by this law, in a sentence, or why there is none; of a single shot its
+            values.
+        material_log_evidence: log evidence of the law with one material and its scatter; null where a shot has none.
+    """
+
+    log_evidence: Finite = None
+    standard_error: Finite = None
+    probability: Finite = None
+    material: str = ""
+    material_log_evidence: Finite = None
+
+
+class LawsOfGroup(Record):
+    """The laws that were compared for the shots of a group.
+
+    Attributes:
+        shots: number of shots over which the evidence is summed: those for which all laws have one.
+        chosen: simplest law that the evidence does not reject; null where no law has an evidence.
+        contenders: laws that the evidence does not reject, the simplest first.
+        laws: the laws by name.
+        pairs: comparisons of each law with each worse one.
+    """
+
+    shots: int
+    chosen: str | None
+    contenders: list[str]
+    laws: dict[str, LawOfGroup]
+    pairs: list[Pair] = []
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """Rows of a table: law, log evidence below the best, probability, and that with one material."""
+        best = max((law.log_evidence for law in self.laws.values() if law.log_evidence is not None), default=0.0)
+        heights = [law.material_log_evidence for law in self.laws.values() if law.material_log_evidence is not None]
+        rows = []
+        for name, law in self.laws.items():
+            mark = ("→ " if name == self.chosen else "") + name + ("*" if name in self.contenders else "")
+            evidence, together = digits.MISSING, digits.MISSING
+            if law.log_evidence is not None:
+                evidence = f"{law.log_evidence - best:.1f} ± {law.standard_error or 0.0:.1f}"
+            if law.material_log_evidence is not None:
+                together = f"{law.material_log_evidence - max(heights):.1f}"
+            probability = digits.MISSING if law.probability is None else f"{law.probability:.3f}"
+            rows.append([mark, evidence, probability, together])
+        return rows
+
+    @property
+    def sentences(self) -> list[str]:
+        """How strongly the evidence prefers the best law to each other law; then the material by each law."""
+        preferences = [
+            f"{pair.first} before {pair.second} by {pair.difference:.1f} ± {pair.error:.1f} in log evidence (scatter "
+            f"over the shots); {pair.shots[0]} shots for, {pair.shots[1]} against"
+            for pair in self.pairs[: len(self.laws) - 1]  # those with the best law come first
+        ]
+        return preferences + [f"{name}: {law.material}" for name, law in self.laws.items() if law.material]
+
+
+class PublishedValue(Spread):
+    """The value of a parameter by another method.
+
+    Attributes:
+        source: publication of the value; left out where it is not known.
+    """
+
+    source: str = ""
+    _omitted_if_empty = ("source",)
+
+
+Published = Mapping[str, Mapping[str, PublishedValue]]  # by method and parameter, SI
+
+
+class GroupRecord(Record):
+    """The shots of one file or folder, and the answer for their material.
+
+    Attributes:
+        name: name of the file or folder.
+        n: number of shots with an answer.
+        n_counted: number of shots that count in the answer.
+        n_failed: number of shots without an answer.
+        population: the answer for the material; of a single shot that counts, its own answer. Its values are null where
+            there is none.
+        systematic: what errors that all shots share do to it; empty where that is not known.
+        verdict: "ok", or what is wrong (docs/method/verdicts.md).
+        messages: reasons for the verdict first, then remarks.
+        verdicts: number of curves by verdict.
+        published: values of other methods, by method and parameter, SI; left out unless they were given. The parameter
+            viscosity_at_1_rad_per_s is the viscosity by a rheometer at this angular frequency.
+        laws: the laws that were compared by their evidence; left out unless they were (`which-law`).
+    """
+
+    name: str
+    n: int
+    n_counted: int
+    n_failed: int
+    population: PopulationRecord = PopulationRecord()
+    systematic: Systematic = Systematic()
+    verdict: Verdict
+    messages: list[Sentence] = []
+    verdicts: dict[str, int]
+    published: dict[str, dict[str, PublishedValue]] = {}
+    laws: LawsOfGroup | None = None
+    _omitted_if_empty = ("published", "laws")
+
+    def value(self, name: str) -> Quantity:
+        """The group's answer for a parameter by its natural name; an empty one if there is none."""
+        return self.population.value(name)
+
+    @property
+    def has_answer(self) -> bool:
+        """Whether any parameter of the material has a value or a bound."""
+        return any(self.population.main(name).known for name in MAIN_FIELDS)
+
+    @property
+    def doubts(self) -> list[Sentence]:
+        """The messages because of which no line of this group is to be used without a second look."""
+        return [message for message in self.messages if message.code.startswith("group.doubt.")]
+
+    @property
+    def facts(self) -> list[Sentence]:
+        """The messages on what could be wrong."""
+        return [message for message in self.messages if message not in self.doubts]
+
+    @property
+    def change_by_scale(self) -> float | None:
+        """Change of G, %, by 1 % in scale or frame rate; None where it is not known."""
+        return self.systematic.slopes.get("shear_modulus", {}).get("scale")
 
 
 class Result(Document):
@@ -60,7 +505,7 @@ class Result(Document):
 
     @model_validator(mode="after")
     def _each_curve_in_a_group(self) -> Result:
-        if sum(group.n + group.n_failed > 0 for group in self.groups) != len(_members(self.curves)):
+        if sum(group.n + group.n_failed > 0 for group in self.groups) != len(members_of(self.curves)):
             raise ValueError("its groups are not those of its curves")
         return self
 
@@ -74,17 +519,9 @@ class Result(Document):
         """Names of the parameters that were inferred, or given for the bubble, without G, mu and the stretch."""
         return list(dict.fromkeys(name for curve in self.curves for name in curve.other_parameters))
 
-    @property
-    def model_key(self) -> list[str]:
-        """Lines below a table on the models of the answers, and on a viscosity at a shear rate."""
-        models = dict.fromkeys((curve.material, curve.bubble.sentence) for curve in self.curves if curve.has_answer)
-        lines = list(dict.fromkeys(sentence for _, sentence in models))
-        if len(models) == 1:
-            titles = {name: f" ({title})" for name, title in digits.MATERIAL_TITLES.items()}
-            lines = [f"model: {material}{titles.get(material, '')}. {sentence}" for material, sentence in models]
-        if VISCOSITY_AT_RATE in self.parameters:
-            lines.append("µ of a law that thins or yields: at a shear rate of 1e5 1/s")
-        return lines
+    def unit_of(self, name: str) -> tuple[float, str]:
+        """(factor from SI, name) of the unit of G ("shear_modulus") or mu ("viscosity")."""
+        return self.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
 
     def to_dataframe(self) -> Any:
         """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""
@@ -96,7 +533,7 @@ class Result(Document):
 
     def indices_by_group(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""
-        members = iter(_members(self.curves).values())
+        members = iter(members_of(self.curves).values())
         return [(group, next(members) if group.n + group.n_failed else []) for group in self.groups]
 
     def rows_by_group(self) -> list[tuple[GroupRecord, list[CurveRecord]]]:
@@ -113,96 +550,17 @@ class Result(Document):
         order of the names."""
         for k, name in enumerate(published):
             if name not in [group.name for group in self.groups]:
-                self.groups.insert(k, group_record(name, []))
+                empty = GroupRecord(name=name, n=0, n_counted=0, n_failed=0, verdict="failed", verdicts={})
+                self.groups.insert(k, empty)
         for group in self.groups:
             group.published |= {method: dict(values) for method, values in published.get(group.name, {}).items()}
 
 
-def result(
-    pairs: Pairs,
-    command: str,
-    *,
-    date: str | None = None,
-    notes: Sequence[str] = (),
-    errors: CommonErrors | None = None,
-) -> Result:
-    """The document of all curves, in the given order, and of their groups.
-
-    Args:
-        pairs: (curve, answer), in the order of the rows.
-        command: the command that was run, as text.
-        date: date of the run; default: the present time.
-        notes: notes on the run as a whole (files that could not be read, ...).
-        errors: relative standard deviations of the errors that all shots of a group share; default: those of
-            `population`.
-    """
-    rows = [curve_record(curve, answer) for curve, answer in pairs]
-    title = _column_title(rows)
-    material = cached_material_of if len(rows) <= MAX_CACHED_CURVES else material_of
-    materials: list[Population | None] = []
-    for indices in _members(rows).values():
-        answers = tuple(pairs[i][1] for i in indices)
-        names = tuple(rows[i].name for i in indices)
-        along = tuple(rows[i].column.get(title, np.nan) for i in indices) if title else None
-        materials.append(material(answers, names, along, errors))
-    date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    return result_of(rows, command, materials, date=date, notes=notes)
-
-
-def result_of(
-    rows: Sequence[CurveRecord],
-    command: str,
-    materials: Sequence[Population | None] = (),
-    *,
-    date: str | None = None,
-    notes: Sequence[str] = (),
-) -> Result:
-    """The result of these records of curves, and of their groups. materials: those of the groups; default: none."""
-    members, names, title = _members(rows), group_names(rows), _column_title(rows)
-    materials = materials or [None] * len(members)
-    groups = [
-        group_record(name, [rows[i] for i in indices], material, title)
-        for name, indices, material in zip(names, members.values(), materials, strict=True)
-    ]
-    differing = differences(dict(zip(names, materials, strict=True)))
-    return Result(
-        command=command, date=date, notes=list(notes), curves=list(rows), groups=groups, differences=differing
-    )
-
-
-def table(answers: Sequence[Posterior]) -> Any:
-    """The answers as a pandas.DataFrame: a row for each, with the columns of result.csv in SI ("name", "max_radius_m",
-    "shear_modulus_Pa", "shear_modulus_Pa_q05", ..., "verdict", "message").
-
-    A failed answer has NaN. So has the median of a bound: its limit is in the column _q95 if the value is below it, in
-    _q05 if above, and _bound says which.
-
-    Args:
-        answers: as `infer_many` or `fit_many` give them.
-
-    Raises:
-        InputError: no answers, an answer without its curve, or pandas is missing.
-    """
-    rows = []
-    for answer in answers:
-        expect(answer, Posterior, "a list of answers of infer_many or fit_many")
-        if answer.curve is None:
-            message = "an answer has no curve to name its row: set one, dataclasses.replace(answer, curve=curve)"
-            raise InputError(message, "posterior.no_curve")
-        rows.append(curve_record(answer.curve, answer))
-    return result_of(rows, "cavirheo.table").to_dataframe()
-
-
 def group_names(curves: Iterable[CurveRecord | RadiusCurve]) -> list[str]:
     """Names of the groups of curves, in order; groups with the same name have the path that was read instead."""
-    members = list(_members(curves))
+    members = list(members_of(curves))
     stems = [group for group, _ in members]
     return [group if stems.count(group) == 1 or not source else source for group, source in members]
-
-
-def _column_title(rows: Iterable[CurveRecord]) -> str:
-    """The title of the column that the user declared; "" if there is none."""
-    return next((title for row in rows for title in row.column), "")
 
 
 def read_json(path: str | Path) -> Result:
@@ -210,7 +568,7 @@ def read_json(path: str | Path) -> Result:
     return document.read_json(path, Result)
 
 
-def _members(curves: Iterable[CurveRecord | RadiusCurve]) -> dict[tuple[str, str], list[int]]:
+def members_of(curves: Iterable[CurveRecord | RadiusCurve]) -> dict[tuple[str, str], list[int]]:
     """Indices of the curves of each group; two files of one name in different folders are two groups."""
     members: dict[tuple[str, str], list[int]] = {}
     for index, curve in enumerate(curves):

@@ -7,13 +7,10 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from cavirheo.posterior import TRUSTED
-from cavirheo.reporting.advice import SYMBOLS, answer_lines, group_facts, next_step, windows
-from cavirheo.reporting.answer import CurveRecord, parameter_key
+from cavirheo.reporting.advice import answer_lines, group_facts, next_step, windows
 from cavirheo.reporting.comparison import print_comparison
-from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.laws import LAW_HEADS, LAWS_TITLE
-from cavirheo.reporting.record import Result
-from cavirheo.reporting.table import curves_by_message, parameters_table, shots_table
+from cavirheo.reporting.record import LAW_HEADS, LAWS_TITLE, SYMBOLS, CurveRecord, GroupRecord, Result
+from cavirheo.reporting.table import curves_by_message, parameter_key, parameters_table, shots_table
 from cavirheo.writing import digits, terminal
 
 MOST_ROWS = 12  # shots of a group that all have a row; of a larger one the exceptions have
@@ -38,20 +35,54 @@ def print_result(
     for group, shots in result.rows_by_group():
         if len(shots) > 1:
             _print_title(group.name, group_facts(group, shots))
-            _print_rows(result, shots, group, every_shot)
+            _print_rows(result, shots, group.population.outliers, every_shot)
             _print_answer(result, group, shots, out)
     if len(singles) == 1:
         ((group, shot),) = singles
-        _print_title(shot.name, _shot_facts(shot) if shot.has_answer else [])
+        facts = [f"R_max {digits.micrometres(shot.max_radius_m)} µm", f"λ {digits.quantity(shot.stretch)}"]
+        facts += [*windows([shot]), f"RMSE {digits.percent(shot.rmse_over_rmax)} %"]
+        _print_title(shot.name, facts if shot.has_answer else [])
         _print_answer(result, group, [shot], out)
     elif singles:
         shots = [shot for _, shot in singles]
         _print_title(digits.counted(len(shots), "shot"), ["each by itself", *windows(shots)])
-        _print_rows(result, shots, None, every_shot)
+        _print_rows(result, shots, (), every_shot)
         doubtful = [group for group, _ in singles if group.verdict != "ok"]
         _say("next", next_step(doubtful[0] if doubtful else singles[0][0], shots, out))
     if any(group.published for group in result.groups):
         print_comparison(result)
+
+
+def print_all(result: Result, *, out: Path = Path()) -> None:
+    """Print further parameters, all messages, the laws that were compared, and the result with a row for each shot. A
+    shot is called by what distinguishes it."""
+    names = digits.distinct_names([row.name for row in result.curves])
+    rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
+    console = terminal.console()
+    terminal.print_table(console, *parameters_table(result, names))
+    for line in parameter_key(result.parameters):
+        terminal.print_text(console, line, style="dim")
+    terminal.print_remarks(console, curves_by_message(rows))
+    for group in result.groups:
+        if group.laws:
+            title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {LAWS_TITLE}"
+            terminal.print_table(console, LAW_HEADS, group.laws.rows, title=title)
+            terminal.print_remarks(console, {}, group.laws.sentences)
+    terminal.print_remarks(console, {}, [row.words for row in result.differences])
+    print_result(result, out=out, every_shot=True)
+
+
+def print_line(record: CurveRecord) -> None:
+    """Print an answer in one line, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa (5.9 to 7.0), µ 0.029 Pa
+    s (0.026 to 0.033), λ 6.1 (5.9 to 6.3), R_max 152 µm, RMSE 1.2 %'."""
+    unit = digits.modulus_unit([record.shear_modulus_Pa.largest])
+    values = [("G", record.shear_modulus_Pa, *unit), ("µ", record.viscosity, 1.0, "Pa s"), ("λ", record.stretch, 1, "")]
+    parts = [
+        f"{symbol} {digits.quantity(value, scale, unit=name)}" for symbol, value, scale, name in values if value.known
+    ]
+    parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
+    line = f"  {record.name}: {', '.join(parts) if record.has_answer else record.message}"
+    _print([(record.verdict_in_words, digits.VERDICT_STYLES[record.verdict].terminal), (line, "")])
 
 
 def _width() -> int:
@@ -64,29 +95,47 @@ def _print_title(name: str, facts: Sequence[str]) -> None:
     _print([(short, "bold"), (f"  {words}", "")])
 
 
-def _shot_facts(shot: CurveRecord) -> list[str]:
-    facts = [f"R_max {digits.micrometres(shot.max_radius_m)} µm", f"λ {digits.quantity(shot.stretch)}"]
-    return [*facts, *windows([shot]), f"RMSE {digits.percent(shot.rmse_over_rmax)} %"]
-
-
-def _print_rows(result: Result, shots: Sequence[CurveRecord], group: GroupRecord | None, every_shot: bool) -> None:
-    """A row for each shot; of many, for the exceptions, and how many there are."""
+def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collection[str], every_shot: bool) -> None:
+    """A row for each shot; of many, for the exceptions, and what the shots are that count."""
     visible = list(shots)
     if len(shots) > MOST_ROWS and not every_shot:
-        outliers = group.population.outliers if group else {}
         exceptions = [shot for shot in shots if shot.verdict not in TRUSTED or shot.name in outliers]
         visible = exceptions[:MOST_EXCEPTIONS]
-    names = dict(zip((shot.name for shot in shots), digits.distinct_names([shot.name for shot in shots]), strict=True))
+    short = digits.distinct_names([shot.name for shot in shots])
+    names = {shot.name: digits.elide(name, _NAME) for shot, name in zip(shots, short, strict=True)}
     if visible:
-        _print_table(result, visible, [digits.elide(names[shot.name], _NAME) for shot in visible])
+        _print_table(result, visible, [names[shot.name] for shot in visible])
     if len(visible) < len(shots):
-        _print_hidden(result, [shot for shot in shots if shot not in visible])
+        hidden = [shot for shot in shots if shot not in visible]
+        verdicts = Counter(shot.verdict_in_words for shot in hidden).most_common()
+        words = ", ".join(f"{count} {verdict}" for verdict, count in verdicts)
+        _say("", f"{digits.counted(len(hidden), 'more shot')}: {words} (--all shows them)")
+        if ranges := "; ".join(_ranges(result, [shot for shot in shots if shot.trusted])):
+            _say("", f"of those that count: {ranges}", most=2)
+
+
+def _ranges(result: Result, shots: Sequence[CurveRecord]) -> Iterator[str]:
+    """'G 2.0 to 10 kPa in 5, below 3.1 kPa in 7; µ 0.0042 to 0.035 Pa s' of shots."""
+    for name, symbol in SYMBOLS.items():
+        factor, unit = result.unit_of(name)
+        values = [shot.main(name) for shot in shots]
+        medians = [value.median for value in values if value.median is not None]
+        parts = [(digits.ends(medians, factor, 2), len(medians)), ("0", sum(value.is_zero for value in values))]
+        for side, bound, farthest in (("below", "upper", max), ("above", "lower", min)):
+            limits = [value.largest or 0.0 for value in values if value.bound == bound and not value.is_zero]
+            parts.append((f"{side} {digits.number(farthest(limits, default=0.0), factor, 2)}", len(limits)))
+        words = [
+            f"{numbers} {unit}" + (f" in {count}" if count < len(shots) else "") for numbers, count in parts if count
+        ]
+        if words:
+            yield f"{symbol} {', '.join(words)}"
 
 
 def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[str]) -> None:
     """A row for each of these shots. Where rows are too wide, names are shortened, then the stretch is left out."""
     heads, numbers = shots_table(result, shots, names)
-    rows = [[*heads[:-1], ""], *([*cells[:-1], _mark(shot)] for cells, shot in zip(numbers, shots, strict=True))]
+    marks = ["" if shot.verdict == "ok" else shot.verdict_in_words for shot in shots]
+    rows = [[*heads[:-1], ""], *([*cells[:-1], mark] for cells, mark in zip(numbers, marks, strict=True))]
     if _table_width(rows) > _width():
         rows = [[digits.elide(name, digits.SHORT_NAME), *cells] for name, *cells in rows]
     if _table_width(rows) > _width():
@@ -98,39 +147,8 @@ def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[s
         _print([("  ".join(line), "" if style else "dim"), (f"  {mark}".rstrip(), style)])
 
 
-def _print_hidden(result: Result, shots: Sequence[CurveRecord]) -> None:
-    """'9 more shots: 6 bound (µ 0.0084 to 0.018 Pa s), 3 check input; --all', those that count first."""
-    counts = sorted(Counter(shot.verdict for shot in shots).items(), key=lambda item: item[0] not in TRUSTED)
-    words = [f"{count} {digits.VERDICT_WORDS[verdict]}" for verdict, count in counts]
-    trusted = sum(verdict in TRUSTED for verdict, _ in counts)
-    if ranges := ", ".join(_ranges(result, shots)):
-        words[trusted - 1] += f" ({ranges})"
-    _say("", f"{digits.counted(len(shots), 'more shot')}: {', '.join(words)}; --all")
-
-
-def _ranges(result: Result, shots: Sequence[CurveRecord]) -> Iterator[str]:
-    """'µ 0.0042 to 0.035 Pa s' of the shots that count."""
-    for name, symbol in SYMBOLS.items():
-        factor, unit = result.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
-        values = [shot.value(name) for shot in shots if shot.trusted]
-        medians = [value.median for value in values if value.median is not None and not value.is_zero]
-        if medians:
-            yield f"{symbol} {digits.ends(medians, factor, 2)} {unit}"
-
-
-def _mark(shot: CurveRecord) -> str:
-    """What is written behind the row of a shot: "" if it is ok, 'bound', 'check input: walls'."""
-    if shot.verdict == "ok":
-        return ""
-    words = digits.VERDICT_WORDS[shot.verdict]
-    if not shot.warnings:
-        return words
-    subject = shot.warnings[0].code.split(".")[1].replace("_", " ")
-    return f"{words}: {subject}"
-
-
 def _table_width(rows: Sequence[Sequence[str]]) -> int:
-    return sum(max(map(len, column)) + 2 for column in zip(*rows, strict=True))
+    return sum(max(map(len, column)) + 2 for column in zip(*rows, strict=True)) - 2
 
 
 def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
@@ -139,7 +157,8 @@ def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecor
             style = digits.VERDICT_STYLES[group.verdict].terminal if label == "use" else ""
             _say(label, parts[0], style=style, most=3)
         else:
-            _say(label, "   ".join(parts), style="bold" if label in SYMBOLS.values() else "")
+            value = label in SYMBOLS.values()
+            _say(label, "   ".join(parts), style="bold" if value else "", most=2 if value else 1)
 
 
 def _say(label: str, text: str, *, style: str = "", most: int = 1) -> None:
@@ -147,8 +166,7 @@ def _say(label: str, text: str, *, style: str = "", most: int = 1) -> None:
     broken."""
     lines = terminal.lines_of(text, _width() - _LABEL, most) if most > 1 else [text]
     for k, line in enumerate(lines):
-        head = label if k == 0 else ""
-        _print([(head.ljust(_LABEL), "bold"), (line, style)])
+        _print([((label if k == 0 else "").ljust(_LABEL), "bold"), (line, style)])
 
 
 def _print(parts: Sequence[tuple[str, str]]) -> None:
@@ -156,37 +174,3 @@ def _print(parts: Sequence[tuple[str, str]]) -> None:
 
     line = Text.assemble(*((digits.printable(words), style) for words, style in parts))
     terminal.console().print(line, soft_wrap=True)
-
-
-def print_line(record: CurveRecord) -> None:
-    """Print an answer in one line, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa (5.9 to 7.0), µ 0.029 Pa
-    s (0.026 to 0.033), λ 6.1 (5.9 to 6.3), R_max 152 µm, RMSE 1.2 %'."""
-    from rich.text import Text
-
-    look, unit = digits.VERDICT_STYLES[record.verdict], digits.modulus_unit([record.shear_modulus_Pa.largest])
-    values = [("G", record.shear_modulus_Pa, *unit), ("µ", record.viscosity, 1.0, "Pa s"), ("λ", record.stretch, 1, "")]
-    parts = [
-        f"{symbol} {digits.quantity(value, scale, unit=name)}" for symbol, value, scale, name in values if value.known
-    ]
-    parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
-    line = f"{record.name}: {', '.join(parts) if record.has_answer else record.message}"
-    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(line), "default"))
-
-
-def print_all(result: Result, *, out: Path = Path()) -> None:
-    """Print further parameters, the laws that were compared, and all messages; then the result, with a row for each
-    shot. A shot is called by what distinguishes it."""
-    console = terminal.console()
-    names = digits.distinct_names([row.name for row in result.curves])
-    rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
-    terminal.print_table(console, *parameters_table(rows, result))
-    for line in [*result.model_key, *parameter_key(result.parameters)]:
-        terminal.print_text(console, line, style="dim")
-    terminal.print_remarks(console, curves_by_message(rows))
-    for group in result.groups:
-        if group.laws:
-            title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {LAWS_TITLE}"
-            terminal.print_table(console, LAW_HEADS, group.laws.rows, title=title)
-            terminal.print_remarks(console, {}, group.laws.sentences)
-    terminal.print_remarks(console, {}, [row.words for row in result.differences])
-    print_result(result, out=out, every_shot=True)

@@ -1,5 +1,4 @@
-"""The tables of shots: `shots_table` has the columns of a terminal, a report and the app, `csv_rows` those of
-result.csv; and the table of further parameters."""
+"""Tables of shots (`shots_table` for people, `csv_rows` for programs), and remarks with the names of their curves."""
 
 from __future__ import annotations
 
@@ -11,51 +10,12 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.parameters import CAMERA, VISCOSITY_AT_RATE, column_name, is_law_parameter
+from cavirheo.parameters import BUBBLE, CAMERA, VISCOSITY_AT_RATE, column_name, is_law_parameter
 from cavirheo.physics.media import WATER
-from cavirheo.reporting.answer import (
-    CurveRecord,
-    display_unit,
-    parameters_of,
-)
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.record import MAIN_FIELDS, CurveRecord, Result
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Quantity
 
 _ENDS = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}  # columns of a quantity in CSV
-
-
-def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
-    """Cells of a curve: R_max (µm), frame rate (kHz), frames with a radius, recorded time (µs), number of collapses."""
-    top, collapses = digits.MISSING, digits.MISSING
-    with suppress(InputError):
-        top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
-    frames = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
-    recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
-    return top, digits.number(curve.frame_rate, 1e-3), frames, recorded, collapses
-
-
-def curve_warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    """The warnings on scales and settings, and why a curve has no R_max, each with the names of its curves."""
-    from cavirheo.inference.input_warnings import curve_warnings as of_curve  # imports the solver
-
-    warnings = [(curve.name, warning.text) for curve in curves for warning in of_curve(curve, WATER)]
-    for curve in curves:
-        try:
-            _ = curve.max_radius
-        except InputError as error:
-            warnings.append((curve.name, error.message))
-    return terminal.names_by_text(warnings)
-
-
-def curves_by_note(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    """Notes on what was recognised, converted or left out in the files, each once, with the names of its curves."""
-    return terminal.names_by_text((curve.name, note) for curve in curves for note in curve.notes)
-
-
-def curves_by_message(records: Iterable[CurveRecord]) -> dict[str, list[str]]:
-    """The messages of all answers, each once, with the names of its curves."""
-    return terminal.names_by_text((record.name, message.text) for record in records for message in record.messages)
 
 
 def shots_table(
@@ -65,37 +25,50 @@ def shots_table(
     factor, unit = result.modulus_unit
     has_rate = any(shot.viscosity.known and not shot.viscosity_Pa_s.known for shot in shots)
     viscosity = f"{digits.symbol_and_unit(VISCOSITY_AT_RATE)[0] if has_rate else 'µ'} Pa s"
-    heads = ["shot", "R_max µm", "λ", f"G {unit}", "90 %", viscosity, "90 %", "RMSE %", "verdict"]
+    heads = ["shot", "R_max µm", "λ", f"G {unit}", digits.SURE, viscosity, digits.SURE, "RMSE %", "verdict"]
     rows = []
     for name, shot in zip(names, shots, strict=True):
-        stretch = " ".join(digits.value_parts(shot.stretch)).strip()
+        stretch, bound = digits.value_parts(shot.stretch)
         if shot.stretch.median is not None:
-            stretch = digits.number(shot.stretch.median)
+            stretch, bound = digits.number(shot.stretch.median), ""
         values = *digits.value_parts(shot.shear_modulus_Pa, factor), *digits.value_parts(shot.viscosity)
-        rmse, verdict = digits.number(shot.rmse_over_rmax, 100.0), digits.VERDICT_WORDS[shot.verdict]
-        rows.append([name, digits.micrometres(shot.max_radius_m), stretch, *values, rmse, verdict])
+        rmse = digits.number(shot.rmse_over_rmax, 100.0)
+        size = digits.micrometres(shot.max_radius_m)
+        rows.append([name, size, stretch or bound, *values, rmse, shot.verdict_in_words])
     return heads, rows
 
 
-def parameters_table(rows: Sequence[CurveRecord], result: Result) -> tuple[list[str], list[list[str]]]:
-    """(heads, rows) of the parameters that were inferred or given, without G, µ, λ and those of the camera."""
-    of_laws = parameters_of(rows)
-    names = [name for name in result.parameters if name in of_laws or not is_law_parameter(name)]
-    units = {name: display_unit(name) for name in names if name not in (*CAMERA, VISCOSITY_AT_RATE)}
+def parameters_table(result: Result, names: Sequence[str]) -> tuple[list[str], list[list[str]]]:
+    """(heads, rows) of the other parameters of all shots, which are called by these names, but not of the camera's."""
+    units = {name: digits.display_unit(name) for name in result.parameters if name not in (*CAMERA, VISCOSITY_AT_RATE)}
     heads = ["shot", *(f"{symbol}\n{unit}".strip() for symbol, _, unit in units.values())]
-    short = digits.distinct_names([row.name for row in rows])
-    cells = [
-        [shot, *(_in_a_cell(row.value(name), factor) for name, (_, factor, _) in units.items())]
-        for shot, row in zip(short, rows, strict=True)
-        if any(name in row.other_parameters for name in units)
-    ]
-    return heads, cells
+    rows = []
+    for name, shot in zip(names, result.curves, strict=True):
+        if any(each in shot.other_parameters for each in units):
+            values = [digits.quantity(shot.value(each), factor) for each, (_, factor, _) in units.items()]
+            rows.append([name, *values])
+    return heads, rows
 
 
-def _in_a_cell(value: Quantity, factor: float) -> str:
-    """'0.069 (0.056 to 0.080)', 'below 0.015'."""
-    middle, interval = digits.value_parts(value, factor)
-    return f"{middle} ({interval})" if middle and interval else middle or interval
+def meaning_of(name: str) -> str:
+    """Unit and meaning of a parameter of the bubble, 'no unit; confinement damping: ...'; "" for any other one."""
+    return f"{digits.symbol_and_unit(name)[1] or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
+
+
+def parameter_key(names: Iterable[str]) -> list[str]:
+    """Lines below a table: what its parameters of the bubble mean, and which are not properties of the material."""
+    meanings = {digits.symbol_and_unit(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
+    symbols = [symbol for symbol, (name, _) in meanings.items() if not name.startswith("damage")]
+    end = [f"{' and '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
+    return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
+
+
+def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
+    """Law parameters that are known in these records, G and µ first; a reference viscosity only with a yield stress."""
+    names = dict.fromkeys([*MAIN_FIELDS, *(name for record in records for name in record.other_parameters)])
+    inferred = [name for name in names if any(record.value(name).known for record in records)]
+    excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
+    return [name for name in inferred if is_law_parameter(name) and name not in excluded]
 
 
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
@@ -114,3 +87,37 @@ def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
             row |= {column + end: getattr(record.value(name), part) for part, end in _ENDS.items()}
         rows.append(row)
     return head, rows
+
+
+def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
+    """Cells of a curve: R_max (µm), frame rate (kHz), frames with a radius, recorded time (µs), number of collapses."""
+    top, collapses = digits.MISSING, digits.MISSING
+    with suppress(InputError):
+        top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
+    frames = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
+    recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
+    return top, digits.number(curve.frame_rate, 1e-3), frames, recorded, collapses
+
+
+def curve_warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """The warnings on scales and settings, and why a curve has no R_max, each with the names of its curves."""
+    from cavirheo.inference import input_warnings  # imports the solver
+
+    warnings = []
+    for curve in curves:
+        warnings += [(curve.name, warning.text) for warning in input_warnings.curve_warnings(curve, WATER)]
+        try:
+            _ = curve.max_radius
+        except InputError as error:
+            warnings.append((curve.name, error.message))
+    return terminal.names_by_text(warnings)
+
+
+def curves_by_note(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """Notes on what was recognised, converted or left out in the files, each once, with the names of its curves."""
+    return terminal.names_by_text((curve.name, note) for curve in curves for note in curve.notes)
+
+
+def curves_by_message(records: Iterable[CurveRecord]) -> dict[str, list[str]]:
+    """The messages of all answers, each once, with the names of its curves."""
+    return terminal.names_by_text((record.name, message.text) for record in records for message in record.messages)

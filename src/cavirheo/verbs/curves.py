@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
     from cavirheo.inference.analysis import Analysis
     from cavirheo.posterior import Posterior
-    from cavirheo.reporting.laws import LawsOfGroup
+    from cavirheo.reporting.record import LawsOfGroup
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
@@ -48,7 +48,8 @@ class _ReportVerb(options.MeasuredFiles):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import TABLE, by_group, in_sets, read_sets, write_comparison
         from cavirheo.reporting import DOCUMENTS, write_report
-        from cavirheo.reporting.record import group_names, result
+        from cavirheo.reporting.documents import result
+        from cavirheo.reporting.record import group_names
         from cavirheo.reporting.screen import print_all, print_result
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import UNFINISHED, Store, analyse_all
@@ -143,7 +144,7 @@ class WhichLaw(_ReportVerb):
         self, curves: Sequence[RadiusCurve], answers: Mapping[str, list[Posterior]]
     ) -> tuple[list[Posterior], dict[int, LawsOfGroup]]:
         from cavirheo.inference.which_law import choose_answers, ranked
-        from cavirheo.reporting.laws import laws_by_curve
+        from cavirheo.reporting.documents import laws_by_curve
 
         singles, groups = ranked(curves, answers)
         return choose_answers(singles, groups), laws_by_curve([*singles, *groups])

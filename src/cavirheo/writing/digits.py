@@ -43,6 +43,8 @@ METHODS = {  # how a method answers, and what its simulation is called
     "verified": ("posterior draws, weighted by the full physics", "best draw"),
     "least_squares": ("posterior draws under white noise, weighted by the full physics", "best fit"),
 }
+BUBBLES = {"real": "real (vapour condenses slowly)", "field": "field (vapour condenses at once)"}
+SURE = "90 % sure"  # head of the ends between which a value lies with this probability
 MISSING = "–"
 NO_BREAK = "\u00a0"
 _SIDES = {"upper": "below", "lower": "above"}  # by bound: on which side of the limit the value lies
@@ -89,7 +91,7 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
     unit = f" {unit}" if unit and value.known and value.bound != "undetermined" else ""
     if value.bound in ("upper", "lower"):
         return f"{interval}{unit}{joint}(95 %)"
-    if value.bound:
+    if not middle:
         return interval + unit
     return f"{middle}{unit}{joint}({interval})" if interval else middle + unit
 
@@ -127,6 +129,12 @@ def symbol_and_unit(name: str) -> tuple[str, str]:
     except KeyError:
         return name, ""
     return symbol, "" if unit == "1" else unit
+
+
+def display_unit(name: str, modulus: tuple[float, str] = (1.0, "Pa")) -> tuple[str, float, str]:
+    """(symbol, factor from SI, unit for display) of a parameter. modulus: factor and unit for display of moduli."""
+    symbol, unit = symbol_and_unit(name)
+    return symbol, *{"Pa": modulus, "s": (1e6, "µs")}.get(unit, (1.0, unit))
 
 
 def counted(count: int, what: str) -> str:

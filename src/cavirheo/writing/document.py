@@ -1,8 +1,7 @@
 """Common parts of all documents that cavirheo writes: JSON records, their head, and CSV files; and safe writing: each
 file is written completely or not at all, and no file of the user or of another run is replaced.
 
-A run locks each folder that it writes into, by a hidden file. The lock ends with the process, so a run that was killed
-blocks no folder.
+A run locks each folder that it writes into. The lock ends with the process, so a run that was killed blocks no folder.
 """
 
 from __future__ import annotations
@@ -42,9 +41,8 @@ _log = logging.getLogger(__name__)
 MAX_BYTES = 500_000_000  # most bytes of a document that is read
 MAX_NAME_BYTES = 120  # most bytes of a name, to which an ending and a number can be added
 _MAX_PART = 60  # most letters of a name after ".part-": 240 bytes
-LIST_FILE = ".cavirheo"  # file in each output folder, with the list of the files that cavirheo wrote
+LIST_FILE = ".cavirheo"  # list of the files that cavirheo wrote into an output folder; locked while a run uses it
 _FIRST_KEYS = {"kind": 0, "name": 1}  # order of the keys of a record
-LOCK_FILE = ".cavirheo.lock"  # file in an output folder while a run has locked it
 Kind = TypeVar("Kind", bound="Document")
 Picture = TypeVar("Picture")
 
@@ -137,6 +135,17 @@ class Quantity(Record):
     def is_zero(self) -> bool:
         """Whether the value is 0: the bound of a modulus of a liquid."""
         return self.q95 == 0.0
+
+    @property
+    def width(self) -> float:
+        """Difference of the ends of the interval; 0 without one."""
+        return (self.q95 or 0.0) - (self.q05 or 0.0)
+
+    def side_of(self, value: float) -> int:
+        """1 of a value above the interval or the limit, -1 of one below, else 0."""
+        above = self.q95 is not None and self.bound not in ("lower", "undetermined") and value > self.q95
+        below = self.q05 is not None and self.bound not in ("upper", "undetermined") and value < self.q05
+        return int(above) - int(below)
 
     @property
     def sign(self) -> int:
@@ -240,8 +249,8 @@ class Claim:
     command: str
     request: Mapping[str, Any]
     replace: bool = False
-    _locks: dict[Path, IO[str]] = field(default_factory=dict)
-    _made_folders: list[Path] = field(default_factory=list)  # folders that this run made
+    _lists: dict[Path, IO[str]] = field(default_factory=dict)
+    _made_folders: list[Path] = field(default_factory=list)
 
     @property
     def key(self) -> str:
@@ -250,50 +259,39 @@ class Claim:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def lock_folder(self, folder: Path, new: list[Path]) -> None:
-        """Lock a folder until the run ends. new: folders made for it, which are removed at the end if they are empty.
-        Raises OSError, and InputError: another run has locked the folder."""
-        place = Path(os.path.realpath(folder)) / LOCK_FILE
+        """Lock the list of a folder until the run ends. new: folders made for it, which are removed at the end if
+        nothing is in them. Raises OSError, and InputError: another run has locked the folder."""
         self._made_folders += new
-        if fcntl is None or place in self._locks:
+        place = Path(os.path.realpath(folder)) / LIST_FILE
+        if fcntl is None or place in self._lists:
             return
-        while True:
-            file = open_own(place)
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                file.seek(0)
-                holder = printable(file.read(200)) or "a process of this machine"
-                file.close()
-                remedy = "wait until it ends, or name another folder by -o"
-                raise InputError(f"{folder} is in use by another run ({holder}): {remedy}", "document.busy") from None
-            except OSError:  # this file system has no locks
-                file.close()
-                place.unlink(missing_ok=True)
-                return
-            with suppress(FileNotFoundError):  # the previous run has just removed it
-                if os.path.samestat(os.fstat(file.fileno()), place.stat()):
-                    break
+        file = open_own(place)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
             file.close()
-        self._locks[place] = file
-        file.truncate(0)
-        file.write(f"process {os.getpid()}: {self.command}"[:200])
-        file.flush()
+            message = f"{folder} is in use by another run: wait until it ends, or name another folder by -o"
+            raise InputError(message, "document.busy") from None
+        except OSError:  # this file system has no locks
+            pass
+        self._lists[place] = file
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Context in which a command runs, or a call from Python writes. At its end, the folders are unlocked, and
-        those that it made are removed if they are empty."""
+        """Context in which a command runs, or a call from Python writes. At its end the folders are unlocked, and
+        those that it made are removed if nothing is in them."""
         before = CLAIM.set(self)
         try:
             yield
         finally:
             CLAIM.reset(before)
-            for place, file in self._locks.items():
+            for place, file in self._lists.items():
                 with suppress(OSError):
-                    place.unlink()
+                    if place.stat().st_size == 0:
+                        place.unlink()
                 with suppress(OSError):  # a full disk
                     file.close()
-            self._locks.clear()
+            self._lists.clear()
             for folder in self._made_folders:
                 with suppress(OSError):  # it is not empty
                     folder.rmdir()
@@ -306,11 +304,10 @@ CLAIM: ContextVar[Claim | None] = ContextVar("claim", default=None)
 class Outputs:
     """The files that one run writes into a folder: each completely or not at all, and no file of the user is replaced.
 
-    The list `.cavirheo` in the folder has a line with the SHA-256 of every file that cavirheo wrote. The line is
-    written before the file gets its name, so that the next run recognises all files of a run that was killed. A file
-    whose SHA-256 is not listed was written or changed by somebody else. The first of `names` is the kind of the run;
-    runs of other kinds may use the same folder. A line also names the run (`Claim.key`): files of another run of the
-    same kind are replaced only if `Claim.replace` is set.
+    The list `.cavirheo` in the folder has a line for every file that cavirheo wrote: its SHA-256, and the run
+    (`Claim.key`). The line is written before the file gets its name, so that the next run recognises all files of a run
+    that was killed. A file whose SHA-256 is not listed was written or changed by somebody else. Files of another run
+    are replaced only if `Claim.replace` is set.
 
     Raises:
         InputError: at once, and again before each file is written: the folder cannot be written, or one of `names`
@@ -320,36 +317,38 @@ class Outputs:
 
     def __init__(self, folder: str | Path, *names: str, inputs: Iterable[str | Path] = ()) -> None:
         self.folder: Path = Path(folder)
-        self.kind: str = names[0]
         self._inputs = {os.path.realpath(path) for path in inputs}
-        self._written: set[str] = set()
-        self._listed: dict[str, list[dict[str, str]]] = {}
-        self._claim = CLAIM.get()
+        self._claim = CLAIM.get() or Claim("", {}, replace=True)
         new = [path for path in (self.folder, *self.folder.parents) if not os.path.exists(path)]
         with writable_folder(self.folder):  # a test that leaves no file
-            if self._claim:
+            if CLAIM.get():
                 self._claim.lock_folder(self.folder, new)
             with TemporaryFile(dir=self.folder, buffering=0) as file:
                 file.write(bytes(4096))
-            self._read_list()
+            self._listed: list[dict[str, str]] = list(self._read_list())
             try:
                 self._check(names)
             finally:
-                for path in [] if self._claim else new:
+                for path in [] if CLAIM.get() else new:
                     path.rmdir()
-        if self._claim and not self._claim.replace:
-            self._check_other_runs(names, self._claim.key)
+        for entry in [] if self._claim.replace else self._of_other_runs():
+            whose = f" ({entry['command']})" if entry["command"] else ""
+            message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
+            remedy = "name another folder by -o, or give --replace (replace=True in Python)"
+            raise InputError(f"{message}: {remedy}", "document.other_run")
 
     def _check(self, names: Iterable[str]) -> None:
         """Check these files. Raises InputError: one of them exists and must not be replaced; and OSError."""
         for name in names:
             path, remedy = self.folder / name, "give another place with -o, or move it away"
-            read = f"{path} is read by this command, and its results would replace it: {remedy}"
-            require(os.path.realpath(path) not in self._inputs, read, "document.input")
-            foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
+            if os.path.realpath(path) in self._inputs:
+                message = f"{path} is read by this command, and its results would replace it: {remedy}"
+                raise InputError(message, "document.input")
             with suppress(FileNotFoundError):
                 path.lstat()  # raises OSError for a name that no file can have
-                require(bool(self.listed_entry(name)), foreign, "document.foreign")
+                if not self.listed_entry(name):
+                    message = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
+                    raise InputError(message, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
         """Write the file of this name by `writer(path, *content, **how)`."""
@@ -357,45 +356,34 @@ class Outputs:
             self._check([name])
             with atomic_file(self.folder / name) as temporary:
                 writer(temporary, *content, **how)
-                entry = {"kind": self.kind, "name": name, "sha256": sha256(temporary)}
-                if self._claim:
-                    entry |= {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
+                about = {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
+                self._listed.append({"name": name, "sha256": sha256(temporary), **about})
                 with open_own(self.folder / LIST_FILE) as file:
-                    file.write("\n" + json.dumps(entry))  # on a new line, even after an incomplete one
-                self._listed.setdefault(name, []).append(entry)
-        self._written.add(name)
+                    file.write("\n" + json.dumps(self._listed[-1]))  # on a new line, even after an incomplete one
 
     def finish(self) -> None:
-        """Remove files of earlier runs of this kind that this one did not write, such as pictures of other curves."""
+        """Remove the files of other runs, which this one replaces."""
         with writable_folder(self.folder):
-            for name in set(self._listed) - self._written:
-                path, kind = self.folder / name, self._listed[name][-1]["kind"]
-                if kind == self.kind and self.listed_entry(name) and os.path.realpath(path) not in self._inputs:
-                    path.unlink()
-            current = [entries[-1] for name, entries in self._listed.items() if os.path.lexists(self.folder / name)]
-            with atomic_file(self.folder / LIST_FILE) as temporary:
-                temporary.write_text("\n".join(map(json.dumps, current)), encoding="utf-8")
+            for entry in self._of_other_runs():
+                (self.folder / entry["name"]).unlink()
 
-    def _check_other_runs(self, names: Sequence[str], run: str) -> None:
-        """Check for files of other runs. Raises InputError: this run would replace or remove one of them."""
-        for name, entries in self._listed.items():
-            concerned = (name in names or entries[-1]["kind"] == self.kind) and entries[-1]["run"] != run
-            if concerned and (entry := self.listed_entry(name)) and entry["run"] != run:
-                whose = f" ({entry['command']})" if entry["command"] else ""
-                message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
-                remedy = "name another folder by -o, or give --replace (replace=True in Python)"
-                raise InputError(f"{message}: {remedy}", "document.other_run")
+    def _of_other_runs(self) -> Iterator[dict[str, str]]:
+        """The lines of files of other runs that are as these wrote them, and are no input."""
+        for name in {entry["name"] for entry in self._listed}:
+            entry = self.listed_entry(name)
+            if entry and entry["run"] != self._claim.key and os.path.realpath(self.folder / name) not in self._inputs:
+                yield entry
 
     def listed_entry(self, name: str) -> dict[str, str] | None:
         """The line of this file in the list; None if the file is missing, or is not as cavirheo wrote it."""
-        path, entries = self.folder / name, self._listed.get(name, [])
+        path, entries = self.folder / name, [entry for entry in self._listed if entry["name"] == name]
         if not entries or not path.is_file() or path.is_symlink():
             return None
         digest = sha256(path)
         return next((entry for entry in reversed(entries) if entry["sha256"] == digest), None)
 
-    def _read_list(self) -> None:
-        """Read the list, by file name; incomplete lines, and lines of files in other folders, are left out."""
+    def _read_list(self) -> Iterator[dict[str, str]]:
+        """The lines of the list; incomplete ones, and those of files in other folders, are left out."""
         if not os.path.lexists(path := self.folder / LIST_FILE):
             return
         with open_own(path) as file:
@@ -403,10 +391,9 @@ class Outputs:
             lines = file.read().splitlines()
         for line in lines:
             with suppress(ValueError, TypeError, KeyError):
-                fields = {"run": "", "command": "", **json.loads(line)}
-                entry = {key: str(fields[key]) for key in ("kind", "name", "sha256", "run", "command")}
+                entry = {key: str(json.loads(line)[key]) for key in ("name", "sha256", "run", "command")}
                 if Path(entry["name"]).name == entry["name"]:
-                    self._listed.setdefault(entry["name"], []).append(entry)
+                    yield entry
 
 
 def try_to_draw(name: str, notes: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import erf, expit
 
-from cavirheo.arrays import Floats, relative_weights
+from cavirheo.arrays import Floats, relative_scatter, relative_weights
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.answer import over_scale
@@ -53,7 +53,6 @@ MIN_SHOTS = 3  # least number of shots of a population
 _DRAWS = 4000  # draws of a population
 _LEAST_EFFECTIVE = 200.0  # fewest effective draws of a population without a warning
 _EMPTY = np.empty((0, 0))
-_LN10 = float(np.log(10.0))
 HARDLY = 0.03  # decades: shots that scatter by less hardly scatter
 DIFFERENCE_SCALE = 0.3  # decades: prior standard deviation of the difference between two materials that are compared
 
@@ -352,11 +351,6 @@ def _quantiles(values: Floats, level: float) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def relative_scatter(decades: float) -> float:
-    """Standard deviation over the mean of a lognormal distribution."""
-    return float(np.sqrt(np.expm1((decades * _LN10) ** 2)))
-
-
 def population(
     answers: Sequence[Posterior],
     *,
@@ -484,9 +478,9 @@ def _warnings(shots: Sequence[str], likelihoods: Sequence[Likelihood], effective
     sizes = zip(digits.distinct_names(shots), likelihoods, strict=True)
     rough = [name for name, shot in sizes if shot.effective < FEW]
     if rough:
-        yield f"the answer is rough: fewer than {FEW:.0f} effective draws of {', '.join(rough)}"
+        yield f"the answer is rough: it rests on fewer than {FEW:.0f} independent draws of {', '.join(rough)}"
     if effective < _LEAST_EFFECTIVE:
-        yield f"the intervals of the material are rough: its draws are worth {effective:.0f} independent ones"
+        yield f"the intervals of the material are rough: they rest on {effective:.0f} independent draws"
 
 
 def _shot_names(answers: Sequence[Posterior]) -> list[str]:

@@ -1,0 +1,463 @@
+"""From answers to the document of a run: a row for each curve, and for each group of shots the answer for their
+material, its verdict, which obeys the rows, and what a user must know of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from datetime import datetime
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, expect
+from cavirheo.messages import Message, message_of_switches
+from cavirheo.parameters import (
+    BUBBLE,
+    CAMERA,
+    LOG10,
+    REFERENCE_RATE,
+    VISCOSITY_AT_RATE,
+    is_law_parameter,
+    parameter_of,
+)
+from cavirheo.physics.materials import viscosity_at
+from cavirheo.posterior import Posterior, Verdict, intervals
+from cavirheo.reporting.record import (
+    MAIN_FIELDS,
+    WIDE_SCATTER,
+    Compared,
+    CurveRecord,
+    GroupRecord,
+    LawOfGroup,
+    LawsOfGroup,
+    MaterialRatio,
+    PopulationRecord,
+    Result,
+    Sentence,
+    Systematic,
+    group_names,
+    json_data,
+    members_of,
+)
+from cavirheo.writing import digits
+from cavirheo.writing.document import Quantity, finite
+
+if TYPE_CHECKING:
+    from cavirheo.inference.population import CommonErrors, Population
+    from cavirheo.inference.which_law import Ranking
+
+Pairs = Sequence[tuple[RadiusCurve, Posterior]]
+MIN_TREND_SHOTS = 5  # least number of shots in which a trend with R_max is looked for
+LEAST_RANGES = 0.1, 1e-6  # of ln R_max, over which its own error shows no trend; and of the logarithm of the values
+MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
+CHANCE = 0.01  # probability of a trend by chance
+DECIDING_SHARE = 0.5  # share of the shots of a group, above which they decide its verdict
+MISFIT_SHARE = 0.25  # share of shots that do not fit, above which the others are a choice of those that the law suits
+_MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
+_TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
+_MAX_COMPARED = 6  # most groups that are compared, each with each
+
+
+def result(
+    pairs: Pairs,
+    command: str,
+    *,
+    date: str | None = None,
+    notes: Sequence[str] = (),
+    errors: CommonErrors | None = None,
+) -> Result:
+    """The document of all curves, in the given order, and of their groups.
+
+    Args:
+        pairs: (curve, answer), in the order of the rows.
+        command: the command that was run, as text.
+        date: date of the run; default: the present time.
+        notes: notes on the run as a whole (files that could not be read, ...).
+        errors: relative standard deviations of the errors that all shots of a group share; default: those of
+            `population`.
+    """
+    rows = [curve_record(curve, answer) for curve, answer in pairs]
+    title = _column_title(rows)
+    materials = []
+    for indices in members_of(rows).values():
+        answers, names = [pairs[i][1] for i in indices], [rows[i].name for i in indices]
+        along = [rows[i].column.get(title, np.nan) for i in indices] if title else None
+        materials.append(material_of(answers, names, along, errors))
+    date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    return result_of(rows, command, materials, date=date, notes=notes)
+
+
+def result_of(
+    rows: Sequence[CurveRecord],
+    command: str,
+    materials: Sequence[Population | None] = (),
+    *,
+    date: str | None = None,
+    notes: Sequence[str] = (),
+) -> Result:
+    """The result of these records of curves, and of their groups. materials: those of the groups; default: none."""
+    members, names, title = members_of(rows), group_names(rows), _column_title(rows)
+    materials = materials or [None] * len(members)
+    groups = [
+        group_record(name, [rows[i] for i in indices], material, title)
+        for name, indices, material in zip(names, members.values(), materials, strict=True)
+    ]
+    differing = differences(dict(zip(names, materials, strict=True)))
+    return Result(
+        command=command, date=date, notes=list(notes), curves=list(rows), groups=groups, differences=differing
+    )
+
+
+def table(answers: Sequence[Posterior]) -> Any:
+    """The answers as a pandas.DataFrame: a row for each, with the columns of result.csv in SI ("name", "max_radius_m",
+    "shear_modulus_Pa", "shear_modulus_Pa_q05", ..., "verdict", "message").
+
+    A failed answer has NaN. So has the median of a bound: its limit is in the column _q95 if the value is below it, in
+    _q05 if above, and _bound says which.
+
+    Args:
+        answers: as `infer_many` or `fit_many` give them.
+
+    Raises:
+        InputError: no answers, an answer without its curve, or pandas is missing.
+    """
+    rows = []
+    for answer in answers:
+        expect(answer, Posterior, "a list of answers of infer_many or fit_many")
+        if answer.curve is None:
+            message = "an answer has no curve to name its row: set one, dataclasses.replace(answer, curve=curve)"
+            raise InputError(message, "posterior.no_curve")
+        rows.append(curve_record(answer.curve, answer))
+    return result_of(rows, "cavirheo.table").to_dataframe()
+
+
+def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
+    """The row of one curve."""
+    posterior = _failed_if_invalid(posterior)
+    checks, prior = posterior.checks, posterior.stretch_prior
+    values = dict.fromkeys((*MAIN_FIELDS, "stretch"), Quantity())
+    values |= {name: posterior.quantity(name) for name in posterior.parameters}
+    assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in values}
+    values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
+    if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
+        values["stretch"] = Quantity(median=finite(posterior.stretch))
+    kind = message_of_switches(posterior.switches)
+    messages = [*checks.messages, *([kind] if kind else [])]
+    return CurveRecord(
+        **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
+        **{name: getattr(checks, name) for name in ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")},
+        **{name: getattr(posterior, name) for name in ("material", "method", "bubble", "medium", "evidence")},
+        max_radius_m=_value_or_none(curve, "max_radius"),
+        time_of_max_s=_value_or_none(curve, "time_of_max"),
+        strain_rate_per_s=_value_or_none(curve, "strain_rate"),
+        **CurveRecord.fields_of(values),
+        best={} if checks.reconstruction_time is None else {name: float(v) for name, v in posterior.best.items()},
+        window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
+        verdict=checks.verdict,
+        messages=[Sentence(code=message.code, text=message.text) for message in messages],
+        notes=list(curve.notes),
+        column=dict(curve.column),
+        stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
+        seconds=finite(posterior.seconds) or 0.0,
+        switches=dict(posterior.switches),
+        diagnostics=json_data(posterior.diagnostics),
+        provenance=json_data(posterior.provenance),
+    )
+
+
+def _failed_if_invalid(posterior: Posterior) -> Posterior:
+    """The answer; a failed one, or one without draws that are finite, becomes "failed" with reasons and no values."""
+    if posterior.checks.verdict == "failed" or not posterior.theta.size:
+        reasons = () if posterior.checks.messages else (Message("answer.none"),)
+        return posterior.without_draws(*reasons)
+    broken = ", ".join(name for name in posterior.parameters if not np.all(np.isfinite(posterior.draws(name))))
+    return posterior.without_draws(Message("answer.not_finite", {"parameters": broken})) if broken else posterior
+
+
+def _viscosity_at_rate(posterior: Posterior) -> dict[str, Quantity]:
+    """The viscosity at 1e5 1/s of a law without a constant viscosity; of a power law it is the reference viscosity."""
+    names = list(posterior.parameters)
+    if posterior.material == "power-law" and "reference_viscosity" in names:
+        return {VISCOSITY_AT_RATE: posterior.quantity("reference_viscosity")}
+    draws = [dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True)]
+    if not draws or viscosity_at(posterior.material, REFERENCE_RATE, draws[0]) is None:
+        return {}
+    viscosities = np.array([viscosity_at(posterior.material, REFERENCE_RATE, draw) for draw in draws])
+    ends = intervals((LOG10 + VISCOSITY_AT_RATE,), np.log10(viscosities)[:, None], posterior.log_weight)
+    low, median, high = ends.get(VISCOSITY_AT_RATE, (None, viscosities[0], None))
+    return {VISCOSITY_AT_RATE: Quantity.from_interval(low, float(median), high)}
+
+
+def _value_or_none(curve: RadiusCurve, name: str) -> float | None:
+    """The value of an attribute or method of the curve; None if it raises InputError."""
+    with suppress(InputError):
+        value = getattr(curve, name)
+        return value() if callable(value) else value
+    return None
+
+
+def group_record(
+    name: str, members: Sequence[CurveRecord], material: Population | None = None, column: str = ""
+) -> GroupRecord:
+    """The record of a group, from the records of its curves and from its material. column: title of the column along
+    which the material may change."""
+    shots = [record for record in members if record.has_answer]
+    population, systematic = population_record(material, column), systematic_of(material)
+    if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
+        population, systematic = _of_one_shot(members[0])
+    doubts = _doubts(shots, population)
+    facts = _facts(members, population, systematic, material.warnings if material and population.has_material else ())
+    return GroupRecord(
+        name=name,
+        n=len(shots),
+        n_counted=population.n if population.line else sum(record.trusted for record in members),
+        n_failed=len(members) - len(shots),
+        population=population,
+        systematic=systematic,
+        verdict=_verdict(shots, doubts, population),
+        messages=[Sentence(code=message.code, text=message.text) for message in (*doubts, *facts)],
+        verdicts=dict(Counter(record.verdict for record in members)),
+    )
+
+
+def _of_one_shot(row: CurveRecord) -> tuple[PopulationRecord, Systematic]:
+    """The answer of a single shot as that of its group."""
+    names = [name for name in (*MAIN_FIELDS, *row.other_parameters) if name in MAIN_FIELDS or is_law_parameter(name)]
+    values = PopulationRecord.fields_of({name: row.value(name) for name in names})
+    change = row.diagnostics.modulus_over_scale
+    slopes = {} if change is None else {"shear_modulus": {"scale": change}}
+    population = PopulationRecord(line="a single shot", model=row.model, n=1, switches=row.switches, **values)
+    return population, Systematic(slopes=slopes)
+
+
+def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[Message]:
+    """Why the answer of a group is not to be used without a second look."""
+    messages = []
+    total = len(shots)
+    most = max(DECIDING_SHARE * total, 1)
+    doubted = [record for record in shots if record.verdict == "check_input"]
+    if len(doubted) > most:
+        counts = {"count": len(doubted), "total": total}
+        messages.append(Message("group.doubt.input", {**counts, "reason": _reason(doubted)}))
+    for code, names in (("group.doubt.ends", CAMERA), ("group.doubt.bubble", tuple(BUBBLE))):
+        ends = [{*names} & {*record.diagnostics.at_bound} for record in shots]
+        pulled = sum(map(bool, ends))
+        if pulled > most:
+            at_end = sorted(set().union(*ends))
+            messages.append(Message(code, {"count": pulled, "total": total, "names": at_end}))
+    for name, heaps in population.heaps.items():
+        messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
+    for name, scatter in population.wide_scatters.items():
+        messages.append(Message("group.doubt.scatter", {"name": name, "scatter": scatter, "limit": WIDE_SCATTER}))
+    misfits = sum(record.verdict == "does_not_fit" for record in shots)
+    if total > 1 and misfits > MISFIT_SHARE * total:
+        messages.append(Message("group.doubt.misfits", {"count": misfits, "total": total}))
+    if trends := size_trends(shots):
+        messages.append(Message("group.doubt.trend", {"trends": trends}))
+    return messages
+
+
+def _reason(doubted: Sequence[CurveRecord]) -> str:
+    """The input warning that most of these shots have; of the first of them, if its numbers differ."""
+    names = digits.distinct_names([record.name for record in doubted])
+    shots = zip(names, doubted, strict=True)
+    warnings = [(name, message) for name, record in shots for message in record.warnings or record.messages]
+    if not warnings:
+        return "see each shot"
+    code = Counter(message.code for _, message in warnings).most_common(1)[0][0]
+    name, text = next((name, message.text) for name, message in warnings if message.code == code)
+    return text if len({message.text for _, message in warnings if message.code == code}) == 1 else f"{name}: {text}"
+
+
+def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord) -> Verdict:
+    """The verdict of a group. It obeys its rows; with a material it is about the material's G and mu."""
+    if not shots:
+        return "failed"
+    if len(shots) == 1:
+        return shots[0].verdict
+    codes = {message.code for message in doubts}
+    wrong_law = {"group.doubt.bubble", "group.doubt.misfits"}
+    if codes - wrong_law - {"group.doubt.trend"}:
+        return "check_input"
+    if codes & wrong_law:
+        return "does_not_fit"
+    if codes:
+        return "check_input"
+    if not population.has_material:
+        return Counter(record.verdict for record in shots).most_common(1)[0][0]
+    values = [population.value(name) for name in MAIN_FIELDS]
+    return "bound" if any(value.bound and not value.is_zero for value in values) else "ok"
+
+
+def _facts(
+    members: Sequence[CurveRecord], population: PopulationRecord, systematic: Systematic, warnings: Iterable[str]
+) -> list[Message]:
+    """Messages on what 1 % of scale or rate does to G, on constants that nobody gave, on shots that do not count or are
+    unlike the others, on the slope along a column, and on what is rough in the answer."""
+    messages = list[Message]()
+    change = systematic.slopes.get("shear_modulus", {}).get("scale")
+    if change is not None:
+        messages.append(Message("group.scale", {"change": change}))
+    shots = [record for record in members if record.has_answer]
+    values = {name: value for record in shots for name, value in record.provenance.get("assumed", {}).items()}
+    if values:
+        messages.append(Message("group.not_given", {"values": values}))
+    if population.left_out:
+        messages.append(Message("group.left_out", {"counts": population.left_out}))
+    if population.outliers:
+        names = [record.name for record in members]
+        short = dict(zip(names, digits.distinct_names(names), strict=True))
+        probabilities = {short[name]: probability for name, probability in population.outliers.items()}
+        messages.append(Message("group.outliers", {"probabilities": probabilities}))
+    if population.slopes_decades:
+        words = slopes_in_words(population.column, population.column_at or 0.0, population.slopes_decades)
+        messages.append(Message("group.slope", {"text": words}))
+    return [*messages, *(Message("group.rough", {"text": warning}) for warning in warnings)]
+
+
+def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
+    """Which parameters rise or fall with R_max over these shots, 'µ rises', by more than chance (1 in 100). Shots that
+    the model does not fit are among them. Ranks decide (Spearman's), so that few shots in a false mode hardly count."""
+    from scipy.stats import spearmanr
+
+    followed = [shot for shot in shots if shot.trusted or shot.verdict == "does_not_fit"]
+    trends = list[str]()
+    for name in MATERIAL_CONSTANTS:
+        pairs = np.array([(shot.max_radius_m, shot.value(name).median) for shot in followed], dtype=float)
+        logs = np.log(pairs[np.all(pairs > 0.0, axis=-1)]).reshape(-1, 2)
+        if len(logs) >= MIN_TREND_SHOTS and np.all(np.ptp(logs, axis=0) >= LEAST_RANGES):
+            trend = spearmanr(*logs.T)
+            if trend.pvalue < CHANCE:
+                trends.append(f"{parameter_of(name).symbol} {'rises' if trend.statistic > 0 else 'falls'}")
+    return trends
+
+
+def material_of(
+    answers: Sequence[Posterior],
+    names: Sequence[str],
+    along: Sequence[float] | None = None,
+    errors: CommonErrors | None = None,
+) -> Population | None:
+    """The population of a group by `with_slope_if_any`, with these common errors; None for a single shot, or if no shot
+    has an interval."""
+    if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
+        return None
+    from cavirheo.inference.population import with_slope_if_any
+
+    return with_slope_if_any(answers, names, along, errors=errors)
+
+
+def population_record(population: Population | None, column: str = "") -> PopulationRecord:
+    """The record of a population for a document. column: title of the column along which it has a slope."""
+    if population is None:
+        return PopulationRecord()
+    fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "outliers", "left_out")}
+    fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
+    fields |= {"switches": dict(population.switches), "heaps": dict(population.heaps)}
+    if not len(population.centre):
+        return PopulationRecord(**fields)
+
+    def each(of: Callable[[str], tuple[float, float, float]]) -> dict[str, Quantity]:
+        return {name: Quantity.from_interval(*of(name)) for name in population.names}
+
+    evidence = population.evidence
+    if population.slope is not None:
+        slopes = each(population.trend)
+        fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
+    return PopulationRecord(
+        **fields,
+        **PopulationRecord.fields_of({name: population.quantity(name) for name in population.quantities}),
+        spreads_decades=each(population.scatter),
+        correlation={pair: Quantity.from_interval(*interval) for pair, interval in population.correlations().items()},
+        log_evidence=evidence.log if evidence else None,
+        log_evidence_error=evidence.error if evidence else None,
+        agree=population.agree,
+    )
+
+
+def systematic_of(population: Population | None) -> Systematic:
+    """What common errors do to a population; empty where it has no draws, or where that is not known."""
+    if population is None or not len(population.centre) or not population.over_scale:
+        return Systematic()
+    from cavirheo.inference.population.systematic import slopes
+
+    names = [name for name in population.over_scale if population.bound(name) is None]
+    statistics = {}
+    for name in names:
+        low, high = population.statistical_interval(name)
+        statistics[name] = Quantity(median=population.quantity(name).median, q05=low, q95=high)
+    return Systematic(
+        errors=asdict(population.errors),
+        slopes={name: slopes(name, population.over_scale[name]) for name in names},
+        statistics=statistics,
+    )
+
+
+def slopes_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
+    """The slopes in words: 'along concentration, decades per unit: G rises 0.20 (0.15 to 0.25); the material is that at
+    concentration = 3'. Along R_max they are powers of it."""
+    from cavirheo.column import LOG_R_MAX
+
+    along, place = f"along {column}, decades per unit", f"{column} = {digits.significant(at)}"
+    if column == LOG_R_MAX:
+        along, place = "over R_max, as a power of it", f"R_max = {digits.micrometres(1e-6 * 10.0**at)} µm"
+    clauses = []
+    for name, slope in slopes.items():
+        verb = _TREND_VERBS[slope.sign]
+        if column == LOG_R_MAX and not slope.sign and max(-(slope.q05 or 0.0), slope.q95 or 0.0) < _MAX_FLAT_POWER:
+            verb = "shows no change"
+        clauses.append(f"{digits.symbol_and_unit(name)[0]} {verb}, {digits.quantity(slope)}")
+    return f"{along}: {'; '.join(clauses)}; the material is that at {place}"
+
+
+def differences(materials: Mapping[str, Population | None]) -> list[MaterialRatio]:
+    """Ratios of each two of the first _MAX_COMPARED materials with the same model."""
+    whole = [(name, population) for name, population in materials.items() if population and len(population.centre)]
+    records = []
+    for (earlier, population), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
+        if (population.material, population.bubble) == (second.material, second.bubble):
+            for name, difference in second.against(population).items():
+                ratio = {**difference._asdict(), "ratio": Quantity.from_interval(*difference.ratio)}
+                records.append(MaterialRatio(first=later, second=earlier, parameter=name, **ratio))
+    return records
+
+
+def _column_title(rows: Iterable[CurveRecord]) -> str:
+    """The title of the column that the user declared; "" if there is none."""
+    return next((title for row in rows for title in row.column), "")
+
+
+def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:
+    """The laws of curves and groups by the index of their first curve; of two rankings with one, those of the later."""
+    found = {}
+    for ranking in rankings:
+        laws = {}
+        for name, evidence in ranking.evidence.items():
+            material = ranking.populations.get(name)
+            alone = ranking.answers[name][0] if len(ranking.members) == 1 else None
+            together = material.evidence if material and not material.left_out else None  # of the same shots
+            laws[name] = LawOfGroup(
+                log_evidence=evidence.log if evidence else None,
+                standard_error=evidence.error if evidence else None,
+                probability=ranking.probability.get(name),
+                material=material.line if material else _values_in_words(alone) if alone else "",
+                material_log_evidence=together.log if together else None,
+            )
+        ranked = {key: getattr(ranking, key) for key in ("shots", "chosen", "contenders", "pairs")}
+        found[ranking.members[0]] = LawsOfGroup(laws=laws, **ranked)
+    return found
+
+
+def _values_in_words(answer: Posterior) -> str:
+    """'G 5.1 kPa (4.8 to 5.5), µ 0.021 Pa s (0.018 to 0.024), RMSE 1.2 %'."""
+    values = {name: answer.quantity(name) for name in answer.parameters if is_law_parameter(name)}
+    words = []
+    for name, value in values.items():
+        factor, unit = digits.unit_for(parameter_of(name).unit, value.largest)
+        words.append(f"{parameter_of(name).symbol} {digits.quantity(value, factor, unit=unit)}")
+    return ", ".join([*words, f"RMSE {digits.percent(answer.checks.rmse_over_rmax)} %"])
