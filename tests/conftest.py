@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from cavirheo import Bubble, InputError, Medium, verbs
+from cavirheo.inference.problem import TrainingProblem
 from cavirheo.messages import Message
-from cavirheo.prior import Prior, TrainingProblem
+from cavirheo.prior import Prior
 
 LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}
 PROBLEM = TrainingProblem("newtonian", Prior.uniform(LIQUID))
@@ -153,7 +154,7 @@ class Instant(list):
         of = dict(zip(problem.prior.names, theta.T, strict=True))
         decay = 0.5 * (of.get("log10_viscosity", np.zeros(len(theta))) + 3.0)
         speed = of.get("log10_shear_modulus", np.full(len(theta), 3.0)) - 2.0
-        phase = problem.grid.time / problem.grid.time[-1]
+        phase = problem.time / problem.time[-1]
         shape = (1 + 0.5 * np.cos(np.outer(speed, 3.0 * phase))) / 1.5 * np.exp(-np.outer(decay, phase))
         failed = self.fails(theta)
         shape[failed, len(phase) // 2 :] = np.nan

@@ -92,7 +92,8 @@ ANSWERS = Page(
             "Training sets",
             {
                 "cavirheo.training.dataset": "Dataset",
-                "cavirheo.prior": "TrainingProblem FrameGrid Prior",
+                "cavirheo.inference.problem": "TrainingProblem",
+                "cavirheo.prior": "Prior",
             },
         ),
     ),

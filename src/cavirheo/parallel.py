@@ -7,12 +7,10 @@ import multiprocessing.util
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor, as_completed
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from importlib import import_module
 from multiprocessing import resource_tracker
 from typing import Any, Protocol, TypeVar
 
@@ -26,19 +24,19 @@ Flow = Generator[tuple[int, Output], None, None]  # (index of a job, its output)
 # no modules from the current folder; loky restarts a process with so many bytes more than after its first job
 _ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
-_pools: dict[int, Any] = {}  # the pool, by its size
+_pools: dict[int, Any] = {}  # the pool of this process, by its size
 _pool_lock = threading.Lock()
 _calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pools.clear)  # a pool is of the process that started it
 
 
 def cores(workers: int | None = None) -> int:
     """`workers`, or the number of cores that this process may use: those of the machine, its container or its cluster
     job, and at most LOKY_MAX_CPU_COUNT of the environment. Raises InputError: not a whole number from 1 up."""
     if workers is None:
+        from loky import cpu_count  # the import takes a third of a second
+
         try:
-            return int(_loky().cpu_count())
+            return int(cpu_count())
         except ValueError:
             text = os.environ.get("LOKY_MAX_CPU_COUNT")
             raise InputError(f"LOKY_MAX_CPU_COUNT must be a whole number, got {text!r}", "parallel.cores") from None
@@ -112,47 +110,33 @@ class Processes:
     workers: int | None = None
 
     def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
-        """As `Executor.map_unordered`. A job whose process was ended from outside is done again. After its close or an
-        exception, running jobs end at once. Threads do the work where no process can be started. Raises InputError:
-        processes were ended twice with no job done in between; and what `function` raises."""
-        count = max(min(cores(self.workers), len(jobs)), 1)
-        left = list(range(len(jobs)))
-        progress = True  # whether a job was done since processes were ended from outside
+        """As `Executor.map_unordered`. After its close or an exception, running jobs end at once. Threads do the work
+        where no process can be started. Raises InputError: a process was ended from outside; and what `function`
+        raises."""
+        pool = process_pool(max(min(cores(self.workers), len(jobs)), 1))
+        if pool is None:
+            yield from Threads(self.workers).map_unordered(function, jobs)
+            return
+        indices: dict[Any, int] = {}
         try:
-            while left:
-                pool = process_pool(count)
-                if pool is None:
-                    for place, output in Threads(self.workers).map_unordered(function, [jobs[index] for index in left]):
-                        yield left[place], output
-                    return
-                try:
-                    indices = {pool.submit(function, jobs[index]): index for index in left}
-                    for future in as_completed(indices):
-                        output = future.result()
-                        index = indices.pop(future)
-                        left.remove(index)
-                        progress = True
-                        yield index, output
-                except _pool_errors() as error:
-                    if not progress:
-                        message = f"one of {count} processes was ended from outside, for want of memory perhaps"
-                        mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
-                        raise InputError(f"{message}: {mending}", "parallel.ended") from error
-                    progress = False
-                    end_processes()
+            indices |= {pool.submit(function, job): index for index, job in enumerate(jobs)}
+            for future in as_completed(list(indices)):
+                output = future.result()
+                yield indices.pop(future), output
+        except _pool_errors() as error:
+            message = "a process of this machine was ended from outside, for want of memory perhaps"
+            mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
+            raise InputError(f"{message}: {mending}", "parallel.ended") from error
         finally:
-            if left:
+            if indices:
                 end_processes()
-
-
-def _loky() -> Any:
-    """The library loky, imported in a thread: if Ctrl-C interrupted the import, it could not be imported again."""
-    return run_in_thread(lambda: import_module("loky"))
 
 
 def _pool_errors() -> tuple[type[Exception], ...]:
     """Errors of a job whose processes were ended: from outside, or by `end_processes` in another thread."""
-    return BrokenExecutor, _loky().process_executor.ShutdownExecutorError
+    from loky.process_executor import ShutdownExecutorError
+
+    return BrokenExecutor, ShutdownExecutorError
 
 
 @contextmanager
@@ -171,14 +155,17 @@ def _signals_blocked() -> Iterator[None]:
 
 def process_pool(count: int) -> Any:
     """A pool of at least `count` processes, the latest one if it is large enough; None if none can be started, as in a
-    sandbox without semaphores, or without enough memory or files."""
+    sandbox without semaphores, or without enough memory or files. Its processes end themselves when they have had no
+    work for IDLE, and leave Ctrl-C to this one."""
+    from loky import ProcessPoolExecutor
+
     with _pool_lock:
         if _pools and min(_pools) < count:
             _pools.popitem()[1].shutdown(wait=False)
         if not _pools:
-            options = {"timeout": IDLE, "initializer": _tie_to_parent, "initargs": (os.getpid(),), "env": _ENVIRONMENT}
+            ignoring = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
             with suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, too many files
-                pool = _loky().ProcessPoolExecutor(count, **options)
+                pool = ProcessPoolExecutor(count, timeout=IDLE, env=_ENVIRONMENT, **ignoring)
                 pool.submit(int)  # starts the processes
                 _pools[count] = pool
         return next(iter(_pools.values()), None)
@@ -198,18 +185,6 @@ def prepare_exit() -> None:
         if thread.name in ("ExecutorManagerThread", "QueueFeederThread"):
             thread.join(1.0)
     multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined]  # otherwise stderr shows leaked semaphores
-
-
-def _tie_to_parent(parent: int) -> None:
-    """Make this process ignore Ctrl-C, because its parent ends it, and exit if the parent is killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # in case it is not blocked
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def default_executor(jobs: int, workers: int | None = None) -> Executor:

@@ -13,8 +13,9 @@ from conftest import LIQUID, PROBLEM, ROOT, WATER, code_of, contents, refused
 from scipy.stats import kstest
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian
+from cavirheo.inference.problem import TrainingProblem
 from cavirheo.physics.media import BU2026
-from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
+from cavirheo.prior import Prior, uniforms
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.trajectories import BLOCK, block
 
@@ -44,7 +45,7 @@ def test_identity_changes_with_every_part():
     others = [
         replace(GEL, medium=BU2026),
         replace(GEL, medium=replace(WATER, conductivity_slope=5.4e-5)),
-        replace(GEL, grid=FrameGrid(frames=101)),
+        replace(GEL, frames=101),
         replace(GEL, reference_max_radius=246e-6),
         of(stretch=[3.0, 10.0]),
         replace(GEL, prior=Prior.uniform(dict(reversed(RANGES.items())))),
@@ -66,7 +67,7 @@ def test_simulations_are_of_the_material_at_the_reference():
     (one,) = GEL.simulate_many([[5.0, 0.0, 4.0]])
     again, other = GEL.simulate_many([[5.0, 0.0, 4.0], [4.5, 0.0, 4.0]], workers=2)
     assert (one.ok, one.radius[0]) == (True, pytest.approx(245e-6))
-    np.testing.assert_array_equal(one.time, GEL.grid.time)
+    np.testing.assert_array_equal(one.time, GEL.time)
     np.testing.assert_array_equal(again.radius, one.radius)
     assert not np.array_equal(other.radius, one.radius)
 

@@ -11,7 +11,7 @@ from conftest import ROOT, code_of, error_of
 from cavirheo.inference.bdt import network_of
 from cavirheo.inference.cards import card as read_card
 from cavirheo.inference.emulator import emulator
-from cavirheo.prior import TrainingProblem
+from cavirheo.inference.problem import TrainingProblem
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.recipe import PointRecipe, read_recipe
 

@@ -25,12 +25,12 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.cards import Arrays, Layers, ModelCard, card, path_of, read_weights
 from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.emulator import Bubbles, Camera, emulator
+from cavirheo.inference.problem import TrainingProblem, natural_values
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, STRETCH_RANGE, natural_name, to_natural, to_prior_scale
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Diagnostics
-from cavirheo.prior import TrainingProblem, natural_values
 
 MODULUS = "shear_modulus"
 MIN_SAMPLES = 0.9  # least share of the network's samples inside the recording; the others repeat the last one
@@ -61,7 +61,7 @@ class Network:
         self.outputs: tuple[str, ...] = tuple(output.name for output in about.outputs)
         self._forward = Forward(about.network, len(about.outputs), read_weights(path, self.sha256))
         try:
-            self._forward(np.ones((1, self.problem.grid.frames)))
+            self._forward(np.ones((1, self.problem.frames)))
         except (KeyError, ValueError, IndexError) as error:
             message = f"{path} has other arrays than its card says ({error}): train it anew"
             raise InputError(message, "model.weights") from error
@@ -148,7 +148,7 @@ def _loaded(path: Path, *_: int) -> Network:
 def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None) -> Window:
     """The window of a curve that a network of one value reads, of at most `collapses` collapses. Raises InputError."""
     problem = network.problem
-    end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
+    end = problem.grid_step(curve.max_radius, medium) * (problem.frames - 1)
     return window(curve, collapses=collapses, end=end)
 
 
@@ -156,7 +156,7 @@ def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[F
     """Values (outputs,) in the prior's scale for the reference R_max, values by name for the shot (SI) at equal Cauchy
     and Reynolds numbers, and the number of samples that the recording lacks. Raises InputError: too few."""
     problem, top = network.problem, curve.max_radius
-    step, frames = problem.grid_step(top, medium), problem.grid.frames
+    step, frames = problem.grid_step(top, medium), problem.frames
     features = curve.resampled(step, frames, allow_short=True) / top
     measured = ~np.isnan(features)
     if np.count_nonzero(measured) < MIN_SAMPLES * frames:
@@ -198,7 +198,7 @@ def read_values(
     if wrong:
         messages.append(Message("frames.spikes", {"frames": len(wrong)}))
     if missing:
-        messages.append(Message("network.cut_short", {"missing": missing, "samples": problem.grid.frames}))
+        messages.append(Message("network.cut_short", {"missing": missing, "samples": problem.frames}))
     simulated = reconstruct(view, material, medium, stretch)
     if not modulus and np.sqrt(np.mean(simulated["residual_over_rmax"] ** 2)) > MISFIT:
         messages.append(Message("network.elastic"))

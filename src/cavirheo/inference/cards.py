@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from cavirheo.errors import InputError, read_bytes, read_object, validation_message
+from cavirheo.inference.problem import TrainingProblem
 from cavirheo.parameters import LOG10, parameter_of
-from cavirheo.prior import TrainingProblem
 
 MAX_BYTES, MAX_CARD_BYTES = 8_000_000, 2_000_000  # bytes: largest file of weights, also unpacked, and largest card
 MAX_ARRAYS = 5_000  # of a file
@@ -121,8 +121,8 @@ class ModelCard(_Card):
         problem, names = TrainingProblem.from_dict(self.problem), {output.name for output in self.outputs}
         if self.material != problem.material_name:
             raise InputError("its material is not that of its problem")
-        if self.network.heads * problem.grid.frames**2 > MAX_ATTENTION:
-            raise InputError(f"{problem.grid.frames} frames are too many for a network")
+        if self.network.heads * problem.frames**2 > MAX_ATTENTION:
+            raise InputError(f"{problem.frames} frames are too many for a network")
         if len(names) != len(self.outputs) or names != {*problem.prior.names} - {"stretch"}:
             raise InputError("its outputs are not the parameters of its law")
         if not names <= self.metrics.keys():

@@ -30,9 +30,10 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, require, sha256
+from cavirheo.inference.problem import TrainingProblem
 from cavirheo.io.binary import check_sizes, local_items
 from cavirheo.parallel import Executor, Threads
-from cavirheo.prior import TrainingProblem, uniforms
+from cavirheo.prior import uniforms
 from cavirheo.training import trajectories
 from cavirheo.training.recipe import difference
 from cavirheo.writing.document import atomic_file, writable_folder
@@ -77,7 +78,7 @@ def layout_of(problem: Problem) -> Layout:
     """Layout of curves on the problem's grid of times (theta: in the prior's scale, radius: over the reference R_max),
     or of the trajectories for an emulator, 2.2 kB each."""
     if isinstance(problem, TrainingProblem):
-        prior, frames = problem.prior, problem.grid.frames
+        prior, frames = problem.prior, problem.frames
         ranges = zip(prior.names, prior.low, prior.high, strict=True)
         summary = [f"curves of {frames} frames: {problem.material_name} in {problem.medium.name}"]
         summary += [f"{name}: {low:g} to {high:g}" for name, low, high in ranges]

@@ -93,7 +93,7 @@ class BubbleTransformer(nn.Module):
     def of(cls, recipe: PointRecipe) -> Self:
         """The network of a recipe, with random weights."""
         problem = recipe.problem
-        return cls(recipe.network, problem.grid.frames, problem.prior.marginal(recipe.outputs))
+        return cls(recipe.network, problem.frames, problem.prior.marginal(recipe.outputs))
 
     def forward(self, radius: Tensor) -> Tensor:
         position = self.position.expand(radius.shape[0], -1, -1)

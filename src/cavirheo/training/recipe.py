@@ -20,8 +20,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, read_bytes, validation_message
+from cavirheo.inference.problem import TrainingProblem
 from cavirheo.physics.media import Medium, medium
-from cavirheo.prior import FrameGrid, Prior, TrainingProblem
+from cavirheo.prior import Prior
 from cavirheo.training.trajectories import DOMAIN
 
 LARGEST = 50_000  # bytes of a recipe
@@ -112,9 +113,8 @@ class PointRecipe(_Recipe):
         if unknown := ", ".join(constants.keys() - {*names}):
             raise InputError(f"[problem] medium: no constants {unknown}; there are {', '.join(names)}", "recipe.medium")
         liquid = medium(**constants)
-        grid = FrameGrid(table.frame_interval_us / 1e6, table.frames)
-        prior, reference = Prior.uniform(self.prior), table.reference_max_radius_um / 1e6
-        return TrainingProblem(table.material, prior, liquid, grid, reference)
+        interval, reference = table.frame_interval_us / 1e6, table.reference_max_radius_um / 1e6
+        return TrainingProblem(table.material, Prior.uniform(self.prior), liquid, interval, table.frames, reference)
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -100,7 +100,7 @@ class PointTask:
             "material": problem.material_name,
             "problem_id": problem.id,
             "problem": problem.to_dict(),
-            "input": {"name": "radius", "shape": ["batch", problem.grid.frames], "meaning": meaning},
+            "input": {"name": "radius", "shape": ["batch", problem.frames], "meaning": meaning},
             "outputs": [{"name": name, "unit": parameter_of(name).unit, "scale": scales[name]} for name in outputs],
             "data": self.data.origin | {part: len(radius) for part, (radius, _) in self.parts.items()},
             "metrics": metrics(outputs, truth, predicted),
