@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError, require, sha256
+from cavirheo.errors import InputError, listed, sha256
 from cavirheo.inference.problem import TrainingProblem
 from cavirheo.io.binary import check_sizes, local_items
 from cavirheo.parallel import Executor, Threads
@@ -111,13 +111,18 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> Columns:
     return {"theta": theta, "radius": radius.astype(np.float32), "status": status}
 
 
-@dataclass(frozen=True)
-class GenerateSummary:
-    """Summary of a call of `generate`. failures: number of failed curves by status, in old and new files together."""
+class GenerateSummary(NamedTuple):
+    """Summary of a call of `generate`.
+
+    Attributes:
+        curves: number of curves of the set.
+        failures: number of failed curves by status, in old and new files together.
+        simulated: number of curves that were simulated in this call.
+    """
 
     curves: int
     failures: dict[str, int]
-    simulated: int  # curves that were simulated in this call
+    simulated: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,31 +193,30 @@ def generate(
 
     Raises InputError: the folder holds files of another problem, seed, number of curves or version.
     """
+    if n < 1:
+        raise InputError(f"at least one curve is needed, got {n}", "dataset.curves")
     layout = layout_of(problem)
-    require(n >= 1, f"at least one curve is needed, got {n}", "dataset.curves")
     head = {"problem": layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
     with writable_folder(out_dir) as folder:
         complete = [read_shard(path, head) for path in sorted(folder.glob("shard-*.h5"))]
         row = 8 + sum(np.dtype(kind).itemsize * prod(shape) for kind, shape in layout.columns.values())  # bytes
         need, free = row * (n - PER_FILE * len(complete)), shutil.disk_usage(folder).free
         if need > free:
-            message = (
-                f"the set needs {need / 1e9:.3g} GB more on the disk of {folder}, and there are {free / 1e9:.3g} GB"
-            )
-            raise InputError(f"{message}: ask for fewer curves or frames", "dataset.size")
-        files = {folder / _name(start): range(n)[start : start + PER_FILE] for start in range(0, n, PER_FILE)}
-        todo = [(path, block) for path, block in files.items() if not path.exists()]
-        simulated = sum(len(block) for _, block in todo)
-        simulate, blocks = partial(layout.simulate, seed), [block for _, block in todo]
-        work = (executor or Threads(workers)).map_unordered(simulate, blocks)
+            message = f"the set needs {need / 1e9:.3g} GB more on the disk of {folder}, and there are "
+            raise InputError(f"{message}{free / 1e9:.3g} GB: ask for fewer curves or frames", "dataset.size")
+        blocks = [range(n)[start : start + PER_FILE] for start in range(0, n, PER_FILE)]
+        todo = [block for block in blocks if not (folder / _name(block.start)).exists()]
+        simulated = sum(map(len, todo))
+        work = (executor or Threads(workers)).map_unordered(partial(layout.simulate, seed), todo)
         with progress_bar("simulating", simulated, visible=progress) as advance, closing(work) as flow:
             for index, columns in flow:
-                path, block = todo[index]
-                layout.write(path, head | {"start": block.start}, columns)
-                advance(len(block))
-        statuses = sum((read_shard(path, head).statuses for path in files), Counter[str]())
-    failures = {status: count for status, count in statuses.items() if status != "ok"}
-    return GenerateSummary(n, failures, simulated)
+                start = todo[index].start
+                layout.write(folder / _name(start), head | {"start": start}, columns)
+                advance(len(todo[index]))
+        shards = (read_shard(folder / _name(block.start), head)[1] for block in blocks)
+        statuses = Counter(status for columns in shards for status in columns["status"].tolist())
+    del statuses["ok"]
+    return GenerateSummary(n, dict(statuses), simulated)
 
 
 def load(data_dir: str | Path) -> Dataset:
@@ -220,20 +224,24 @@ def load(data_dir: str | Path) -> Dataset:
 
     Raises InputError: no files, a missing or damaged file, or files of different sets.
     """
-    paths = _paths(data_dir)
-    first = read_shard(paths[0], {})
-    layout, head, present = first.layout, first.head, {path.name for path in paths}
-    count = -(-head["total"] // PER_FILE)
-    missing = list(islice((_name(k * PER_FILE) for k in range(count) if _name(k * PER_FILE) not in present), 3))
-    if missing:
+    paths = sorted(Path(data_dir).glob("shard-*.h5"))
+    if not paths:
+        message = f"{data_dir} holds no training set (shard-*.h5); make one with `cavirheo generate`"
+        raise InputError(message, "dataset.none")
+    if foreign := [path.name for path in paths if not re.fullmatch(r"shard-\d{5,}", path.stem)]:
+        raise InputError(f"{data_dir}: {listed(foreign, 3)} is no part of this set; remove it", "dataset.foreign")
+    head, first = read_shard(paths[0], {})
+    present, count = {path.name for path in paths}, -(-head["total"] // PER_FILE)
+    names = (_name(k * PER_FILE) for k in range(count))
+    if missing := list(islice((name for name in names if name not in present), 3)):
         lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
         raise InputError(f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
-    shards = [first, *(read_shard(path, {key: head[key] for key in ATTRIBUTES}) for path in paths[1:])]
-    columns = {name: np.concatenate([shard.columns[name] for shard in shards]) for name in layout.columns}
-    require(bool((columns["status"] == "ok").any()), f"{data_dir}: every simulation of this set failed", "dataset.none")
-    problem = _problem_of(json.loads(head["problem"]))
+    shards = [first, *(read_shard(path, {key: head[key] for key in ATTRIBUTES})[1] for path in paths[1:])]
+    columns = {name: np.concatenate([shard[name] for shard in shards]) for name in first}
+    if not (columns["status"] == "ok").any():
+        raise InputError(f"{data_dir}: every simulation of this set failed", "dataset.none")
     digest = hashlib.sha256(b"".join(bytes.fromhex(sha256(path)) for path in paths)).hexdigest()
-    return Dataset(problem, head["seed"], head["made_by"], columns, digest)
+    return Dataset(_problem_of(json.loads(head["problem"])), head["seed"], head["made_by"], columns, digest)
 
 
 def _name(start: int) -> str:
@@ -241,34 +249,17 @@ def _name(start: int) -> str:
     return f"shard-{start // PER_FILE:05d}.h5"
 
 
-def _paths(data_dir: str | Path) -> list[Path]:
-    """The files of a set in their order. Raises InputError: there is none, or a name is not that of a file of a set."""
-    paths = sorted(Path(data_dir).glob("shard-*.h5"))
-    if not paths:
-        message = f"{data_dir} holds no training set (shard-*.h5); make one with `cavirheo generate`"
-        raise InputError(message, "dataset.none")
-    foreign = [path.name for path in paths if not re.fullmatch(r"shard-\d{5,}", path.stem)]
-    require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
-    return paths
-
-
-class Shard(NamedTuple):
-    """A file of a training set. head: its attributes. statuses: number of curves by status."""
-
-    head: Mapping[str, Any]
-    layout: Layout
-    columns: Columns
-    statuses: Counter[str]
-
-
-def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
-    """Read a file of a set. Raises InputError: it is damaged, or its attributes or columns are not those expected."""
+def read_shard(path: Path, expected: Mapping[str, Any]) -> tuple[dict[str, Any], Columns]:
+    """The attributes and the columns of a file of a set. Raises InputError: it is damaged, or its attributes or columns
+    are not those expected."""
     try:
-        require(path.is_file(), "it is no file", "dataset.unreadable")  # reading a pipe would wait for ever
+        if not path.is_file():  # reading a pipe would wait for ever
+            raise OSError("it is no file")
         with h5py.File(path, "r") as file:
             head: dict[str, Any] = {key: np.asarray(file.attrs[key]).item() for key in (*ATTRIBUTES, "start")}
             for key, kind in ATTRIBUTES.items():
-                require(type(head[key]) is kind, f"{key} is {short(head[key])}", "dataset.unreadable")
+                if type(head[key]) is not kind:
+                    raise ValueError(f"{key} is {short(head[key])}")
             for key, value in expected.items():
                 if head[key] != value:
                     both = [json.loads(text) if key == "problem" else {key: text} for text in (head[key], value)]
@@ -280,14 +271,14 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
             check_sizes(items.values())
             shapes = {name: (item.dtype, item.shape) for name, item in items.items()}
             needed = {name: (np.dtype(kind), (count, *shape)) for name, (kind, shape) in layout.columns.items()}
-            fine = shapes == needed and path.name == _name(start)
-            require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
+            if shapes != needed or path.name != _name(start):
+                raise InputError(f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
             columns = {name: np.array((item.asstr() if name == "status" else item)[:]) for name, item in items.items()}
         columns["status"] = columns["status"].astype(str)
         ok = columns["status"] == "ok"
-        finite = all(np.isfinite(column[ok]).all() for name, column in columns.items() if name != "status")
-        require(finite, "values of its good curves are not finite", "dataset.values")
-        return Shard(head, layout, columns, Counter(columns["status"].tolist()))
+        if not all(np.isfinite(column[ok]).all() for name, column in columns.items() if name != "status"):
+            raise InputError("values of its good curves are not finite", "dataset.values")
+        return head, columns
     except InputError as error:
         hint = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
         raise InputError(f"{path}: {error}{hint}", error.code) from error

@@ -129,14 +129,14 @@ def train_epoch(task: Task, table: TrainingTable, epoch: int, advance: Callable[
     step, steps = epoch * len(batches), table.epochs * len(batches)
     summed = torch.zeros((), device=next(task.network.parameters()).device)
     for rows in batches:
-        for group in task.optimiser.param_groups:
-            group["lr"] = table.learning_rate(step, steps)
         loss, reported = task.loss(rows, step, steps)
-        task.optimiser.zero_grad()
+        task.network.zero_grad()
         loss.backward()
         if task.average is not None:
             torch.nn.utils.clip_grad_norm_(task.network.parameters(), LARGEST_GRADIENT)
-        task.optimiser.step()
+        for optimiser in task.optimisers:
+            optimiser.param_groups[0]["lr"] = table.learning_rate(step, steps)
+            optimiser.step()
         step += 1
         if task.average is not None:
             share = min(AVERAGE_DECAY, step / (step + 10.0))
@@ -154,9 +154,10 @@ def networks_of(task: Task) -> nn.ModuleDict:
 
 def save(path: Path, task: Task, identity: Mapping[str, Any], done: Progress) -> None:
     """Write a checkpoint."""
-    moments = task.optimiser.state_dict()["state"].items()
-    tensors = {f"moments.{index}.{name}": tensor for index, values in moments for name, tensor in values.items()}
-    tensors |= networks_of(task).state_dict() | {f"best.{name}": tensor for name, tensor in done.best.items()}
+    tensors = networks_of(task).state_dict() | {f"best.{name}": tensor for name, tensor in done.best.items()}
+    for k, optimiser in enumerate(task.optimisers):
+        for index, moments in optimiser.state_dict()["state"].items():
+            tensors |= {f"moments.{k}.{index}.{name}": tensor for name, tensor in moments.items()}
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     note = {"identity": identity, "history": done.history}
     with atomic_file(path) as temporary:
@@ -179,18 +180,20 @@ def resumed(path: Path, task: Task, identity: Mapping[str, Any]) -> Progress:
         if changed := difference(note["identity"], identity):
             hint = "use another folder, or the recipe and data that it was begun with"
             raise InputError(f"{path.parent} holds another run ({changed}): {hint}", "training.another_run")
-        moments: dict[int, dict[str, Tensor]] = {}
+        networks: dict[str, Tensor] = {}
         best: dict[str, Tensor] = {}
-        for name in list(tensors):
-            part, _, rest = name.partition(".")
-            if part == "best":
-                best[rest] = tensors.pop(name)
-            elif part == "moments":
-                index, _, which = rest.partition(".")
-                moments.setdefault(int(index), {})[which] = tensors.pop(name)
+        moments: list[dict[int, dict[str, Tensor]]] = [{} for _ in task.optimisers]
+        for name, tensor in tensors.items():
+            part, *rest = name.split(".")
+            if part == "moments":
+                k, index, which = rest
+                moments[int(k)].setdefault(int(index), {})[which] = tensor
+            else:
+                (best if part == "best" else networks)[name.removeprefix("best.")] = tensor
         task.exported.load_state_dict(best)  # an error if it is of another network
-        task.optimiser.load_state_dict(task.optimiser.state_dict() | {"state": moments})
-        networks_of(task).load_state_dict(tensors)
+        for optimiser, state in zip(task.optimisers, moments, strict=True):
+            optimiser.load_state_dict(optimiser.state_dict() | {"state": state})
+        networks_of(task).load_state_dict(networks)
         losses = ("epoch", "train", "validation", "seconds")
         return Progress([{key: float(line[key]) for key in losses} for line in note["history"]], best)
     except InputError:
