@@ -21,7 +21,7 @@ from cavirheo.errors import InputError
 from cavirheo.inference.cards import Arrays, card, path_of, read_weights
 from cavirheo.physics.bubble import MOTIONS, Bubble
 from cavirheo.physics.cache import compiled
-from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Fung, Material, NeoHookean, Newtonian, Viscous
+from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Fung, Material, NeoHookean, Newtonian, Quadratic, Viscous
 from cavirheo.physics.materials import Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.media import WATER, Medium
 
@@ -169,7 +169,7 @@ def elastic_stress(law: Elastic, stretch: Floats) -> Floats:
     """(k, radii) S_el, Pa, of a law with parameters (k, 1) at RADII of bubbles with stretches (k,). Beyond the end of
     the law it is LARGEST_STRESS times 1 MPa, with the sign that it has there; NaN if R_max is beyond it."""
     ratios = stretch[:, None] * RADII
-    if hasattr(law, "closed_form"):
+    if isinstance(law, Quadratic):
         return law.stress(ratios)
     if isinstance(law, Fung) and np.any(plain := np.broadcast_to(law.stiffening == 0.0, (len(stretch), 1))[:, 0]):
         modulus = np.broadcast_to(law.shear_modulus, (len(stretch), 1))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-from cavirheo.errors import InputError, brief, require
+from cavirheo.errors import InputError, brief
 from cavirheo.parameters import NOT_NEGATIVE, Domain, check, domain
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
@@ -96,18 +96,16 @@ class Bubble:
 
     def __post_init__(self) -> None:
         check(self)
-        message = f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}"
-        require(isinstance(self.damage, Damage) or self.damage in DAMAGES, message, "option.damage")
-        both = "give either confinement_inertia or wall_distance, not both"
-        require(self.wall_distance is None or self.confinement_inertia == 0, both, "physics.two_walls")
+        if not isinstance(self.damage, Damage) and self.damage not in DAMAGES:
+            raise InputError(f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}", "option.damage")
+        if self.wall_distance is not None and self.confinement_inertia != 0:
+            raise InputError("give either confinement_inertia or wall_distance, not both", "physics.two_walls")
         if self.exponent is not None and not (isinstance(self.exponent, Real) and 0 < self.exponent < 10):
             message = "the exponent of the gas (--polytropic; in Python exponent=) must lie between 0 and 10"
             raise InputError(f"{message}, such as 1 (isothermal) or 1.4, got {self.exponent!r}", "physics.exponent")
         if self.exponent is not None and (self.contents != "equilibrium" or self.vapour_excess != 0):
-            message = (
-                "with an exponent of the gas (--polytropic) no vapour condenses: leave it out, or kinetic contents"
-            )
-            raise InputError(f"{message} contents and vapour_excess", "physics.contents_twice")
+            message = "with an exponent of the gas (--polytropic) no vapour condenses: leave it out, or "
+            raise InputError(f"{message}kinetic contents and vapour_excess", "physics.contents_twice")
 
     def check_known(self) -> None:
         """Raises InputError for a value that is "free"; the message says what to give instead."""
@@ -116,19 +114,18 @@ class Bubble:
         free = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
         if self.damage == "strain":
             free.append("damage=Damage(0.5, 1.5)")
-        message = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(free)}"
-        require(not free, message, "physics.free_bubble")
+        if free:
+            message = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(free)}"
+            raise InputError(message, "physics.free_bubble")
 
     def inertia(self, max_radius: float) -> float:
         """beta of a bubble of this R_max (m) whose confinement is known. Raises InputError: a wall within R_max."""
         if self.wall_distance is None:
             return float(self.confinement_inertia)
         if self.wall_distance <= max_radius:
-            distance, radius = 1e6 * self.wall_distance, 1e6 * max_radius
-            message = (
-                f"a wall {distance:.4g} um from the centre of a bubble of R_max {radius:.4g} um would be inside it: "
-                "give a larger distance (--wall-distance-um; in Python wall_distance=, in m)"
-            )
+            wall = f"a wall {1e6 * self.wall_distance:.4g} um from the centre of a bubble of R_max "
+            larger = "give a larger distance (--wall-distance-um; in Python wall_distance=, in m)"
+            message = f"{wall}{1e6 * max_radius:.4g} um would be inside it: {larger}"
             raise InputError(message, "physics.wall_too_near")
         return 0.5 * max_radius / self.wall_distance
 
@@ -188,7 +185,7 @@ def bubbles_of(requested: Requested) -> tuple[Bubble, ...]:
     """
     bubbles: Any = {**BUBBLES, AUTO: (FIELD, REAL)}.get(requested) if isinstance(requested, str) else requested
     bubbles = (bubbles,) if isinstance(bubbles, Bubble) else bubbles
-    fine = isinstance(bubbles, Sequence) and len(bubbles) > 0 and all(isinstance(each, Bubble) for each in bubbles)
-    message = f"bubble must be {', '.join(BUBBLES)}, {AUTO} or a Bubble, got {brief(requested)}"
-    require(fine, message, "option.bubble")
+    if not (isinstance(bubbles, Sequence) and bubbles and all(isinstance(each, Bubble) for each in bubbles)):
+        message = f"bubble must be {', '.join(BUBBLES)}, {AUTO} or a Bubble, got {brief(requested)}"
+        raise InputError(message, "option.bubble")
     return tuple(dict.fromkeys(bubbles))

@@ -6,9 +6,9 @@ around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L (docs/meth
 
     dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  dS_el/dL = -4 W_1 (q^2 + q^5),  S_el(1) = 0.
 
-So an elastic law only needs `slope`, dS_el/dL; the table for the solver follows by quadrature. Laws with a short
-closed form are tabulated from it. A viscous law is the stress integral S_v(g) at the wall's hoop rate g = U/R. The
-shear rate sqrt(2 D:D) is 2 sqrt3 |g| at the wall and falls as r^-3, so
+So an elastic law only needs `slope`, dS_el/dL; the table for the solver follows by quadrature. A viscous law is the
+stress integral S_v(g) at the wall's hoop rate g = U/R. The shear rate sqrt(2 D:D) is 2 sqrt3 |g| at the wall and falls
+as r^-3, so
 
     S_v(g) = -4 int_0^g mu(2 sqrt3 |e|) de,   dS_v/dg = -4 mu(2 sqrt3 |g|):
 
@@ -29,22 +29,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError
 from cavirheo.parameters import FINITE, NOT_NEGATIVE, PARAMETERS, POSITIVE, POSITIVE_OR_INFINITE, check, check_domain
-from cavirheo.physics.table import extend_table, hermite, look_up, scale_table, tabulate
+from cavirheo.physics.table import extend_table, look_up, scale_table, tabulate
 
 _RAISES = "Raises:\n    InputError: a parameter that is no number or out of its domain."
-RATIO_MIN, RATIO_MAX = 1e-3, 1e3  # R/R_0: wider than the range of any collapse or stretch
-
-
-def nodes(spacing: float) -> Floats:
-    """Nodes from RATIO_MIN to RATIO_MAX, about `spacing` apart in log L; 1 is a node."""
-    n = int(np.ceil(np.log(RATIO_MAX) / spacing))
-    return np.concatenate([np.geomspace(RATIO_MIN, 1, n + 1)[:-1], np.geomspace(1, RATIO_MAX, n + 1)])
-
-
-_COARSE_NODES = nodes(0.1)  # divided further where a law needs it
-_FINE_NODES = nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
+RATIO_MAX = 1e3  # R/R_0, and its inverse: wider than the range of any collapse or stretch
+_HALF = np.geomspace(1, RATIO_MAX, 71)  # nodes, which are divided further where a law needs it
+_NODES = np.concatenate([1 / _HALF[:0:-1], _HALF])
 SHEAR_RATIO = 2 * sqrt(3)  # shear rate at the wall over |U/R|
 RATE_MIN, RATE_MAX = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant
 
@@ -111,9 +103,10 @@ class Elastic(Material):
 
     def table(self) -> Floats:
         """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law ends."""
-        table = tabulate(self.slope, _COARSE_NODES, origin=1.0)
-        why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
-        require(bool(table[0, 0] < 1 < table[-1, 0]), why, "physics.no_stress_at_rest")
+        table = tabulate(self.slope, _NODES, origin=1.0)
+        if not table[0, 0] < 1 < table[-1, 0]:
+            why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
+            raise InputError(why, "physics.no_stress_at_rest")
         return table
 
     def stress(self, ratio: ArrayLike) -> Floats:
@@ -140,9 +133,9 @@ class Viscous(Material):
         """(n, 7) S_v over g >= 0 in Pa for the solver (physics/table.py)."""
         nodes = np.geomspace(RATE_MIN, RATE_MAX, 200)
         table = tabulate(lambda g: -4 * self.apparent(SHEAR_RATIO * g), nodes, origin=RATE_MIN)
-        fine = (table[0, 0], table[-1, 0]) == (RATE_MIN, RATE_MAX) and np.all(table[:, 2] <= 0)
-        why = f"the viscosity of {self} must be finite and not negative at all shear rates"
-        require(bool(fine), why, "physics.negative_viscosity")
+        if (table[0, 0], table[-1, 0]) != (RATE_MIN, RATE_MAX) or np.any(table[:, 2] > 0):
+            why = f"the viscosity of {self} must be finite and not negative at all shear rates"
+            raise InputError(why, "physics.negative_viscosity")
         slope, (value, last_slope, _) = table[0, 2], look_up(table, RATE_MAX)
         table[:, 1] += RATE_MIN * slope
         return extend_table(table, (0.0, 0.0, slope), (RATE_MAX, float(value) + RATE_MIN * slope, float(last_slope)))
@@ -188,39 +181,21 @@ def _table_of(law: Elastic | Viscous) -> Floats:
     return law.table()
 
 
-class _ClosedForm(Elastic):
-    """A law with S_el(L) and two derivatives in closed form."""
-
-    def closed_form(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
-        """S_el, dS_el/dL, d2S_el/dL2 in Pa."""
-        raise NotImplementedError
-
-    def slope(self, ratio: Floats) -> Floats:
-        return self.closed_form(ratio)[1]
-
-    def stress(self, ratio: ArrayLike) -> Floats:
-        return self.closed_form(np.asarray(ratio, float))[0]
-
-    def table(self) -> Floats:
-        return hermite(_FINE_NODES, *self.closed_form(_FINE_NODES))
-
-
 @dataclass(frozen=True)
-class Linear(_ClosedForm):
+class Linear(Elastic):
     """Linear elasticity, shear modulus G in Pa: S_el = -(4/3) G (1 - q^3).
     Yang and Church 2005, doi:10.1121/1.2118307."""
 
     proportional_to = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
 
-    def closed_form(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
-        G, q = self.shear_modulus, 1 / ratio
-        q3 = q * q * q
-        return -4 / 3 * G * (1 - q3), -4 * G * q3 * q, 16 * G * q3 * q * q
+    def slope(self, ratio: Floats) -> Floats:
+        q2 = 1 / (ratio * ratio)
+        return -4 * self.shear_modulus * q2 * q2
 
 
 @dataclass(frozen=True)
-class Quadratic(_ClosedForm):
+class Quadratic(Elastic):
     """W = G/2 [(I_1-3) + alpha/2 (I_1-3)^2], G in Pa; stiffening alpha = 0 is neo-Hookean.
     Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
@@ -228,17 +203,16 @@ class Quadratic(_ClosedForm):
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(default=0.0, metadata=NOT_NEGATIVE)
 
-    def closed_form(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
-        G, a, q = self.shear_modulus, self.stiffening, 1 / ratio
-        b = 3 * a - 1
+    def first(self, I1: Floats) -> Floats:
+        return self.shear_modulus / 2 * (1 + self.stiffening * (I1 - 3))
+
+    def stress(self, ratio: ArrayLike) -> Floats:
+        L, a = np.asarray(ratio, float), self.stiffening
+        q = 1 / L
         q2 = q * q
-        q3, q4 = q2 * q, q2 * q2
-        q5, q8 = q4 * q, q4 * q4
-        return (
-            G * (b * (5 - 4 * q - q4) / 2 + 2 * a * (27 / 40 + q8 / 8 + q5 / 5 + q2 - 2 * ratio)),
-            G * (2 * b * (q2 + q5) - 2 * a * (q8 * q + q5 * q + 2 * q3 + 2)),
-            G * (-2 * b * (2 * q3 + 5 * q5 * q) + 2 * a * (9 * q8 * q2 + 6 * q5 * q2 + 6 * q4)),
-        )
+        q4 = q2 * q2
+        stiff = 27 / 40 + q4 * q4 / 8 + q4 * q / 5 + q2 - 2 * L
+        return self.shear_modulus * ((3 * a - 1) * (5 - 4 * q - q4) / 2 + 2 * a * stiff)
 
 
 @dataclass(frozen=True)
@@ -250,7 +224,7 @@ class NeoHookean(Quadratic):
 
 
 @dataclass(frozen=True)
-class MooneyRivlin(_ClosedForm):
+class MooneyRivlin(Elastic):
     """W = C_1 (I_1-3) + C_2 (I_2-3), Pa; shear modulus 2 (C_1 + C_2).
     Mooney 1940, doi:10.1063/1.1712836; Rivlin 1948, doi:10.1098/rsta.1948.0024."""
 
@@ -261,15 +235,10 @@ class MooneyRivlin(_ClosedForm):
         super().__post_init__()
         check_domain(NOT_NEGATIVE, "C1 + C2", self.C1 + self.C2)
 
-    def closed_form(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
-        q = 1 / ratio
-        q2 = q * q
-        q3, q5 = q2 * q, q2 * q2 * q
-        return (
-            -self.C1 * (5 - 4 * q - q2 * q2) - 2 * self.C2 * (2 * ratio - 1 - q2),
-            -4 * self.C1 * (q2 + q5) - 4 * self.C2 * (1 + q3),
-            4 * self.C1 * (2 * q3 + 5 * q5 * q) + 12 * self.C2 * q2 * q2,
-        )
+    def slope(self, ratio: Floats) -> Floats:
+        q2 = 1 / (ratio * ratio)
+        q3 = q2 / ratio
+        return -4 * self.C1 * (q2 + q2 * q3) - 4 * self.C2 * (1 + q3)
 
 
 @dataclass(frozen=True)
@@ -339,13 +308,15 @@ class Ogden(Elastic):
     def __post_init__(self) -> None:
         for name in ("moduli", "exponents"):  # lists are accepted, but only tuples can be keys of the cache
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        message = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
-        require(len(self.moduli) == len(self.exponents) > 0, message, "physics.terms")
+        if not len(self.moduli) == len(self.exponents) > 0:
+            message = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
+            raise InputError(message, "physics.terms")
         for modulus, exponent in zip(self.moduli, self.exponents, strict=True):
             check_domain(FINITE, "modulus", modulus)
             check_domain(FINITE, "exponent", exponent)
-            sign = f"modulus and exponent must have the same sign, the exponent not be 0; got {modulus} and {exponent}"
-            require(exponent != 0 and modulus * exponent >= 0, sign, "physics.unstable")
+            if exponent == 0 or modulus * exponent < 0:
+                sign = "modulus and exponent must have the same sign, the exponent not be 0; got "
+                raise InputError(f"{sign}{modulus} and {exponent}", "physics.unstable")
 
     def slope(self, ratio: Floats) -> Floats:
         log = np.log(ratio)
@@ -425,10 +396,11 @@ class CarreauYasuda(_Thinning):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        rates = f"with an exponent above 1, got {self.exponent!r}, zero_rate must not be below infinite_rate"
-        why = f"{rates}, got {self.zero_rate!r} and {self.infinite_rate!r} Pa s: the viscosity would become negative"
         thins = np.less_equal(self.exponent, 1) | np.greater_equal(self.zero_rate, self.infinite_rate)
-        require(bool(np.any(thins)), why, "physics.negative_viscosity")  # of many materials at once, if all are such
+        if not np.any(thins):  # of many materials at once, if all are such
+            rates = f"with an exponent above 1, got {self.exponent!r}, zero_rate must not be below infinite_rate, got "
+            why = f"{rates}{self.zero_rate!r} and {self.infinite_rate!r} Pa s: the viscosity would become negative"
+            raise InputError(why, "physics.negative_viscosity")
 
     def apparent(self, shear_rate: Floats) -> Floats:
         x = 1 + (self.time * shear_rate) ** self.transition

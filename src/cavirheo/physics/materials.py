@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.parameters import NOT_NEGATIVE, PARAMETERS, POSITIVE, REFERENCE_RATE
 from cavirheo.physics import laws
 from cavirheo.physics.laws import Arm, Elastic, Linear, Material, NeoHookean, Newtonian, Parts, Quadratic, Viscous
@@ -86,11 +86,11 @@ class Viscoelastic(Material):
             if part is not None and not isinstance(part, kind):
                 why = "a material takes an elastic law, a viscous law and a list of Maxwell arms, in this order"
                 raise InputError(f"{why}; got {part!r} where {kind.__name__} stands", f"physics.not_{kind.__name__}")
-        following = sum(arm.relaxes_elastic_part for arm in self.memory)
-        why = f"the elastic part can act through one arm alone, got {following} that take it along"
-        require(following < 2, why, "physics.followed_twice")
-        some = bool(self.elastic or self.viscous or self.memory)
-        require(some, "a material needs at least one law; an ideal fluid is Newtonian(0)", "physics.no_law")
+        if (following := sum(arm.relaxes_elastic_part for arm in self.memory)) > 1:
+            why = f"the elastic part can act through one arm alone, got {following} that take it along"
+            raise InputError(why, "physics.followed_twice")
+        if not (self.elastic or self.viscous or self.memory):
+            raise InputError("a material needs at least one law; an ideal fluid is Newtonian(0)", "physics.no_law")
 
     def parts(self) -> Parts:
         return Parts(self.elastic, self.viscous, self.memory)
@@ -133,9 +133,10 @@ class OldroydB(Material):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        both = f"{self.retardation_time!r} and {self.relaxation_time!r} s"
-        why = f"the retardation time must not exceed the relaxation time, got {both}"
-        require(self.retardation_time <= self.relaxation_time, why, "physics.retardation_time")
+        if self.retardation_time > self.relaxation_time:
+            both = f"{self.retardation_time!r} and {self.relaxation_time!r} s"
+            why = f"the retardation time must not exceed the relaxation time, got {both}"
+            raise InputError(why, "physics.retardation_time")
 
     def parts(self) -> Parts:
         solvent = Newtonian(self.viscosity * self.retardation_time / self.relaxation_time)
@@ -242,7 +243,8 @@ def parse(text: str) -> Material:
     Raises:
         InputError: not a sum of laws, an unknown law, missing, surplus or invalid parameters, two parts of one kind.
     """
-    require(text.strip() != "", f"the material is empty; {_ADVICE}", "laws.empty")
+    if not text.strip():
+        raise InputError(f"the material is empty; {_ADVICE}", "laws.empty")
     try:
         source = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "_", " ".join(text.split()))
         terms = _terms(ast.parse(source, mode="eval").body)
@@ -263,9 +265,10 @@ def combine(terms: Sequence[Material]) -> Material:
     parts: dict[str, Any] = {}
     for kind in ("elastic", "viscous"):
         having = [term for term in terms if getattr(term, kind)]
-        got = " and ".join(term.name for term in having)
-        why = f"a material has one {kind} part at most, but {got} each have one; leave all but one out"
-        require(len(having) < 2, why, f"laws.{kind}_twice")
+        if len(having) > 1:
+            got = " and ".join(term.name for term in having)
+            why = f"a material has one {kind} part at most, but {got} each have one; leave all but one out"
+            raise InputError(why, f"laws.{kind}_twice")
         parts[kind] = getattr(having[0], kind) if having else None
     return Viscoelastic(**parts, memory=sum((term.memory for term in terms), ()))
 
@@ -304,8 +307,9 @@ def _law(node: ast.expr) -> Material:
     if not isinstance(spelled, ast.Name):
         raise InputError(f"{ast.unparse(node)!r} is no law with its parameters; {_ADVICE}", "laws.no_law")
     name = spelled.id.replace("_", "-")
-    close = "".join(f"; did you mean {match}?" for match in get_close_matches(name.lower(), LAWS, 1))
-    require(name in LAWS, f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}", "laws.unknown")
+    if name not in LAWS:
+        close = "".join(f"; did you mean {match}?" for match in get_close_matches(name.lower(), LAWS, 1))
+        raise InputError(f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}", "laws.unknown")
     if not isinstance(node, ast.Call):
         raise InputError(f"{name} stands without its parameters; it reads {usage(name)}", "laws.parameters")
     takes = signature(LAWS[name])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import expect, require
+from cavirheo.errors import InputError, expect
 from cavirheo.parameters import (
     FINITE,
     NOT_NEGATIVE,
@@ -88,9 +88,10 @@ class Medium:
         check(self)
         if not unusual:
             check_plausible(self, _IF_MEANT)
-        boils = f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
-        boils += f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
-        require(self.vapour_pressure < self.pressure, boils, "physics.boiling")
+        if self.vapour_pressure >= self.pressure:
+            boils = f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
+            boils += f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
+            raise InputError(boils, "physics.boiling")
 
     @property
     def vapour_pressure(self) -> float:
@@ -134,7 +135,8 @@ def medium(name: str | Medium, *, unusual: bool = False, **constants: float | No
     """
     if not isinstance(name, Medium):
         expect(name, str, f"a Medium or the name of one ({', '.join(MEDIA)})")
-        require(name in MEDIA, f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
+        if name not in MEDIA:
+            raise InputError(f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
         name = MEDIA[name]
     changes: Any = {key: value for key, value in constants.items() if value is not None}
     return replace(name, **changes, name=f"{name.name}, changed", unusual=unusual) if changes else name
@@ -201,13 +203,13 @@ class Trace:
     def __post_init__(self) -> None:
         for name in ("time", "pressure"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
-        fits = self.time.ndim == 1 and self.time.size > 1 and self.time.shape == self.pressure.shape
-        shapes = f"got shapes {self.time.shape} and {self.pressure.shape}"
-        why = f"a pressure trace needs as many times as pressures, at least two, {shapes}"
-        require(fits, why, "physics.trace_shape")
-        ascends = np.isfinite([self.time, self.pressure]).all() and np.all(np.diff(self.time) > 0)
-        why = "the times of a pressure trace must be finite and ascend, and its pressures be finite"
-        require(bool(ascends), why, "physics.trace_values")
+        if self.time.ndim != 1 or self.time.size < 2 or self.time.shape != self.pressure.shape:
+            shapes = f"got shapes {self.time.shape} and {self.pressure.shape}"
+            why = f"a pressure trace needs as many times as pressures, at least two, {shapes}"
+            raise InputError(why, "physics.trace_shape")
+        if not (np.isfinite([self.time, self.pressure]).all() and np.all(np.diff(self.time) > 0)):
+            why = "the times of a pressure trace must be finite and ascend, and its pressures be finite"
+            raise InputError(why, "physics.trace_values")
 
     def table(self) -> Floats:
         from scipy.interpolate import PchipInterpolator  # the import takes a third of a second

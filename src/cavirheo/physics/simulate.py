@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo import parallel
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, SolverError, brief, expect, require
+from cavirheo.errors import InputError, SolverError, brief, expect
 from cavirheo.landmarks import turning_points
 from cavirheo.parameters import DURATION, POSITIVE, RADIUS, check_domain
 from cavirheo.physics import cache, solver
@@ -139,22 +139,6 @@ class Simulation:
         return axes
 
 
-class Solution(NamedTuple):
-    """A solution in dimensionless numbers.
-
-    Attributes:
-        out: (n, 4 + k) radius, velocity, pressure, stress and k memories, NaN from a failure on.
-        shells: (n, 2 cells) moles of gas and vapour and moles of gas in each shell; (0, 0) if they were not asked.
-        stats: steps, rejected steps, drift of the gas, and the time and the radius that were reached.
-        failure: what failed and where; empty if nothing did.
-    """
-
-    out: Floats
-    shells: Floats
-    stats: list[float]
-    failure: str
-
-
 def simulate(
     material: Material,
     *,
@@ -204,29 +188,24 @@ def simulate(
         RADIUS.check("max_radius", max_radius, "physics.max_radius", _IF_MEANT)
         DURATION.check("the last time", float(times[-1]), "physics.times_unit", _IF_MEANT)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
-    t_c = medium.time_scale(max_radius)
-    solution = _solve(numbers, material, times, t_c, accuracy, relaxed=relaxed, fields=fields)
-    run = _with_units(solution, numbers, material, medium, max_radius, times)
-    if throw and run.status != "ok":
-        raise SolverError(run.status)
-    return run
-
-
-def _with_units(
-    solution: Solution, numbers: Numbers, material: Material, medium: Medium, max_radius: float, times: Floats
-) -> Simulation:
-    """The simulation in SI."""
-    out, shells, (steps, rejected, gas_drift, *_), failure = solution
+    out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
+    shells = np.full((times.size, 2 * accuracy.cells), np.nan) if fields else np.zeros((0, 0))
+    stats = np.zeros(5)
+    failure = _solve(numbers, material, times, medium.time_scale(max_radius), accuracy, relaxed, out, shells, stats)
+    if failure:
+        failure = f"{failure} {material} and stretch {stretch:.4g}"
+        if throw:
+            raise SolverError(failure)
     return Simulation(
         time=times,
         radius=out[:, 0] * max_radius,
         velocity=out[:, 1] * medium.velocity_scale,
         pressure=out[:, 2] * medium.pressure,
         stress=out[:, 3] * medium.pressure,
-        equilibrium_radius=max_radius / numbers.stretch,
-        status=f"{failure} {material} and stretch {numbers.stretch:.4g}" if failure else "ok",
-        stats={"steps": int(steps), "rejected": int(rejected), "gas_drift": gas_drift},
-        contents=_contents(out, shells, medium, numbers, wall_clustered(shells.shape[1] // 2)) if len(shells) else None,
+        equilibrium_radius=max_radius / stretch,
+        status=failure or "ok",
+        stats={"steps": int(stats[0]), "rejected": int(stats[1]), "gas_drift": float(stats[2])},
+        contents=_contents(out, shells, medium, numbers, wall_clustered(accuracy.cells)) if fields else None,
     )
 
 
@@ -235,19 +214,30 @@ def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving
     expect(material, Material, f"a material such as {_EXAMPLE}")
     expect(bubble, Bubble, "a Bubble such as Bubble(contents='kinetic', accommodation=0.07)")
     expect(accuracy, Accuracy, "an Accuracy such as Accuracy(cells=128, relative_error=2e-4)")
-    drives = driving is None or hasattr(driving, "table")
-    require(drives, f"driving must be a Pulse or a Trace, got {brief(driving)}", "physics.driving")
-    message = "a gas with an exponent has no fields: leave out fields, or the exponent of the bubble"
-    require(not fields or bubble.exponent is None, message, "physics.no_fields")
+    if driving is not None and not hasattr(driving, "table"):
+        raise InputError(f"driving must be a Pulse or a Trace, got {brief(driving)}", "physics.driving")
+    if fields and bubble.exponent is not None:
+        message = "a gas with an exponent has no fields: leave out fields, or the exponent of the bubble"
+        raise InputError(message, "physics.no_fields")
 
 
 def _solve(
-    numbers: Numbers, material: Material, times: Floats, t_c: float, accuracy: Accuracy, *, relaxed: bool, fields: bool
-) -> Solution:
-    """Solve for times (n,), s, with t_c, s, as their scale."""
-    out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
-    shells = np.full((times.size, 2 * accuracy.cells), np.nan) if fields else np.zeros((0, 0))
-    stats = np.zeros(5)
+    numbers: Numbers,
+    material: Material,
+    times: Floats,
+    t_c: float,
+    accuracy: Accuracy,
+    relaxed: bool,
+    out: Floats,
+    shells: Floats,
+    stats: Floats,
+) -> str:
+    """Solve for times (n,), s, with t_c, s, as their scale; returns what failed and where, or "".
+
+    Fills, in dimensionless numbers, until a failure: `out` (n, 4 + k) with radius, velocity, pressure, stress and k
+    memories; `shells` (n, 2 cells), unless it is empty, with moles of gas and vapour and moles of gas in each shell;
+    `stats` (5,) with steps, rejected steps, drift of the gas, and the time and the radius that were reached.
+    """
     grid, relative_error = wall_clustered(accuracy.cells), accuracy.relative_error
     if numbers.polytropic:
         grid, relative_error = NO_SHELLS, min(relative_error, POLYTROPIC)
@@ -258,20 +248,19 @@ def _solve(
         try:
             memory = np.where(stressed, memories_after_growth(numbers, relative_error), 0.0)
         except SolverError as error:
-            return Solution(out, shells, stats.tolist(), f"{error}; with")
+            return f"{error}; with"
     start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
     args = (times / t_c, float(relative_error) * (KINETIC if numbers.condensation_rate < np.inf else 1.0), most, False)
     code = solver.integrate(numbers, grid, RODAS5P, start, *args, out, shells, stats)
     if code == solver.OK:
-        return Solution(out, shells, stats.tolist(), "")
+        return ""
     low, high = numbers.elastic[[0, -1], 0]
     why = {
         solver.TOO_MANY_STEPS: f"more than {most} steps",
         solver.STEP_TOO_SMALL: "the step size went to zero",
         solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
     }[code]
-    where = f"at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
-    return Solution(out, shells, stats.tolist(), f"{why} {where}, with")
+    return f"{why} at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}, with"
 
 
 def _contents(out: Floats, shells: Floats, medium: Medium, numbers: Numbers, grid: Grid) -> Contents:
@@ -357,13 +346,13 @@ def _checked_times(time: ArrayLike) -> Floats:
         times = np.array(time, dtype=float, ndmin=1)
     except (TypeError, ValueError):
         raise InputError(f"time must be a list of numbers in s, got {brief(time)}", "physics.times") from None
-    fine = times.ndim == 1 and times.size > 0 and bool(np.all(np.isfinite(times)))
-    why = f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}"
-    require(fine, why, "physics.times")
+    if times.ndim != 1 or times.size == 0 or not np.all(np.isfinite(times)):
+        why = f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}"
+        raise InputError(why, "physics.times")
     smallest = np.min(np.diff(times), initial=np.inf)
-    got = f"got {times[0]:.4g} s first and a smallest increment of {min(smallest, 0):.4g} s"
-    why = f"time must ascend from zero or later (seconds after R_max); {got}"
-    require(times[0] >= 0 and smallest >= 0, why, "physics.times_descend")
+    if times[0] < 0 or smallest < 0:
+        got = f"got {times[0]:.4g} s first and a smallest increment of {min(smallest, 0):.4g} s"
+        raise InputError(f"time must ascend from zero or later (seconds after R_max); {got}", "physics.times_descend")
     return times
 
 

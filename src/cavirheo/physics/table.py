@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError
 
 TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
 NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
@@ -59,7 +59,7 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     the second derivative is that of the polynomial through the slopes at these points.
 
     Raises:
-        InputError: the slope is so rough that MOST pieces do not represent it.
+        InputError: the slope is so rough that MOST_PIECES do not represent it.
     """
 
     def f(x: Floats) -> Floats:
@@ -70,8 +70,9 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     a, b = nodes[:-1], nodes[1:]
     rows_done: list[Floats] = []  # rows a, b, rise, c1 ... c5
     while a.size:
-        rough = f"the law is too rough: {MOST_PIECES} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
-        require(a.size + sum(map(len, rows_done)) <= MOST_PIECES, rough, "physics.rough")
+        if a.size + sum(map(len, rows_done)) > MOST_PIECES:
+            rough = f"the law is too rough: {MOST_PIECES} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
+            raise InputError(rough, "physics.rough")
         h = b - a
         t = h * _NODES[:, None]
         x = a + t
