@@ -91,8 +91,8 @@ def expect(value: object, kind: type, expected: str) -> None:
 
 def expect_whole(value: object, name: str, least: int, code: str = "input.whole") -> None:
     """Raise InputError unless the value is a whole number, `least` or more."""
-    fine = isinstance(value, Integral) and int(value) >= least
-    require(fine, f"{name} must be a whole number from {least} up, got {brief(value)}", code)
+    if not isinstance(value, Integral) or int(value) < least:
+        raise InputError(f"{name} must be a whole number from {least} up, got {brief(value)}", code)
 
 
 def parse_number_list(
@@ -139,8 +139,9 @@ def listed(names: Iterable[str], most: int = 5) -> str:
 
 def as_path(path: str | PathLike[str]) -> Path:
     """The path of one file or folder. Raises InputError: not a path."""
-    message = f"expected the path of one file, as text; got {type(path).__name__} {brief(path)}"
-    require(isinstance(path, str | PathLike), message, "input.path")
+    if not isinstance(path, str | PathLike):
+        message = f"expected the path of one file, as text; got {type(path).__name__} {brief(path)}"
+        raise InputError(message, "input.path")
     return Path(path)
 
 
@@ -200,9 +201,11 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{str(path)[:200]!r} cannot be read: {reason}", "files.unreadable") from None
-    require(regular, f"{path} is a folder, a pipe or a device; name a file", "files.kind")
-    large = f"{path} is larger than the {max_bytes / 1e6:g} MB that are read; is it the right file?"
-    require(max(size, len(content)) <= max_bytes, large, "files.size")
+    if not regular:
+        raise InputError(f"{path} is a folder, a pipe or a device; name a file", "files.kind")
+    if max(size, len(content)) > max_bytes:
+        message = f"{path} is larger than the {max_bytes / 1e6:g} MB that are read; is it the right file?"
+        raise InputError(message, "files.size")
     return content
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats, relative_weights
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import require
+from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import (
     LOG10,
@@ -353,7 +353,8 @@ class Posterior:
 
         names: of the parameters; default: those of the law that are not exactly 0 in most draws, and the stretch.
         Raises InputError: a point answer or a failed one has no draws, no such parameter, or matplotlib is missing."""
-        require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
+        if len(self.theta) < 2:
+            raise InputError(f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
         usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
         chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
         return plots.corner_plot({name: self.draws(name) for name in chosen}, self.weights)
@@ -366,9 +367,10 @@ class Posterior:
 def check_level(level: object) -> None:
     """Raises InputError unless the level is a number between 0 and 1."""
     value = float(level) if isinstance(level, Real) else 0.0
-    percent = f": did you mean {value / 100:g}?" if 1 < value < 100 else ""
-    message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
-    require(0 < value < 1, message, "posterior.level")
+    if not 0 < value < 1:
+        percent = f": did you mean {value / 100:g}?" if 1 < value < 100 else ""
+        message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
+        raise InputError(message, "posterior.level")
 
 
 def intervals(

@@ -46,7 +46,7 @@ def test_the_default_answer_holds_the_truth_and_its_switches_are_set(answers, na
     answer = answers[name]
     assert answer.method == "verified"
     assert answer.checks.verdict in ("ok", "bound")
-    assert holds(answer, 0.98, viscosity=law.viscous.viscosity, stretch=stretch, **truth)
+    assert holds(answer, 0.98, viscosity=law.parts().viscous.viscosity, stretch=stretch, **truth)
     assert [one for one in on if not answer.switches[one] > 0.5] == []
     assert [one for one in off if not answer.switches[one] < 0.1] == []
     assert answer.diagnostics.effective_sample_size >= 100.0

@@ -61,11 +61,11 @@ def to(relative_error):
 def resistance(material, medium, radius):
     """Polynomials N, D in s: the stress integral of a small oscillation is -4 (N/D) e, times p_inf."""
     p, t_c = medium.pressure, medium.time_scale(radius)
-    solid = material.elastic.shear_modulus / p if material.elastic else 0.0
-    fluid = material.viscous.viscosity / (p * t_c) if material.viscous else 0.0
-    alone = not any(arm.relaxes_elastic_part for arm in material.memory)
+    solid = material.parts().elastic.shear_modulus / p if material.parts().elastic else 0.0
+    fluid = material.parts().viscous.viscosity / (p * t_c) if material.parts().viscous else 0.0
+    alone = not any(arm.relaxes_elastic_part for arm in material.parts().memory)
     N, D = np.polynomial.Polynomial([alone * solid, fluid]), np.polynomial.Polynomial([1.0])
-    for arm in material.memory:  # mu s/(1 + tau s), or (G + mu s)/(1 + tau s) of one that takes the spring along
+    for arm in material.parts().memory:  # mu s/(1 + tau s), or (G + mu s)/(1 + tau s) if it takes the spring along
         fading = np.polynomial.Polynomial([1.0, arm.relaxation_time / t_c])
         relaxing = np.polynomial.Polynomial([arm.relaxes_elastic_part * solid, arm.viscosity / (p * t_c)])
         N, D = N * fading + D * relaxing, D * fading
@@ -346,8 +346,8 @@ def test_damage_by_strain_follows_the_smallest_radius():
         run = simulate(gel, bubble=replace(torn, exponent=1.4), driving=driving, **way)
         smallest = np.minimum.accumulate(run.radius / 150e-6)
         e = -np.log10(smallest)
-        expected = 0.4**e * gel.elastic.stress(run.radius / (2**e * run.equilibrium_radius))
-        expected += gel.viscous.stress(run.strain_rate)
+        expected = 0.4**e * gel.parts().elastic.stress(run.radius / (2**e * run.equilibrium_radius))
+        expected += gel.parts().viscous.stress(run.strain_rate)
         within(1e-5, gap=np.max(np.abs(run.stress - expected) / (1e5 + np.abs(expected))))
         assert (smallest[-1] < smallest[20_000]) == (driving is not None)
 
@@ -430,7 +430,7 @@ def test_what_a_simulation_carries():
     run = simulate(GEL, **SHOT, fields=True)
     assert run.strain == pytest.approx(np.log(run.radius / 30e-6))
     assert run.strain_rate == pytest.approx(run.velocity / run.radius)
-    stress = GEL.elastic.stress(run.radius / 30e-6) + GEL.viscous.stress(run.strain_rate)
+    stress = GEL.parts().elastic.stress(run.radius / 30e-6) + GEL.parts().viscous.stress(run.strain_rate)
     assert run.stress == pytest.approx(stress, rel=1e-9, abs=1e-6)
     T, k = run.contents.temperature, run.contents.vapour
     assert np.all(T[:, -1] == WATER.temperature)

@@ -131,7 +131,7 @@ class Family:
         object.__setattr__(self, "_terms", terms)
         object.__setattr__(self, "parameters", tuple(names))
         usual = self.material(np.mean(self.bounds(started=True), axis=1))  # an error if the laws exclude each other
-        object.__setattr__(self, "elastic", usual.elastic is not None)
+        object.__setattr__(self, "elastic", usual.parts().elastic is not None)
 
     @property
     def atoms(self) -> Mapping[str, float]:

@@ -150,7 +150,8 @@ class Bubble:
     @property
     def title(self) -> str:
         """'real bubble', "field's bubble, damage by strain"."""
-        return title_of(self.name)
+        base, *more = self.name.split(", ")
+        return ", ".join([_TITLES[base], *more])
 
     @property
     def sentence(self) -> str:
@@ -162,12 +163,6 @@ class Bubble:
         words = " and ".join(word for word, applies in acts.items() if applies)
         damper = f"its surroundings {words}" if words else "nothing around it damps it"
         return f"{self.title[0].upper()}{self.title[1:]}: {vapour}{gas}, and {damper}."
-
-
-def title_of(name: str) -> str:
-    """'real bubble', "field's bubble, damage by strain", of a bubble's name."""
-    base, *more = name.split(", ")
-    return ", ".join([_TITLES.get(base, f"{base} bubble"), *more])
 
 
 FIELD = Bubble()

@@ -73,18 +73,6 @@ class Material:
         """The elastic part, the viscous part and the arms with memory; the material is their sum."""
         return Parts()
 
-    @property
-    def elastic(self) -> Elastic | None:
-        return self.parts().elastic
-
-    @property
-    def viscous(self) -> Viscous | None:
-        return self.parts().viscous
-
-    @property
-    def memory(self) -> tuple[Arm, ...]:
-        return self.parts().memory
-
 
 class Elastic(Material):
     """Base of the elastic laws: a subclass defines `slope`, or `first` if its energy depends on I_1 only."""

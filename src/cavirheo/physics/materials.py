@@ -264,13 +264,13 @@ def combine(terms: Sequence[Material]) -> Material:
         return terms[0]
     parts: dict[str, Any] = {}
     for kind in ("elastic", "viscous"):
-        having = [term for term in terms if getattr(term, kind)]
+        having = [term for term in terms if getattr(term.parts(), kind)]
         if len(having) > 1:
             got = " and ".join(term.name for term in having)
             why = f"a material has one {kind} part at most, but {got} each have one; leave all but one out"
             raise InputError(why, f"laws.{kind}_twice")
-        parts[kind] = getattr(having[0], kind) if having else None
-    return Viscoelastic(**parts, memory=sum((term.memory for term in terms), ()))
+        parts[kind] = getattr(having[0].parts(), kind) if having else None
+    return Viscoelastic(**parts, memory=tuple(arm for term in terms for arm in term.parts().memory))
 
 
 def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
