@@ -375,8 +375,9 @@ def memories_after_growth(numbers: Numbers, rtol: float) -> Floats:
     tolerance = min(max(rtol / 100, GROWTH_ERROR[0]), GROWTH_ERROR[1])
 
     def excess(impulse: float) -> float:
-        """R^3 - 1 at the turn; it is nearly linear in the impulse v^2, the kinetic energy."""
-        return min(_turning_point(growth, sqrt(impulse), tolerance)[0], 10.0) ** 3 - 1.0
+        """R^3 - 1 at the turn, large without one; it is nearly linear in the impulse v^2, the kinetic energy."""
+        radius = _turning_point(growth, sqrt(impulse), tolerance)[0]
+        return (radius if radius < 10.0 else 10.0) ** 3 - 1.0
 
     work = 2 / 3 * numbers.stretch**3  # against the ambient pressure
     low = high = work
