@@ -77,7 +77,7 @@ SHARDS = {  # what is done to one of three files, and the code by which their se
     "no theta": (stored("theta", lambda kept: None), "dataset."),
     "theta of a column more": (stored("theta", lambda kept: {"data": np.c_[kept, kept]}), "dataset."),
     "radius of text": (stored("radius", lambda kept: {"data": kept.astype("S8")}), "dataset."),
-    "radius of another file": (stored("radius", lambda kept: h5py.ExternalLink("other", "radius")), "limits."),
+    "radius of another file": (stored("radius", lambda kept: h5py.ExternalLink("other", "radius")), "dataset."),
     "radius of a petabyte": (stored("radius", lambda kept: PETABYTE), "limits."),
     "cut short": (lambda path: os.truncate(path, 1000), "dataset.unreadable"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "dataset.unreadable"),
