@@ -1,7 +1,5 @@
 """Contents, damage, walls and vapour in the inference: what was simulated is found again, and says what it is."""
 
-from dataclasses import replace
-
 import pytest
 from answers import fit, holds, simulated
 from conftest import REAL, code_of, slow
@@ -79,15 +77,3 @@ def test_a_wall_that_is_given_is_in_the_answer():
     assert beside.bubble == Bubble(confinement_inertia=0.25)
     assert holds(beside, shear_modulus=5e3, viscosity=0.01)
     assert not holds(infer(curve, bubble="field", **QUICKLY), shear_modulus=5e3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("damage", [Damage(0.3, 1.7), "none"])
-def test_a_gel_that_breaks_is_answered_where_damage_is_asked_for(damage):
-    """As agarose of 2.5 % does: the modulus is that before."""
-    bubble = dict(contents="kinetic", accommodation=0.3, confinement_damping=0.3, damage=damage)
-    curve = shot(seed=3, law=NeoHookeanKelvinVoigt(1e5, 0.05), **bubble)
-    asked = REAL if damage == "none" else replace(REAL, damage="strain")
-    answer = infer(curve, bubble=asked, **QUICKLY)
-    assert holds(answer, 0.98, shear_modulus=1e5)
-    assert answer.checks.verdict == "ok"

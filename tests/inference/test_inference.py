@@ -191,15 +191,6 @@ def test_no_open_recording_is_doubted_but_the_one_of_a_wrong_scale(real_data):
             assert bool(doubts(curve)) == ("WRONG_SCALE" in path.name), curve.name
 
 
-def test_a_single_wrong_frame_does_not_count():
-    curve = simulated(GEL, frames=130, stated_time_of_max=0.0)
-    radius = curve.radius.copy()
-    radius[int(RAYLEIGH * WATER.time_scale(250e-6) / 1e-6)] = 0.9 * 250e-6  # where the bubble is smallest
-    spiking = infer(replace(curve, radius=radius))
-    assert "frames.spikes" in [one.code for one in spiking.checks.messages]
-    assert spiking.median("viscosity") == pytest.approx(infer(curve).median("viscosity"), rel=0.2)
-
-
 def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
     """In water it asked for up to ninety times the viscosity: walls and sound of the vessel lengthen it, too."""
     whole = simulated(Newtonian(0.03), frames=130, stated_time_of_max=0.0)
