@@ -11,7 +11,7 @@ from conftest import done, rows_of
 
 from cavirheo import load, population
 from cavirheo.app import words
-from cavirheo.app.session import Answers, PageSettings
+from cavirheo.app.session import Answers
 from cavirheo.reporting import result, write_report
 from cavirheo.reporting.citation import methods_paragraph
 from cavirheo.reporting.screen import print_result
@@ -45,7 +45,7 @@ def test_all_outputs_of_a_run_say_the_same_number_and_a_bound_has_none(pairs, ru
     print_result(document)
     screen = capsys.readouterr().out
     page = " ".join(Page((tmp_path / "out" / "report.html").read_text(encoding="utf-8")).text)
-    answered = Answers(pairs, document, [], PageSettings(), {})
+    answered = Answers(pairs, document, [], {})
     app = " ".join(Page(words.answers(SimpleNamespace(answers=answered, run=None, stale=False))).text)
     cited, _ = methods_paragraph(read)
     table = "set,files,method,quantity,mean\nknown,,IMR,G_kPa,5\nbounded,,IMR,G_kPa,5\n"
