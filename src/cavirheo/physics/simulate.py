@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import prod
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
@@ -31,8 +31,8 @@ KINETIC = 0.1  # factor of the relative error: kinetic contents are less stiff; 
 MAX_STEPS = 100_000
 GROWTH_TIME = np.linspace(0.0, 4.0, 401)  # in t_c; the wall turns after about one
 GROWTH_ERROR = (1e-7, 1e-5)
-LARGEST_MISS = 1e-3  # of R^3 at the turn of the growth; a larger one shows an end of the law
-LARGEST_IMPULSE = 1e9  # largest impulse that is tried, over that of growth without a material
+GROWTH_MISS = 0.03  # of R^3: if the miss is smaller, memories are interpolated between impulses
+LARGEST_IMPULSE = 1e9  # largest impulse that is tried, over stretch^3
 _IF_MEANT = " (if it is meant: unusual=True)"
 _EXAMPLE = "NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)"
 
@@ -366,30 +366,35 @@ def memories_after_growth(numbers: Numbers, rtol: float) -> Floats:
     Raises:
         SolverError: no impulse carries the wall to R_max within the laws of the material.
     """
+    nothing = np.zeros(len(numbers.memory))
     if numbers.stretch == 1:
-        return np.zeros(len(numbers.memory))
-    from scipy.optimize import brentq  # the import takes a third of a second
-
+        return nothing
     growth = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ZERO_TABLE, vapour=numbers.pv)
     growth = growth._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 causes no damage
     tolerance = min(max(rtol / 100, GROWTH_ERROR[0]), GROWTH_ERROR[1])
-
-    def excess(impulse: float) -> float:
-        """R^3 - 1 at the turn, large without one; it is nearly linear in the impulse v^2, the kinetic energy."""
-        radius = _turning_point(growth, sqrt(impulse), tolerance)[0]
-        return (radius if radius < 10.0 else 10.0) ** 3 - 1.0
-
-    work = 2 / 3 * numbers.stretch**3  # against the ambient pressure
-    low = high = work
-    while excess(high) < 0.0 and high < LARGEST_IMPULSE * work:
-        low, high = high, 2.0 * high
-    while excess(low) >= 0.0:
-        low, high = 0.5 * low, low
-    if high < LARGEST_IMPULSE * work:
-        impulse = brentq(excess, low, high, xtol=tolerance * work, rtol=tolerance)
-        radius, memories = _turning_point(growth, sqrt(impulse), tolerance)
-        if abs(radius**3 - 1.0) < LARGEST_MISS:
-            return memories
+    # trials, (impulse, memories) by R^3 - 1; R^3 is nearly linear in the impulse v^2, the kinetic energy
+    trials: dict[float, tuple[float, Floats]] = {numbers.stretch**-3.0 - 1.0: (0.0, nothing)}
+    low, high = 0.0, np.inf
+    impulse = total_work = 2 / 3 * numbers.stretch**3  # the whole work against the ambient pressure
+    while high - low > tolerance * max(low, total_work):
+        radius, memories = _turning_point(growth, float(np.sqrt(impulse)), tolerance)
+        miss = radius**3 - 1.0
+        low, high = (impulse, high) if miss < 0 else (low, impulse)
+        if radius < np.inf:
+            trials[miss] = impulse, memories
+            nearest = sorted(trials, key=abs)[:4]
+            if abs(nearest[0]) < tolerance:
+                return trials[nearest[0]][1]
+            # Lagrange weights: from values at these points to the value of their polynomial at 0
+            weights = np.array([prod(b / (b - a) for b in nearest if b != a) for a in nearest])
+            # the error of a cubic through four points is about the product of their misses
+            if abs(nearest[0]) < GROWTH_MISS and len(nearest) == 4 and prod(map(abs, nearest)) < tolerance:
+                return np.asarray(weights @ np.array([trials[miss][1] for miss in nearest]))
+            impulse = float(weights @ np.array([trials[miss][0] for miss in nearest]))
+        if not low < impulse < high:
+            impulse = 2.0 * low if high == np.inf else 0.5 * (low + high)
+        if impulse > LARGEST_IMPULSE * numbers.stretch**3:
+            break
     raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
 
 
