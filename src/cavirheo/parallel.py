@@ -124,6 +124,7 @@ class Processes:
                 output = future.result()
                 yield indices.pop(future), output
         except _pool_errors() as error:
+            end_processes()  # the next call starts others
             message = "a process of this machine was ended from outside, for want of memory perhaps"
             mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
             raise InputError(f"{message}: {mending}", "parallel.ended") from error
@@ -230,7 +231,11 @@ def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
             _calling_thread_lock.release()
     pool = process_pool(cores()) if cores() > 1 else None
     if pool:
-        with suppress(*_pool_errors()):  # ended from outside, or for a `map_unordered`
+        try:
             output: Output = pool.submit(function, *arguments).result()
             return output
+        except BrokenExecutor:  # ended from outside: the next call starts others
+            end_processes()
+        except _pool_errors():  # ended for a `map_unordered`
+            pass
     return function(*arguments)
