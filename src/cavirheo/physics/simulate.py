@@ -164,38 +164,30 @@ def simulate(
         medium: liquid and gas constants, or the name of a set of them.
         bubble: equation of the wall, contents, confinement and damage; no value may be "free".
         driving: pressure far from the bubble above the ambient one (`Pulse`, `Trace`).
-        relaxed: start laws with memory without stress; otherwise with the stress that the growth from R_0 to R_max
-            leaves (`memories_after_growth`), except for laws that always start without (`qsls`).
+        relaxed: start laws with memory without stress; otherwise, but for `qsls`, with that of `memories_after_growth`.
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         accuracy: in space and time; PRECISE of physics/accuracy.py is ten times as accurate as the default.
         throw: raise on a failed solve; otherwise return it with its status.
         unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and times of more than a second.
 
-    Returns:
-        Radius, velocity, pressure and stress at each of these times, (n,), SI.
+    Returns: radius, velocity, pressure and stress at each of these times, (n,), SI.
 
     Raises:
         InputError: a parameter is out of its domain, a value of the bubble is free, or time is not as above.
         SolverError: the solve failed and throw is set.
 
-    Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
-    """
+    Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006."""
     times = _checked_times(time)
     medium = medium_of(medium)
     _check_types(material, bubble, accuracy, driving, fields)
-    check_domain(POSITIVE, "max_radius", max_radius)
-    if not unusual:
-        RADIUS.check("max_radius", max_radius, "physics.max_radius", _IF_MEANT)
-        DURATION.check("the last time", float(times[-1]), "physics.times_unit", _IF_MEANT)
+    _check_size(max_radius, times, unusual=unusual)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
     shells = np.full((times.size, 2 * accuracy.cells), np.nan) if fields else np.zeros((0, 0))
     stats = np.zeros(5)
     failure = _solve(numbers, material, times, medium.time_scale(max_radius), accuracy, relaxed, out, shells, stats)
-    if failure:
-        failure = f"{failure} {material} and stretch {stretch:.4g}"
-        if throw:
-            raise SolverError(failure)
+    if failure and throw:
+        raise SolverError(failure)
     return Simulation(
         time=times,
         radius=out[:, 0] * max_radius,
@@ -219,6 +211,14 @@ def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving
     if fields and bubble.exponent is not None:
         message = "a gas with an exponent has no fields: leave out fields, or the exponent of the bubble"
         raise InputError(message, "physics.no_fields")
+
+
+def _check_size(max_radius: float, times: Floats, *, unusual: bool) -> None:
+    """Raises InputError for a radius, m, or a last time, s, that cannot be, or hardly can unless `unusual`."""
+    check_domain(POSITIVE, "max_radius", max_radius)
+    if not unusual:
+        RADIUS.check("max_radius", max_radius, "physics.max_radius", _IF_MEANT)
+        DURATION.check("the last time", float(times[-1]), "physics.times_unit", _IF_MEANT)
 
 
 def _solve(
@@ -248,7 +248,7 @@ def _solve(
         try:
             memory = np.where(stressed, memories_after_growth(numbers, relative_error), 0.0)
         except SolverError as error:
-            return f"{error}; with"
+            return f"{error}; with {material} and stretch {numbers.stretch:.4g}"
     start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
     args = (times / t_c, float(relative_error) * (KINETIC if numbers.condensation_rate < np.inf else 1.0), most, False)
     code = solver.integrate(numbers, grid, RODAS5P, start, *args, out, shells, stats)
@@ -260,7 +260,8 @@ def _solve(
         solver.STEP_TOO_SMALL: "the step size went to zero",
         solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.parts().elastic}",
     }[code]
-    return f"{why} at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}, with"
+    where = f"t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
+    return f"{why} at {where}, with {material} and stretch {numbers.stretch:.4g}"
 
 
 def _contents(out: Floats, shells: Floats, medium: Medium, numbers: Numbers, grid: Grid) -> Contents:

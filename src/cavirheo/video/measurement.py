@@ -156,12 +156,8 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
         longer = f"{1e6 * shutter.value:.4g} us is longer than the {1e6 * interval:.4g} us between frames"
         raise InputError(f"an exposure of {longer}", "video.exposure")
     stage = set_stage(footage, options.get("polarity", "auto"), reference_frame and reference_frame - first + 1)
-    exclude = options.get("exclude")
-    if exclude is not None:
-        listed = parse_number_list(exclude, "frames to exclude", "video.exclude", first, last)
-        chosen = np.isin(np.arange(first, last + 1), listed)
-        require(not chosen.all(), "all frames are excluded", "video.exclude")
-        stage = replace(stage, kinds=np.where(chosen, "excluded", stage.kinds))
+    excluded = _excluded(options.get("exclude"), first, last)
+    stage = replace(stage, kinds=np.where(np.isin(np.arange(first, last + 1), excluded), "excluded", stage.kinds))
     progress = options.get("progress", lambda _: nullcontext(lambda: None))
     with progress(len(footage.frames)) as advance:
         track = follow(stage, exposed_share, advance)
@@ -172,8 +168,8 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
         "reference_frame": reference_frame,
         "frames_without_bubble": stage.empty,
     }
-    if exclude is not None:
-        settings["exclude"] = digits.number_ranges(listed)
+    if excluded:
+        settings["exclude"] = digits.number_ranges(excluded)
     measured = int(np.isfinite(track.radius).sum())
     if track.twins >= _TWIN_SHARE * measured:
         warnings.append(Message("check_input.two_bubbles", {"frames": track.twins, "measured": measured}))
@@ -181,6 +177,13 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
         warnings.append(Message("check_input.overexposed"))
     time, corner = time[first - 1 : last], region[:2]
     return Measurement(track, footage, time, rate, scale, shutter, settings, tuple(warnings), first, corner)
+
+
+def _excluded(text: str | Iterable[int] | None, first: int, last: int) -> list[int]:
+    """The frames from `first` to `last` that a list excludes. Raises InputError: no such list, or all of them."""
+    listed = [] if text is None else list(parse_number_list(text, "frames to exclude", "video.exclude", first, last))
+    require(len(listed) < last - first + 1, "all frames are excluded", "video.exclude")
+    return listed
 
 
 def _stated(by_user: float | None, value: float | None, origin: str) -> StatedNumber:
