@@ -27,6 +27,8 @@ IDLE = 30.0  # s after which a process without work ends
 _pools: dict[int, Any] = {}  # the pool of this process, by its size
 _pool_lock = threading.Lock()
 _calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pools.clear)  # a pool is of the process that started it
 
 
 def cores(workers: int | None = None) -> int:

@@ -95,11 +95,15 @@ class Noise:
             curvatures[i] = np.tensordot(trust, product[:, :d, :d], 1)
         return gradients, curvatures
 
+    def _factors(self, residual: Floats) -> Floats:
+        """(grid,) expected k^2 of each grid point by a residual (n,), times the share of the point."""
+        _, share, squares = self._shares(residual[None])
+        return np.asarray(share[:, 0] * (GAMMA_A + 0.5 * squares[:, 0]) / (self.power - 1.0))
+
     def deviations(self, residual: Floats, averaged: Floats) -> Floats:
         """(n,) standard deviations of one frame, noise and discrepancy, by a residual (n,) of means of so many frames
         (n,)."""
-        _, share, squares = self._shares(residual[None])
-        factors = share[:, 0] * (GAMMA_A + 0.5 * squares[:, 0]) / (self.power - 1.0)
+        factors = self._factors(residual)
         variances = self.deviation**2 * averaged + np.sum(self.covariances.shifts**2, axis=2)
         return np.asarray(np.sqrt(factors @ variances))
 
@@ -109,8 +113,7 @@ class Noise:
         """(m,) standard deviations of one frame, noise and discrepancy, at other instants where the wall has these
         velocities (m,), 1/s, by a residual (n,). compared: (m,) whether these instants are among those of the compared
         frames. At others no frame tells the discrepancy: its size is drawn from its prior."""
-        _, share, squares = self._shares(residual[None])
-        factors = share[:, 0] * (GAMMA_A + 0.5 * squares[:, 0]) / (self.power - 1.0)
+        factors = self._factors(residual)
         ratio, clock_ratio, _ = np.array(self.grid).T[:, :, None]
         discrepancies = ratio**2 + (clock_ratio * self.scale * velocity) ** 2
         one = rng.choice(len(self.grid), p=np.exp(self.log_prior))
