@@ -299,7 +299,7 @@ UNITS = {  # what is said of a radius of this unit and factor
 def test_wrong_units_are_recognised(tmp_path, said):
     unit, factor = UNITS[said]
     (curve,) = read_curves(text_table(tmp_path / "a.csv", f"time_us,radius_{unit}", US, RADIUS * factor))
-    assert any(said in note for note in curve.notes)
+    assert any(said in text for text in (*curve.notes, curve.unscaled))
     assert code_of(lambda: curve.max_radius) == "curve.unscaled"
     assert np.allclose(curve.with_max_radius(R_MAX).radius, RADIUS, rtol=0.01)
 

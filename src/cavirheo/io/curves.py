@@ -463,11 +463,10 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: Indices) -> Radi
     size = sizes[0] * LENGTH_UNITS[column.unit]
     RADIUS.check(column.title, size, "curve.max_radius")
     hint = f"R_max of each shot as the column {column.title!r} has it"
-    notes = [note for note in curve.notes if note != curve.unscaled]  # it asks for a scale
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
         if not curve.unscaled and abs(size / curve.max_radius - 1.0) >= SCALE_TOLERANCE:
             hint += f": radii scaled by {size / curve.max_radius:.3g}"
-        return curve.labelled(hints=(*curve.hints, hint), notes=notes).with_max_radius(size)
+        return curve.labelled(hints=(*curve.hints, hint)).with_max_radius(size)
     return curve
 
 
@@ -507,8 +506,7 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
 
 def unusable_curve(reason: str, meta: Mapping[str, Any]) -> RadiusCurve:
     """Return a curve without samples, with the reason."""
-    notes = (*meta.get("notes", ()), reason)
-    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": notes}, unusable=reason)
+    return RadiusCurve(np.empty(0), np.empty(0), meta=dict(meta), unusable=reason)
 
 
 def _curve(
@@ -544,9 +542,7 @@ def _curve(
         radius_note: radius_note,
         f"{missing} of {n} frames without a radius (NaN)": missing,
         f"{empty.sum()} frames with radius <= 0 marked as not measured": empty.any(),
-        **{warning.text: True for warning in warnings},
         f"{n - len(t)} frames repeat the time of another one, which is kept": len(t) < n,
-        unscaled: unscaled,
     }
     steps = np.diff(t)
     step = float(np.median(steps)) if len(steps) > 1 else 0.0

@@ -65,7 +65,7 @@ def methods_paragraph(result: Result) -> tuple[str, list[Source]]:
         result=result,
         program=f"cavirheo{year}",
         answers=answers,
-        models=dict.fromkeys((curve.material, curve.bubble) for curve in answers),
+        models=dict.fromkeys((curve.material, curve.bubble, curve.bubble_title) for curve in answers),
         media=[_with_name(medium) for medium in dict.fromkeys(curve.medium for curve in answers if curve.medium)],
         stretch_priors=priors,
         laws=dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws),

@@ -75,7 +75,7 @@ def comparison_key(result: Result) -> str:
     key = f"{OUR_METHOD}: the material of all shots that count, and its 90 % interval; others: mean ± deviation."
     if references := " or ".join(_references(result)):
         key += f" Error to {references}: |value − its mean| / its mean."
-    if bubbles := ", ".join(dict.fromkeys(shot.bubble.title for shot in result.curves if shot.has_answer)):
+    if bubbles := ", ".join(dict.fromkeys(shot.bubble_title for shot in result.curves if shot.has_answer)):
         key += f" Our answers assume the {bubbles}."
     if "rheometer" in key:
         key += " A rheometer measures at small strain and low rates, a bubble at large strain and 1e5/s: unequal"

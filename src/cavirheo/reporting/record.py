@@ -208,6 +208,11 @@ class CurveRecord(ParameterValues):
         return f"{self.material}, {self.bubble.name}"
 
     @property
+    def bubble_title(self) -> str:
+        """'real bubble'; "real or the field's bubble" where a switch decides."""
+        return "real or the field's bubble" if "field_bubble" in self.switches else self.bubble.title
+
+    @property
     def has_answer(self) -> bool:
         return self.verdict != "failed"
 

@@ -59,7 +59,7 @@ def parameter_key(names: Iterable[str]) -> list[str]:
     """Lines below a table: what its parameters of the bubble mean, and which are not properties of the material."""
     meanings = {digits.symbol_and_unit(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
     symbols = [symbol for symbol, (name, _) in meanings.items() if not name.startswith("damage")]
-    end = [f"{' and '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
+    end = [f"{', '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
     return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
 
 

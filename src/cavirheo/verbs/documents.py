@@ -71,7 +71,7 @@ def _show_document(path: Path, json: bool) -> None:
         return
     date = f", {document.date}" if document.date else ""
     terminal.write(f"{path}: {document.kind}, written by cavirheo {document.version}{date}\n{document.command}\n")
-    print_table(document, path.parent)
+    print_table(document, path if path.is_dir() else path.parent)
 
 
 def _show_training_set(path: Path) -> None:
@@ -90,7 +90,7 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     from cavirheo.io.shots import read_shots
     from cavirheo.reporting.table import curve_warnings, curves_by_note, summary_cells
 
-    curves, problems, remarks, hints = read_shots(expand([path]), **keywords)
+    curves, problems, remarks, _ = read_shots(expand([path]), **keywords)
     if not curves:
         raise InputError(problems[0], "show.unreadable")
     console = terminal.console()
@@ -100,7 +100,7 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     terminal.print_table(console, heads, [[curve.name, *summary_cells(curve)] for curve in curves])
     terminal.print_remarks(console, curve_warnings(curves), most=2, mark="check input:")
-    terminal.print_remarks(console, curves_by_note(curves), remarks + hints)
+    terminal.print_remarks(console, curves_by_note(curves), remarks)
     for problem in problems:
         terminal.say(f"error: {problem}")
     if problems:

@@ -82,14 +82,14 @@ def print_table(
     from rich.table import Table
 
     grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    if title:
-        grid.title, grid.title_justify, grid.title_style = title, "left", "dim"
     for head in heads:
         words = head in (heads[0], *left)
         grid.add_column(head, justify="left" if words else "right", overflow="fold", no_wrap=not words)
     for k, cells in enumerate(rows):
         grid.add_row(*cells, style="bold" if k == bold else "")
     if rows:
+        if title:
+            print_text(to, title, style="dim")
         for column, cells in zip(grid.columns, zip(*rows, strict=True), strict=True):
             column.min_width = max(map(len, cells)) if column.no_wrap else _LEAST_WORDS
         usual = to.width
