@@ -17,7 +17,6 @@ from cavirheo.parameters import parameter_of
 from cavirheo.writing import digits
 
 _MOST_NAMES = 10  # letters of the names of shots in a sentence, from which on they are counted
-_UNLIKELY = 0.05  # probability up to which a switch does not count
 Ends = tuple[float, float, float]  # 5 %, 50 %, 95 %
 
 
@@ -59,18 +58,6 @@ def message_of_bound(name: str, bound: str, interval: Ends) -> Message:
     return Message(f"bound.{name}.{bound}", {"name": name, "bound": bound, "median": median, "q05": low, "q95": high})
 
 
-def message_of_switches(switches: Mapping[str, float]) -> Message | None:
-    """The message on the most probable kind of material and bubble, with these probabilities ("liquid", "stiffening",
-    "field_bubble"; those that an answer has); None if all are small."""
-    if all(probability <= _UNLIKELY for probability in switches.values()):
-        return None
-    liquid, stiffening = switches.get("liquid", 0.0), switches.get("stiffening", 0.0)
-    kinds = {"gel": 1.0 - liquid - stiffening, "liquid": liquid, "stiffening_gel": stiffening}
-    kind = max(kinds, key=lambda name: kinds[name]) if "liquid" in switches else "law"
-    bubble = "field" if switches.get("field_bubble", 0.0) > 0.5 else "real"
-    return Message(f"state.{kind}.{bubble}", {"kind": kind, "bubble": bubble, **switches})
-
-
 def message_of_error(error: Exception) -> Message:
     """The message why there is no answer, from the error that ended the analysis."""
     if isinstance(error, InputError):
@@ -79,14 +66,6 @@ def message_of_error(error: Exception) -> Message:
         return Message("solver", {"text": str(error)})
     reason = f": {error}" if str(error) else ""
     return Message("unexpected", {"text": f"unexpected {type(error).__name__}{reason}"})
-
-
-def state_in_words(kind: str, bubble: str) -> str:
-    """'a liquid', 'a gel that stiffens, with the field's bubble'; 'the real bubble' of a law without switches."""
-    words = {"gel": "a gel that does not stiffen", "liquid": "a liquid", "stiffening_gel": "a gel that stiffens"}
-    if kind == "law":
-        return "the field's bubble" if bubble == "field" else "the real bubble"
-    return f"{words[kind]}, with the field's bubble" if bubble == "field" else words[kind]
 
 
 def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
@@ -142,12 +121,6 @@ def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
     by = digits.ends(factors, count=2)
     soft = f"a soft material follows the curve best if radii are {by} times too {size} or times that much too {time}"
     return f"check the scale of radius and time: {collapse}; {soft}: {advice}"
-
-
-def _state(kind: str, bubble: str, **switches: float) -> str:
-    words = {"liquid": "liquid", "stiffening": "stiffens", "field_bubble": "field's bubble"}
-    parts = (f"{words[name]}: {100.0 * value:.0f} %" for name, value in switches.items())
-    return f"most probably {state_in_words(kind, bubble)} ({', '.join(parts)})"
 
 
 def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
@@ -264,7 +237,6 @@ def _outliers(probabilities: Mapping[str, float]) -> str:
 _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "bound": _bound,
     "prior_end": _prior_end,
-    "state": _state,
     "traded": _traded,
     "training_range": _training_range,
     "check_input.constant": _impossible,

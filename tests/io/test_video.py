@@ -120,11 +120,8 @@ def test_nothing_is_invented_where_no_outline_is_seen():
     assert track(replace(one, frames=np.minimum(one.frames, other.frames))).twins > 5
 
 
-def test_polarity_and_reference_frame_are_obeyed():
+def test_polarity_is_obeyed():
     error_of(track, film(), polarity="bright")
-    free, told = track(film()), track(film(), reference_frame=1)
-    both = (free.flags == "ok") & (told.flags == "ok")
-    assert np.abs(free.radius - told.radius)[both].max() < 0.2
 
 
 def test_flags_say_what_is_used_and_spoilt_frames_are_told_apart():
@@ -295,7 +292,6 @@ WRONG = {
     "video.exposure": [{"exposure": 1.0}],
     "video.roi": [{"roi": (0, 0, 500, 20)}],
     "video.frames": [{"span": (5, 500)}],
-    "video.reference_frame": [{"reference_frame": 99}],
     "video.polarity": [{"polarity": "grey"}],
     "video.exclude": [{"exclude": "4-"}, {"exclude": [99]}, {"exclude": "1-34"}],
 }

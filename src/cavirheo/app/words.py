@@ -143,9 +143,7 @@ def answers(session: Session) -> str:
     groups = html.render_macro("group_answers", document, current.pictures)
     groups += html.render_macro("comparisons", document)
     rows = document.curves
-    models = {f"{row.material}, {row.bubble_title}" for row in document.curves if row.has_answer}
-    title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
-    shots = html.render_macro("curves_table", document, rows, [row.name for row in rows], title)
+    shots = html.render_macro("curves_table", document, rows, [row.name for row in rows])
     explanation = html.render_macro("reading"), *methods_paragraph(document)
     done = len(document.curves), current.not_run
     return render("answers", run, *done, groups, shots, curves_by_message(rows), *explanation)

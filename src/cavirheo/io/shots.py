@@ -117,8 +117,8 @@ def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:
         path: the recording.
         options: `frame_rate` (1/s; needed unless the camera's file states it), `um_per_px` (without it, unless the file
             states it, the curve has no scale), `exposure` (s), `polarity` ("auto", "dark", "bright"), `roi` (x, y,
-            width, height in px), `reference_frame`, `span` (first, last frame), `exclude` (frames to leave out,
-            "12,40-45" or a list); frames are counted from 1.
+            width, height in px), `span` (first, last frame), `exclude` (frames to leave out, "12,40-45" or a list);
+            frames are counted from 1.
 
     Returns:
         A curve: (n,) times in s, radii and their standard deviations in m. Frames that cannot be measured are NaN;

@@ -15,7 +15,8 @@ from cavirheo.writing import digits
 _LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on these should be measured better
 _COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from which on that part is shown
 # doubts about a group of which the values may still be used, with care
-_DISAGREEMENTS = ("group.doubt.heaps", "group.doubt.scatter", "group.doubt.misfits", "group.doubt.trend")
+_APART = ("group.doubt.heaps", "group.doubt.scatter")
+_DISAGREEMENTS = (*_APART, "group.doubt.misfits", "group.doubt.trend")
 _SURE = 0.95  # probability of a state of a switch of a group, from which on the group has settled it
 
 
@@ -82,7 +83,7 @@ def _value_line(
     if name == "shear_modulus" and group.population.switches.get("stiffening", 0.0) >= 0.5:
         secants = [shot.diagnostics.secant_modulus for shot in shots if shot.trusted or len(shots) == 1]
         if ends := digits.ends([secant[1] for secant in secants if secant], factor, 2):
-            notes.append(f"at small strain; at R_max {ends}")
+            notes.append(f"at small strain; at R_max {ends} {unit}")
     statistics = group.systematic.statistics.get(name)
     if not notes and statistics and value.width > _COMMON_SHARE * statistics.width:
         notes.append(f"{digits.value_parts(statistics, factor)[1]}, were scale and rate exact")
@@ -93,7 +94,8 @@ def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """Why no value of a group is to be used, in a sentence; "" if one may be."""
     serious = any(message.code not in _DISAGREEMENTS for message in group.doubts)
     if serious or len(group.population.heaps) == len(SYMBOLS):
-        return f"nothing yet: {'; '.join(message.text for message in group.doubts)}"
+        others = [message.text for message in group.doubts if message.code not in _APART]
+        return f"nothing yet: {'; '.join([*_disagreement(group), *others])}"
     misfits = group.verdicts.get("does_not_fit", 0)
     if group.verdict == "does_not_fit" and misfits > DECIDING_SHARE * len(shots):
         recordings = "the recording does" if len(shots) == 1 else f"{misfits} of {len(shots)} recordings do"
@@ -114,12 +116,17 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     if not parts:
         alone = group.population.line and len(shots) > 1
         return f"each shot by itself; {group.population.line}" if alone else "nothing: no value is known"
-    apart = {*group.population.heaps, *group.population.wide_scatters}
-    disagree = " and ".join(symbol for name, symbol in SYMBOLS.items() if name in apart)
-    reasons = [f"the shots disagree in {disagree}"] if disagree else []
+    reasons = _disagreement(group)
     named = ("group.doubt.misfits", "group.doubt.trend")
     reasons += [message.text for message in group.doubts if message.code in named]
     return ", ".join(parts) + (f": {'; '.join(reasons)}" if reasons else "")
+
+
+def _disagreement(group: GroupRecord) -> list[str]:
+    """['the shots disagree in G and µ'] as the lines of these parameters show; [] if they agree."""
+    apart = {*group.population.heaps, *group.population.wide_scatters}
+    symbols = " and ".join(symbol for name, symbol in SYMBOLS.items() if name in apart)
+    return [f"the shots disagree in {symbols}"] if symbols else []
 
 
 def _use_of(group: GroupRecord, name: str) -> str:
@@ -139,8 +146,14 @@ def _settled(group: GroupRecord) -> dict[str, bool]:
 
 
 def _model(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """'gel 99 %, gel that stiffens 1 %; bubble: real (vapour condenses slowly) 100 %'; "" for another law."""
-    switches = group.population.switches if group.has_answer else {}
+    """The model of a group; whether its rows, which are each shot alone, say otherwise; "" for another law."""
+    model = model_in_words(group.population.switches) if group.has_answer else ""
+    rows = _rows_apart(group, shots) if model and len(shots) > 1 else ""
+    return f"{model}; {rows}" if rows else model
+
+
+def model_in_words(switches: Mapping[str, float]) -> str:
+    """'gel 99 %, gel that stiffens 1 %; bubble: real (vapour condenses slowly) 100 %'; "" without switches."""
     parts = []
     if "liquid" in switches:
         liquid, stiffens = switches["liquid"], switches.get("stiffening", 0.0)
@@ -148,8 +161,7 @@ def _model(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     if "field_bubble" in switches:
         field = switches["field_bubble"]
         parts.append(f"bubble: {_shares({digits.BUBBLES['real']: 1.0 - field, digits.BUBBLES['field']: field})}")
-    rows = _rows_apart(group, shots) if parts and len(shots) > 1 else ""
-    return "; ".join([*parts, *([rows] if rows else [])])
+    return "; ".join(parts)
 
 
 def _shares(probabilities: Mapping[str, float]) -> str:
@@ -183,6 +195,8 @@ def next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> st
     codes = [message.code for message in group.doubts]
     if group.verdict == "check_input" and len(shots) == 1:
         return "the same command with what is asked for, or with --trust-input"
+    if group.verdict == "failed" and len(shots) == 1:
+        return f"look at {out / 'report.html'}   (what was read)"
     if "group.doubt.input" in codes or group.verdict == "failed":
         return f"cavirheo show {document}   (the messages of each shot)"
     if "group.doubt.ends" in codes:

@@ -77,7 +77,7 @@ def comparison_key(result: Result) -> str:
         key += f" Error to {references}: |value − its mean| / its mean."
     if bubbles := ", ".join(dict.fromkeys(shot.bubble_title for shot in result.curves if shot.has_answer)):
         key += f" Our answers assume the {bubbles}."
-    if "rheometer" in key:
+    if any(method.startswith("rheometer") for group in result.groups for method in group.published):
         key += " A rheometer measures at small strain and low rates, a bubble at large strain and 1e5/s: unequal"
         key += " values are no contradiction."
     return key

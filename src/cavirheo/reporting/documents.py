@@ -15,7 +15,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, expect
-from cavirheo.messages import Message, message_of_switches
+from cavirheo.messages import Message
 from cavirheo.parameters import (
     BUBBLE,
     CAMERA,
@@ -146,8 +146,6 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
     if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
-    kind = message_of_switches(posterior.switches)
-    messages = [*checks.messages, *([kind] if kind else [])]
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
         **{name: getattr(checks, name) for name in ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")},
@@ -159,7 +157,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         best={} if checks.reconstruction_time is None else {name: float(v) for name, v in posterior.best.items()},
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
         verdict=checks.verdict,
-        messages=[Sentence(code=message.code, text=message.text) for message in messages],
+        messages=[Sentence(code=message.code, text=message.text) for message in checks.messages],
         notes=list(curve.notes),
         column=dict(curve.column),
         stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.reporting.advice import answer_lines, group_facts
+from cavirheo.reporting.advice import answer_lines, group_facts, model_in_words
 from cavirheo.reporting.comparison import comparison_key, comparison_table
 from cavirheo.reporting.record import LAW_HEADS, LAWS_TITLE, Result
 from cavirheo.reporting.table import meaning_of, parameter_key, parameters_of, shots_table
@@ -20,7 +20,7 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
 _FUNCTIONS = (
-    *(answer_lines, group_facts, shots_table, comparison_table, comparison_key),
+    *(answer_lines, group_facts, model_in_words, shots_table, comparison_table, comparison_key),
     *(meaning_of, parameter_key, parameters_of),
 )
 

@@ -129,7 +129,7 @@ def _references(group: GroupRecord, axes: Sequence[_Parameter]) -> list[_Place]:
         places.append(_Place("material", "material", ends))
     for method, values in group.published.items():
         ends = np.array([axis.ends(_within_deviation(values.get(axis.name, Spread()))) for axis in axes])
-        places.append(_Place("published", digits.elide(method, _NAME), ends))
+        places.append(_Place("published", digits.elide(method.partition(",")[0], _NAME), ends))
     return [place for place in places if place.known.any()]
 
 

@@ -34,7 +34,7 @@ WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; on
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 LAW_HEADS = ["law", "log evidence", "probability", "of one material"]
 LAWS_TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
-_NEUTRAL_VALUES = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}  # values that change nothing
+_NEUTRAL_VALUES = {"radius_scale": 1.0, "max_radius_factor": 1.0}  # that change nothing; of others 0
 
 
 class ParameterValues(Record):
@@ -237,7 +237,7 @@ class CurveRecord(ParameterValues):
         'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs'."""
         words = []
         for name, value in self.best.items():
-            if value is not None and value != _NEUTRAL_VALUES.get(name):
+            if value is not None and value != _NEUTRAL_VALUES.get(name, 0.0):
                 symbol, factor, unit = digits.display_unit(name, digits.modulus_unit([value]))
                 words.append(f"{symbol} = {digits.significant(factor * value, 4)} {unit}".rstrip())
         return f"{digits.simulation_name(self.method)}: {', '.join(words)}" if words else ""

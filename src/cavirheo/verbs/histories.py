@@ -39,7 +39,6 @@ class Measure(options.PrintingVerb):
     exposure_us: settings.ExposureUs = None
     polarity: Annotated[Literal["auto", "dark", "bright"], option("the bubble's look before its background")] = "auto"
     roi: Annotated[str | None, option("part of the picture to measure, px", metavar="X,Y,W,H")] = None
-    reference_frame: Annotated[int | None, option("number of a frame without the bubble, from 1")] = None
     frames: Annotated[str | None, option("first and last frame to measure", metavar="A:B")] = None
     exclude: settings.Exclude = None
     out: options.Out = Path("cavirheo-measure")
@@ -55,7 +54,7 @@ class Measure(options.PrintingVerb):
         require_library("PIL")  # pillow, from the extra [video]
         from cavirheo.video import picture
 
-        names = ("um_per_px", "polarity", "exclude", "reference_frame")
+        names = ("um_per_px", "polarity", "exclude")
         camera: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
         camera["exposure"] = self.exposure_us and self.exposure_us * 1e-6
         camera["roi"] = options.numbers("--roi", self.roi, int, ",", "x,y,width,height in px", 4)

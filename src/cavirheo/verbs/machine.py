@@ -18,15 +18,12 @@ def app(
     host: Annotated[str, option(_HOST)] = "127.0.0.1",
     port: Annotated[int, option("port; 0: any free one", min=0, max=65535)] = 7860,
     browser: Annotated[bool, option("open the page in the browser", None, "--browser/--no-browser")] = True,
-    max_file_mb: Annotated[float, option("largest file that may be uploaded, MB", min=0.001)] = 50.0,
-    max_files: Annotated[int, option("largest number of files of one visitor", min=1)] = 50,
 ) -> None:
     """The same in the browser: upload files, look, infer, compare with the simulation, download everything as a zip."""
     terminal.say("cavirheo app: starting, a few seconds ...")
     from cavirheo.app.server import serve
-    from cavirheo.app.session import VisitorLimits
 
-    serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files))
+    serve(host, port, browser=browser)
 
 
 def generate(

@@ -75,11 +75,8 @@ class Measurement:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The notes of the recording, and how many frames were measured or have an unusual flag."""
-        used = sum(self.counts.get(flag, 0) for flag in USED)
-        notes = [*self.recording.notes, f"{used} of {len(self.track.flags)} frames measured"]
-        usual = ("ok", "before", "excluded")
-        notes += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in self.counts.items() if flag not in usual]
+        """The notes of the recording, and what is unusual besides the flags."""
+        notes = [*self.recording.notes]
         if listed := self.options.get("exclude"):
             notes.append(f"excluded by hand: frames {listed}")
         share = self.track.arc[int(np.nanargmax(self.track.radius))]
@@ -94,7 +91,11 @@ class Measurement:
     def curve(self, **meta: Any) -> RadiusCurve:
         """Return the radius history; unused frames are NaN, and `meta` has the (n,) `flags`. Raises InputError."""
         pixel = (self.um_per_px.value or 1.0) * _PIXEL
-        labels = {"notes": self.notes, "flags": tuple(self.track.flags.tolist()), "video": True, **meta}
+        used = f"{np.isin(self.track.flags, USED).sum()} of {len(self.track.flags)} frames measured"
+        usual = ("ok", "before", "excluded")
+        unusual = [f"{n} {flag} ({FLAGS[flag]})" for flag, n in self.counts.items() if flag not in usual]
+        notes = (*self.notes, used, *unusual)
+        labels = {"notes": notes, "flags": tuple(self.track.flags.tolist()), "video": True, **meta}
         numbers = {"frame_rate_hz": self.frame_rate.value, "exposure_s": self.exposure.value}
         labels |= {name: value for name, value in numbers.items() if value}
         radius, sigma = self.track.radius * pixel, self.track.sigma * pixel
@@ -112,7 +113,6 @@ class MeasureOptions(TypedDict, total=False):
     exposure: float | None
     polarity: str
     roi: tuple[int, int, int, int] | None
-    reference_frame: int | None
     span: tuple[int, int] | None
     exclude: str | Iterable[int] | None
     progress: Callable[[int], AbstractContextManager[Callable[[], None]]]
@@ -124,7 +124,6 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     frame_rate = options.get("frame_rate")
     um_per_px = options.get("um_per_px")
     exposure = options.get("exposure")
-    reference_frame = options.get("reference_frame")
     for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
@@ -148,14 +147,12 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     first, last = options.get("span") or (1, count)
     region = options.get("roi") or (0, 0, width, height)
     footage = _cropped(whole, first, last, region)
-    fine = reference_frame is None or first <= reference_frame <= last
-    require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
     interval = float(np.median(np.diff(time)))
     exposed_share = shutter.value / interval if shutter.value else None
     if shutter.value and shutter.value > 1.001 * interval:
         longer = f"{1e6 * shutter.value:.4g} us is longer than the {1e6 * interval:.4g} us between frames"
         raise InputError(f"an exposure of {longer}", "video.exposure")
-    stage = set_stage(footage, options.get("polarity", "auto"), reference_frame and reference_frame - first + 1)
+    stage = set_stage(footage, options.get("polarity", "auto"))
     excluded = _excluded(options.get("exclude"), first, last)
     stage = replace(stage, kinds=np.where(np.isin(np.arange(first, last + 1), excluded), "excluded", stage.kinds))
     progress = options.get("progress", lambda _: nullcontext(lambda: None))
@@ -165,7 +162,6 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
         "polarity": "dark" if stage.depth > 0 else "bright",
         "roi": options.get("roi"),
         "frames": f"{first}:{last}",
-        "reference_frame": reference_frame,
         "frames_without_bubble": stage.empty,
     }
     if excluded:

@@ -56,7 +56,7 @@ class Stage:
         return np.asarray(share)
 
 
-def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int | None = None) -> Stage:
+def set_stage(recording: Footage, polarity: str = "auto") -> Stage:
     """Classify the frames, and find a first background.
 
     Raises InputError: nothing moves in the recording, or an option is wrong.
@@ -86,10 +86,7 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     with_bubble = np.flatnonzero((((background - small) / swing > 0.5) & within).any((1, 2)))
     empty = normal[: int(with_bubble[0])] if len(with_bubble) else normal[:0]
     empty = empty[:-1] if len(empty) > 2 else empty
-    if reference_frame is None:
-        reference = _first_background(frames, normal, level / usual, empty, swing, usual)
-    else:
-        reference = frames[reference_frame - 1].astype(np.float32)
+    reference = _first_background(frames, normal, level / usual, empty, swing, usual)
     blind = reference < (_OPAQUE * usual if dark else -1.0)
     reference = np.maximum(reference, np.float32(1e-3 * usual))
     gains = np.ones(len(frames))

@@ -71,7 +71,7 @@ class Track:
     edge, visible share `arc` of the circle. flags: keys of `FLAGS`.
 
     optics: sigma of the blur at rest, px. exposure_hint: in frames, by the blur of fast frames; None with fewer than
-    two of them. twins: number of frames with a second bubble of more than half the area.
+    two of them. twins: number of used frames with a second bubble of more than half the area.
     """
 
     radius: Floats
@@ -102,10 +102,11 @@ def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], No
         stage = replace(stage, depth=stage.depth * float(np.median(levels)))
     patches_of = {i: patches or outline.patches(stage, i) for i, patches in patches_of.items()}
     chosen, elsewhere = _one_bubble(patches_of, n)
-    twins = sum(
-        any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches_of[i])
+    twins = [
+        i
         for i, bubble in chosen.items()
-    )
+        if any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches_of[i])
+    ]
     outlines: dict[int, Outline] = {}
     for i, patch in chosen.items():
         if measured := outline.measure(stage, i, patch):
@@ -159,9 +160,9 @@ def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
 
 
 def _corrected_and_flagged(
-    stage: Stage, outlines: dict[int, Outline], elsewhere: set[int], exposure: float | None, twins: int
+    stage: Stage, outlines: dict[int, Outline], elsewhere: set[int], exposure: float | None, twins: list[int]
 ) -> Track:
-    """Return the radii of the outlines, corrected for blur, with deviations and flags."""
+    """Return the radii of the outlines, corrected for blur, with deviations and flags. twins: frames of two bubbles."""
     n, index = len(stage.frames), list(outlines)
     values = np.full((11, n), np.nan)
     for i, fit in outlines.items():
@@ -211,7 +212,7 @@ def _corrected_and_flagged(
     used = np.isin(flags, USED)
     systematic = np.hypot(RULES.systematic_width * width, np.nan_to_num(mode) / 6.0)
     columns = np.where(used, (radius, sigma, systematic, x, y, mode / radius, width, arc), np.nan)
-    return Track(*columns, flags, optics, hint, twins)  # type: ignore[call-arg]
+    return Track(*columns, flags, optics, hint, int(used[twins].sum()))  # type: ignore[call-arg]
 
 
 def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optics: float) -> float | None:
