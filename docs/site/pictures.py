@@ -101,7 +101,7 @@ def main() -> None:
         screen(browser, f"cavirheo infer {film} -o result", folder, DOCS / "terminal.png")
         printed(f"cavirheo measure {film} -o measured", folder)
         shutil.copy(folder / "measured" / "contact.png", DOCS / "video.png")
-        printed(f"cavirheo infer examples/{SHOT} --density 1030 -o gel", folder)
+        printed(f"cavirheo infer examples/{SHOT} --density 998 -o gel", folder)
         part_of_report(browser, folder / "gel", "section.group", DOCS / "group.png")
         screen(browser, "cavirheo design gel/result.json --fps 250e3,1e6 -o plan", folder, DOCS / "design.png")
         with running_server() as (address, _):

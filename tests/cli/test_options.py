@@ -28,7 +28,7 @@ GOOD = {  # a call that would compute, without the option that is tried
     "train": "recipe.toml d -o r", "app": "", "models": "", "laws": "", "show": "shot.csv",
     "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
 }  # fmt: skip
-FREE = {"--out", "--name", "--host", "--device", "--reference-method"}  # options that take any text
+FREE = {"--out", "--host", "--device"}  # options that take any text
 NUMBERS = ["nan", "inf", "-1", "-inf", "1e400", "", "word", "\x1b[31mred", "ü 漢 \u202e", "a\0b", "9" * 5000]
 WORDS = ["word", "nan", "\x1b]0;title\x07", "漢" * 30, "-1"]
 

@@ -240,7 +240,9 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
     """
-    _check_numbers(wanted, spread, draws)
+    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
+    expect_whole(draws, "draws", 2, "design.draws")
     rig = rig or Rig()
     family = Family(rig.material)
     before = _known(known, group, family, _log_ranges(family, ranges or {}))
@@ -254,6 +256,7 @@ def design(
     expectations = shots.expectations(settings, done)
     rows = [_row(setting, expected, *what) for setting, expected in zip(settings, expectations, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
+    order = [(np.inf if row.shots is None else row.shots, -row.gain_nats) for row in rows]
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
         command="cavirheo.design",
@@ -265,21 +268,8 @@ def design(
         known={name: Quantity.from_interval(*three) for name, three in zip(before.ends, quantiles.T, strict=True)},
         shots_before=before.shots,
         settings=rows,
-        next=_best(rows),
+        next=order.index(min(order)),
     )
-
-
-def _check_numbers(wanted: float, spread: float | None, draws: int) -> None:
-    """Raises InputError for numbers of `design` out of their domains."""
-    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
-    expect_whole(draws, "draws", 2, "design.draws")
-
-
-def _best(rows: Sequence[DesignedSetting]) -> int:
-    """The setting that needs the fewest shots; of several the one whose shot tells most."""
-    order = [(np.inf if row.shots is None else row.shots, -row.gain_nats) for row in rows]
-    return order.index(min(order))
 
 
 def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[str, Floats]:

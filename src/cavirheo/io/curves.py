@@ -257,7 +257,8 @@ def _read_series(
         raise InputError(f"arrays of different lengths: {sizes}", "matlab.cells")
     radius = series.form.radius(*(column.numbers for column in series.radius))
     unit = _unit_of_radius(series, notes)
-    in_pixels = _is_in_pixels(radius, unit)
+    too_large = bool(np.nanmax(radius, initial=0.0) > 1e3 * _PLAUSIBLE[1])  # for m or mm
+    in_pixels = unit == "px" or (unit is None and too_large)
     if clock is None or _counts_frames(clock):
         _ask_for(camera, series, unit, in_pixels=in_pixels, notes=notes)
     time = clock.numbers if clock else np.arange(float(len(radius)))
@@ -353,11 +354,6 @@ def _ask_for(camera: Camera, series: _Series, unit: str | None, *, in_pixels: bo
 
 def _counts_frames(clock: Column) -> bool:
     return clock.name.kind == "frame" or clock.unit == "frame"
-
-
-def _is_in_pixels(numbers: Floats, unit: str | None) -> bool:
-    """Whether radii are in pixels if a scale is given: without a unit, those that are no bubble in m or mm."""
-    return unit == "px" or (unit is None and bool(np.nanmax(numbers, initial=0.0) > 1e3 * _PLAUSIBLE[1]))
 
 
 def _aspherical(columns: Sequence[Column], radius: Floats) -> tuple[Message, ...]:
@@ -587,7 +583,8 @@ def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
     """Return (factor to metres, a note, why there is no scale) from the largest radius and the given unit, if any."""
     largest = _largest(r)
     if unit == "px":
-        return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}): give the scale (--um-per-px)"
+        in_pixels = f"the radius is in pixels (largest {largest:.4g}) without um per pixel (--um-per-px)"
+        return RADIUS_UNITS["px"], "", in_pixels
     fits = _units_by_size(largest, unit)
     if largest <= 0.0 or unit in fits:
         return RADIUS_UNITS[unit or "um"], "", ""

@@ -233,18 +233,14 @@ def read_shots(
     return CurveSet(curves, problems, remarks, hints)
 
 
-def sample_hash(curve: RadiusCurve) -> bytes:
-    """Return a hash of the samples, equal in every file with this recording; without samples, of the curve's origin."""
-    content = curve.time.tobytes() + curve.radius.tobytes()
-    return hashlib.sha256(content or f"{curve.source}: {curve.name}: {curve.unusable}".encode()).digest()
-
-
 def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
     """Return (the curves without repeated recordings, a remark on each repetition)."""
     first: dict[bytes, RadiusCurve] = {}
     remarks: list[str] = []
     for curve in curves:
-        if (earlier := first.setdefault(sample_hash(curve), curve)) is not curve:
+        origin = f"{curve.source}: {curve.name}: {curve.unusable}"  # of a curve without samples
+        content = curve.time.tobytes() + curve.radius.tobytes() or origin.encode()
+        if (earlier := first.setdefault(hashlib.sha256(content).digest(), curve)) is not curve:
             copy, original = (f"{each.name} ({each.source})" for each in (curve, earlier))
             remarks.append(f"{copy} is the same recording as {original}: it is counted once")
     return list(first.values()), remarks
@@ -270,7 +266,8 @@ def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
     singles = Counter(folder for curve, folder in zip(curves, folders, strict=True) if per_file[curve.source] == 1)
     grouped = []
     for curve, folder in zip(curves, folders, strict=True):
-        stem, with_others = stem_of(curve.source), per_file[curve.source] == 1 and singles[folder] > 1
+        stem = _NUMBER.sub("", Path(curve.source).stem)  # "soft" of soft_1.csv and soft_1 (2).csv, "" of 7.csv
+        with_others = per_file[curve.source] == 1 and singles[folder] > 1
         groups = {
             "none": (curve.name, curve.source),
             "name": (stem or folder.name, str(folder / stem)),
@@ -279,11 +276,6 @@ def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
         by = "folder" if group == "auto" and with_others else group
         grouped.append(curve.with_group(*groups[by]) if by in groups else curve)
     return grouped
-
-
-def stem_of(file: str) -> str:
-    """Return a file name without ending and shot number: "soft" for soft_1.csv and soft_1 (2).csv, "" for 7.csv."""
-    return _NUMBER.sub("", Path(file).stem)
 
 
 def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCurve], list[str]]:

@@ -211,7 +211,8 @@ def next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> st
     if group.verdict == "unverified":
         return f"cavirheo infer {_files(shots, 2)}"
     limited = _settled(group).get("liquid", False) and not group.population.viscosity.bound
-    if limited or abs(group.change_by_scale or 0.0) >= _LARGE_CHANGE:
+    change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
+    if limited or abs(change) >= _LARGE_CHANGE:
         return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
     if group.verdict == "bound":
         return f"cavirheo design {document}   (what to record)"

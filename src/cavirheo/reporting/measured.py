@@ -14,19 +14,10 @@ from cavirheo.video.track import FLAGS, USED
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, write_rows
 
-COLUMNS = {
-    "time_us": "from the first frame of the recording on",
-    "radius_um": "mean over the exposure; empty where the frame is not used",
-    "radius_std_um": "standard deviation of the radius, from frame to frame",
-    "systematic_um": "what may move the radii of all frames alike",
-    "x_px": "centre, from the middle of the leftmost pixel",
-    "y_px": "centre, from the middle of the topmost pixel",
-    "asphericity": "amplitude of the outline's second mode over the radius",
-    "edge_width_px": "from a quarter to three quarters of the edge",
-    "arc": "part of the outline that is seen",
-    "flag": "; ".join(f"{flag}: {meaning}" for flag, meaning in FLAGS.items()),
-    "frame": "number of the frame, from 1",
-}
+_COLUMNS = (  # of measured.csv
+    *("time_us", "radius_um", "radius_std_um", "systematic_um", "x_px", "y_px"),
+    *("asphericity", "edge_width_px", "arc", "flag", "frame"),
+)
 
 
 class Measured(Document):
@@ -51,7 +42,6 @@ class Measured(Document):
         collapse_times_s: times of the collapses after the first frame of the recording, s.
         unusable: reason why there is no R_max; else empty.
         warnings: input warnings on the recording and its settings.
-        columns: meaning of each column of measured.csv.
     """
 
     kind: Literal["measure"] = "measure"
@@ -73,7 +63,6 @@ class Measured(Document):
     collapse_times_s: list[float] = []
     unusable: str = ""
     warnings: list[str]
-    columns: dict[str, str] = COLUMNS
 
 
 def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
@@ -93,9 +82,9 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
 
 
 def write_csv(path: Path, measurement: Measurement) -> None:
-    """Write one row per frame; lengths are in pixels (radius_px, ...) if there is no scale."""
+    """Write one row per frame (docs/how-to/measure.md); lengths are in pixels (radius_px, ...) if there is no scale."""
     track, scale, (left, top) = measurement.track, measurement.um_per_px.value, measurement.corner
-    names = list(COLUMNS) if scale else [name.replace("_um", "_px") for name in COLUMNS]
+    names = [*_COLUMNS] if scale else [name.replace("_um", "_px") for name in _COLUMNS]
     lengths = [(scale or 1.0) * values for values in (track.radius, track.sigma, track.systematic)]
     columns = (*lengths, track.x + left, track.y + top, track.asphericity, track.width, track.arc)
     numbers = ([f"{value:.6g}" if np.isfinite(value) else "" for value in values] for values in columns)

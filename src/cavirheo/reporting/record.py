@@ -485,11 +485,6 @@ class GroupRecord(Record):
         """The messages on what could be wrong."""
         return [message for message in self.messages if message not in self.doubts]
 
-    @property
-    def change_by_scale(self) -> float | None:
-        """Change of G, %, by 1 % in scale or frame rate; None where it is not known."""
-        return self.systematic.slopes.get("shear_modulus", {}).get("scale")
-
 
 class Result(Document):
     """The answers of a run.

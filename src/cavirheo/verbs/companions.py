@@ -58,7 +58,6 @@ class Rheometer(options.PrintingVerb):
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
     at: Annotated[float, option("angular frequency of the viscosity G''/omega, rad/s")] = 1.0
-    name: Annotated[str | None, option("of the material  [default: from the file names]")] = None
     out: options.Out = Path("cavirheo-rheometer")
 
     def __call__(self, run: Run) -> None:
@@ -76,8 +75,7 @@ class Rheometer(options.PrintingVerb):
             except InputError as error:
                 run.note_unreadable([str(error)])
         run.require_any(sweeps, "sweep")
-        material = self.name or rheometer.shared_name(files)
-        rheometry = rheometer.rheometry(sweeps, material, at=self.at, **run.document_fields)
+        rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), at=self.at, **run.document_fields)
         run.write_document(outputs, rheometry)
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 

@@ -158,15 +158,11 @@ class Spread(Record):
 
     Attributes:
         mean: mean of the values.
-        std: standard deviation of the values, with the divisor n - 1; null for n < 2.
-        median: median of the values.
-        n: number of values; null where there is none, or where their number is not known.
+        std: standard deviation of n values, with the divisor n - 1; null for n < 2, and where it is not known.
     """
 
     mean: float | None = None
     std: float | None = None
-    median: float | None = None
-    n: int | None = None
 
 
 def spread_of(values: list[float | None]) -> Spread:
@@ -176,8 +172,7 @@ def spread_of(values: list[float | None]) -> Spread:
         return Spread()
     with np.errstate(over="ignore", invalid="ignore"):  # overflow gives infinity or NaN, and then null
         std = finite(float(np.std(numbers, ddof=1))) if len(numbers) > 1 else None
-        middle = finite(float(np.median(numbers)))
-        return Spread(mean=finite(float(np.mean(numbers))), std=std, median=middle, n=len(numbers))
+        return Spread(mean=finite(float(np.mean(numbers))), std=std)
 
 
 @contextmanager
