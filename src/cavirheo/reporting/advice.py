@@ -196,7 +196,7 @@ def next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> st
     if group.verdict == "check_input" and len(shots) == 1:
         return "the same command with what is asked for, or with --trust-input"
     if group.verdict == "failed" and len(shots) == 1:
-        return f"look at {out / 'report.html'}   (what was read)"
+        return "the same command, when this is mended"
     if "group.doubt.input" in codes or group.verdict == "failed":
         return f"cavirheo show {document}   (the messages of each shot)"
     if "group.doubt.ends" in codes:

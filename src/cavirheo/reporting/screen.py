@@ -92,7 +92,7 @@ def _width() -> int:
 def _print_title(name: str, facts: Sequence[str]) -> None:
     words = ", ".join(facts)
     short = digits.elide(name, max(_width() - len(words) - 2, digits.SHORT_NAME))
-    _print([(short, "bold"), (f"  {words}", "")])
+    _print([(short, "bold"), (f"  {words}".rstrip(), "")])
 
 
 def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collection[str], every_shot: bool) -> None:
