@@ -186,8 +186,10 @@ def products(
     row, one_before, two_before = np.empty(k), np.empty(k), np.empty(k)
     for q in range(len(used)):
         p = used[q]
-        product[q] = white
         m = rank[p]
+        for a in range(k):
+            for b in range(a + 1):
+                product[q, a, b] = white[a, b]
         one_before[:] = 0.0
         two_before[:] = 0.0
         for j in range(m * n):  # forward substitution, row by row
@@ -216,10 +218,12 @@ def squared(residuals: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.
     for i in range(n):
         for k in range(count):
             white[k] += weight[i] * columns[i, k] ** 2
-    one_before, two_before, total = np.empty(count), np.empty(count), np.empty(count)
+    one_before, two_before = np.empty(count), np.empty(count)
     for p in range(len(rank)):
-        m = rank[p]
-        one_before[:], two_before[:], total[:] = 0.0, 0.0, white
+        m, total = rank[p], squares[p]
+        one_before[:], two_before[:] = 0.0, 0.0
+        for k in range(count):  # numba compiles `total[:] = white` for seconds
+            total[k] = white[k]
         for j in range(m * n):
             i = j // m
             column, h = columns[i], shifts[p, i, j - m * i] * weight[i]
@@ -229,5 +233,4 @@ def squared(residuals: Floats, weight: Floats, shifts: Floats, rank: NDArray[np.
                 total[k] -= value * value
                 two_before[k] = one_before[k]
                 one_before[k] = value
-        squares[p] = total
     return squares

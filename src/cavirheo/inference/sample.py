@@ -497,26 +497,24 @@ def walked(
     """(m, d) likely places, from draws u (k, d) with values (k,) of the log density and log weights (k,).
 
     A mixture that is fitted to the draws themselves misses what few of them have reached. Here equally likely ones
-    take steps of differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1). As long as few draws are
-    effective, the density is flattened by a power."""
+    take steps of differential evolution (ter Braak 2006, doi:10.1007/s11222-006-8769-1), along differences of the
+    places where all began. As long as few draws are effective, the density is flattened by a power."""
     d, good = u.shape[1], np.isfinite(log_weight)
     power = flattening(log_weight[good], 10.0 * d)
     ends = np.cumsum(np.exp(power * (log_weight[good] - np.max(log_weight[good]))))
     chosen = np.flatnonzero(good)[np.searchsorted(ends / ends[-1], (np.arange(walkers) + rng.random()) / walkers)]
     at, height, places = u[chosen], power * value[chosen], list[Floats]()
+    start = at
     for step in range(WALKED):
-        order = rng.permutation(walkers)
-        half = walkers // 2
-        for moving, others in ((order[:half], order[half:]), (order[half:], order[:half])):
-            first, second = at[rng.choice(others, (2, len(moving)))]
-            lengths = [*(LENGTHS * 2.38 / np.sqrt(2.0 * d)), 1.0]  # 1: from mode to mode
-            trial = at[moving] + rng.choice(lengths, len(moving))[:, None] * (first - second)
-            trial += JITTER * rng.standard_normal(trial.shape)
-            found = power * density(trial)
-            accepted = np.log(rng.random(len(moving))) < found - height[moving]
-            at[moving[accepted]], height[moving[accepted]] = trial[accepted], found[accepted]
+        first, second = start[rng.choice(walkers, (2, walkers))]
+        lengths = [*(LENGTHS * 2.38 / np.sqrt(2.0 * d)), 1.0]  # 1: from mode to mode
+        trial = at + rng.choice(lengths, walkers)[:, None] * (first - second)
+        trial += JITTER * rng.standard_normal(trial.shape)
+        found = power * density(trial)
+        accepted = np.log(rng.random(walkers)) < found - height
+        at, height = np.where(accepted[:, None], trial, at), np.where(accepted, found, height)
         if step >= WALKED // 2:
-            places.append(at.copy())
+            places.append(at)
     return np.concatenate(places)
 
 
