@@ -46,7 +46,6 @@ class CollapseShot(Record):
         name: name of the shot.
         max_radius_m: R_max, m.
         stretch: lambda = R_max/R_0.
-        stretch_from: origin of lambda: "table" or "given".
         collapse_time_s: t_1, time from R_max to the first minimum of the radius, s.
         measured: measured t_1 over the Rayleigh collapse time t_RC; null without an estimate.
         model: t_1/t_RC of the model; null without an estimate.
@@ -56,7 +55,6 @@ class CollapseShot(Record):
     name: str
     max_radius_m: Finite = None
     stretch: Finite = None
-    stretch_from: str = ""
     collapse_time_s: Finite = None
     measured: Finite = None
     model: Finite = None
@@ -70,8 +68,6 @@ class CollapseGroup(Record):
         name: name of the table.
         source: path of its file.
         source_sha256: SHA-256 of the file.
-        n: number of shots.
-        unusable: number of shots that could not be used; their `message` says why.
         notes: remarks on the group as a whole.
         estimate: estimate of G and mu; null without a usable shot.
         model: model of the collapse times: "analytic" or "exact" (simulated).
@@ -81,15 +77,10 @@ class CollapseGroup(Record):
     name: str
     source: str
     source_sha256: str
-    n: int = 0
-    unusable: int = 0
     notes: list[str] = []
     estimate: CollapseEstimate | None = None
     model: Literal["analytic", "exact"] = "analytic"
     shots: list[CollapseShot]
-
-    def model_post_init(self, _: Any) -> None:
-        self.n, self.unusable = len(self.shots), len(self.shots) - len(self.usable)
 
     @property
     def usable(self) -> list[CollapseShot]:
@@ -98,7 +89,7 @@ class CollapseGroup(Record):
     @property
     def incomplete(self) -> bool:
         """Whether a shot was left out, or there is no answer."""
-        return self.unusable > 0 or self.estimate is None or not self.estimate.complete
+        return len(self.usable) < len(self.shots) or self.estimate is None or not self.estimate.complete
 
     def answer(self, material: str, medium: Medium, *, exact: bool = False, **given: Any) -> None:
         """Estimate G and mu from the usable shots, if any; given: one of them, as in `estimate`. If a simulation fails,
@@ -153,7 +144,6 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
             columns = _pimr_columns(source)
             names, notes = None, [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
         radius, stretches, time = columns
-        origin = "table" if stretches is not None else "given"
         if stretches is None and stretch is None:
             missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
             raise InputError(missing, "collapse_time.no_stretch")
@@ -168,7 +158,6 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
                 name=text,
                 max_radius_m=row[0],
                 stretch=row[1],
-                stretch_from=origin,
                 collapse_time_s=row[2],
                 message=unusable(*row),
             )
@@ -204,7 +193,8 @@ def print_table(document: CollapseTimes) -> None:
     heads = ["material", "n", "model", f"G (90 %)\n{unit}", "µ (90 %)\nPa s", "scatter\n% of t₁"]
     rows = []
     for who, group in zip(digits.distinct_names([each.name for each in document.groups]), document.groups, strict=True):
-        n = f"{group.n - group.unusable}/{group.n}" if group.unusable else f"{group.n}"
+        used, total = len(group.usable), len(group.shots)
+        n = str(total) if used == total else f"{used}/{total}"
         value = group.estimate or CollapseEstimate()
         G = digits.quantity(value.shear_modulus_Pa, factor, joint="\n")
         mu = digits.quantity(value.viscosity_Pa_s, joint="\n")

@@ -293,7 +293,7 @@ def _read_series(
             about |= {"label": ", ".join(filter(None, words))} if any(words) else {}
             seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
             curve = _curve(seconds, scale * radius[chosen], scale * std[chosen], unit_of_time, unit, about)
-            curve = curve.labelled(warnings=(*curve.warnings, *_aspherical(series.radius, radius)))
+            curve = curve.labelled(warnings=(*curve.warnings, *_aspherical(series.radius, radius, chosen)))
             curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
         return curves
 
@@ -356,12 +356,12 @@ def _counts_frames(clock: Column) -> bool:
     return clock.name.kind == "frame" or clock.unit == "frame"
 
 
-def _aspherical(columns: Sequence[Column], radius: Floats) -> tuple[Message, ...]:
-    """Return a warning if two axes differ where the bubble is large."""
+def _aspherical(columns: Sequence[Column], radius: Floats, rows: Indices) -> tuple[Message, ...]:
+    """Return a warning if two axes differ where the bubble is large in these rows."""
     if len(columns) == 1:
         return ()
-    a, b = (column.numbers for column in columns)
-    large = radius > 0.5 * np.nanmax(radius, initial=0.0)
+    a, b = (column.numbers[rows] for column in columns)
+    large = radius[rows] > 0.5 * np.nanmax(radius[rows], initial=0.0)
     share = float(np.median(np.abs(a - b)[large] / np.maximum(a, b)[large])) if large.any() else 0.0
     return (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
 

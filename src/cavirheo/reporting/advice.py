@@ -33,8 +33,10 @@ def answer_lines(
         if line:
             lines.append((symbol, [*line, f"({'; '.join(notes)})"] if notes else line))
     lines.append(("use", [refusal or _use(group, shots)]))
-    if group.facts:
-        lines.append(("check", ["; ".join(message.text for message in group.facts)]))
+    said = refusal or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
+    facts = [message.text for message in group.facts if not (said and message.code == "group.left_out")]
+    if facts:
+        lines.append(("check", ["; ".join(facts)]))
     if model := _model(group, shots):
         lines.append(("model", [model]))
     lines.append(("next", [next_step(group, shots, out)]))

@@ -133,7 +133,7 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
         )
         outputs.write(_FRAMES_FILE, _write_frames, simulation)
         outputs.finish()
-        run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES_FILE}")
+        run.say(f"{frames} frames of {self.material} in {liquid.name}: {self.out / _FRAMES_FILE}")
 
     def make_bubble(self) -> Bubble:
         """Return the bubble of the options, by default the field's. Raises InputError."""
