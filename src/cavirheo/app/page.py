@@ -17,7 +17,7 @@ import gradio as gr
 
 from cavirheo.app import steps, words
 from cavirheo.app.session import PAGE_FIELDS, STARTS, PageSettings, Session, Visitors
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import InputError, SolverError
 from cavirheo.inference import DEFAULT
 from cavirheo.physics.media import MEDIA
 from cavirheo.video.formats import is_video
@@ -398,8 +398,8 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
         try:
             with uploaded_paths([str(dict(file)["path"]) for file in files or []]) as paths:
                 session.add(paths, PageSettings(**_page_values(options)))
-                problem = "; ".join(session.problems) or "no curve could be read"
-                require(bool(session.curves), problem, "app.no_curve")
+                if not session.curves:
+                    raise InputError("; ".join(session.problems) or "no curve could be read", "app.no_curve")
                 document = steps.infer(session, session.names).document
                 document.notes.extend(session.problems)
                 return document.model_dump(by_alias=True, mode="json")

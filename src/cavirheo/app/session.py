@@ -223,8 +223,9 @@ class Session:
     def _read(self, files: Sequence[Path], settings: PageSettings) -> tuple[list[RadiusCurve], list[str]]:
         """(curves, problems) of files."""
         recordings = [path for path in without_headers(files) if is_video(path)]
-        several = f"exclude is of one recording, there are {len(recordings)}: `cavirheo measure` each with its own"
-        require(not settings.exclude or len(recordings) < 2, several, "option.exclude")
+        if settings.exclude and len(recordings) > 1:
+            several = f"exclude is of one recording, there are {len(recordings)}"
+            raise InputError(f"{several}: `cavirheo measure` each with its own", "option.exclude")
         sources: list[Path | RadiusCurve] = [path for path in files if not is_video(path)]
         failed = list[str]()
         for path in recordings:  # measured once for each camera and each list of frames

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, SolverError, printable, require
+from cavirheo.errors import InputError, SolverError, printable
 from cavirheo.inference.collapse_time import CollapseEstimate, estimate, unusable
 from cavirheo.io.binary import opened
 from cavirheo.io.files import Source, guarded
@@ -174,8 +174,9 @@ def _pimr_columns(source: Source) -> list[Any]:
         array: Any = leaf.values if leaf and leaf.size else np.empty(0)
     shape = np.shape(array)
     expected = f"expected a table of text, a workbook, or {VARIABLE}, an array (n, 3): R_max in m, lambda, t_1 in s"
-    message = f"{expected}; got an array of the shape {shape}" if leaf else f"{expected}; curves R(t) are for `infer`"
-    require(len(shape) == 2 and shape[1] == 3 and shape[0] > 0, message, "collapse_time.variable")
+    if len(shape) != 2 or shape[1] != 3 or not shape[0]:
+        found = f"got an array of the shape {shape}" if leaf else "curves R(t) are for `infer`"
+        raise InputError(f"{expected}; {found}", "collapse_time.variable")
     return list(array.T)
 
 

@@ -73,20 +73,25 @@ class Rig:
     def __post_init__(self) -> None:
         Family(self.material)
         medium(self.medium)
-        bubbles, radii = bubbles_of(self.bubble), self.max_radius
-        message = f"design is about one bubble, got {', '.join(bubble.name for bubble in bubbles)}"
-        require(len(bubbles) == 1, message, "option.bubble")
+        bubbles = bubbles_of(self.bubble)
+        if len(bubbles) > 1:
+            message = f"design is about one bubble, got {', '.join(bubble.name for bubble in bubbles)}"
+            raise InputError(message, "option.bubble")
         Options(bubble=bubbles[0])
-        message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
-        require(len(radii) == 2 and 0 < radii[0] <= radii[1], message, "design.max_radius")
+        radii = self.max_radius
+        if len(radii) != 2 or not 0 < radii[0] <= radii[1]:
+            message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
+            raise InputError(message, "design.max_radius")
         for radius in radii:
             RADIUS.check("the R_max of the rig", radius, "design.max_radius")
         require(len(self.frame_rate) > 0, "give at least one frame rate", "design.frame_rate")
         for rate in self.frame_rate:
             FRAME_RATE.check("the frame rate of the rig", rate, "design.frame_rate")
         least, largest = min(self.noise, self.relative_noise), self.noise / radii[0] + self.relative_noise
-        message = f"noise must be from 0 up, in all positive and below half of R_max, got {self.noise:g} m and "
-        require(least >= 0.0 and 0 < largest < 0.5, f"{message}{self.relative_noise:g} of R_max", "design.noise")
+        if least < 0.0 or not 0 < largest < 0.5:
+            given = f"{self.noise:g} m and {self.relative_noise:g} of R_max"
+            message = f"noise must be from 0 up, in all positive and below half of R_max, got {given}"
+            raise InputError(message, "design.noise")
         expect_whole(self.frames, "frames", 10, "design.frames")
         expect_whole(self.sizes, "sizes", 1, "design.sizes")
 
@@ -240,9 +245,7 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
     """
-    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
-    expect_whole(draws, "draws", 2, "design.draws")
+    _check_numbers(wanted, spread, draws)
     rig = rig or Rig()
     family = Family(rig.material)
     before = _known(known, group, family, _log_ranges(family, ranges or {}))
@@ -256,7 +259,6 @@ def design(
     expectations = shots.expectations(settings, done)
     rows = [_row(setting, expected, *what) for setting, expected in zip(settings, expectations, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
-    order = [(np.inf if row.shots is None else row.shots, -row.gain_nats) for row in rows]
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
         command="cavirheo.design",
@@ -268,8 +270,21 @@ def design(
         known={name: Quantity.from_interval(*three) for name, three in zip(before.ends, quantiles.T, strict=True)},
         shots_before=before.shots,
         settings=rows,
-        next=order.index(min(order)),
+        next=_best(rows),
     )
+
+
+def _check_numbers(wanted: float, spread: float | None, draws: int) -> None:
+    """Raises InputError for numbers of `design` out of their domains."""
+    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
+    expect_whole(draws, "draws", 2, "design.draws")
+
+
+def _best(rows: Sequence[DesignedSetting]) -> int:
+    """The setting that needs the fewest shots; of several the one whose shot tells most."""
+    order = [(np.inf if row.shots is None else row.shots, -row.gain_nats) for row in rows]
+    return order.index(min(order))
 
 
 def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[str, Floats]:

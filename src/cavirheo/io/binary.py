@@ -100,8 +100,9 @@ def _numpy_arrays(source: Source) -> Arrays:
         columns = {name: array[name] for name in array.dtype.names}
     else:
         rows = np.atleast_2d(array.T if array.ndim == 2 and array.shape[1] in (1, 2) else array)
-        message = f"an array {array.shape} of {array.dtype}: expected numbers of the shape (n, 2), times and radii"
-        require(rows.ndim == 2 and len(rows) in (1, 2) and array.dtype.kind in _REAL, message, "tabular.array")
+        if rows.ndim != 2 or len(rows) not in (1, 2) or array.dtype.kind not in _REAL:
+            found = f"an array {array.shape} of {array.dtype}"
+            raise InputError(f"{found}: expected numbers of the shape (n, 2), times and radii", "tabular.array")
         counts = array.dtype.kind in "iu" and bool(np.all(np.diff(rows[0]) == 1))
         columns = dict(zip(["frame" if counts else "time", "radius"][-len(rows) :], rows, strict=True))
     no_numbers = Array(problem="no field of single numbers: save each quantity as one", code="tabular.array")
@@ -320,12 +321,13 @@ def check_sizes(items: Iterable[Any], total: int = 0) -> None:
     for item in items:
         name = as_text(item.name or "a dataset")
         require(item.shape is not None, f"{name} has no shape: it holds nothing", "limits.no_shape")
-        elsewhere = f"{name} takes its numbers from another file; copy them into this one"
-        require(not (item.external or item.is_virtual), elsewhere, "limits.elsewhere")
+        if item.external or item.is_virtual:
+            raise InputError(f"{name} takes its numbers from another file; copy them into this one", "limits.elsewhere")
         total += prod(item.shape)
         for attribute, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
-            message = f"{name} declares the {attribute} {getattr(item, attribute)}: more than {limits.SAMPLES} samples"
-            require(size <= limits.SAMPLES, message, f"limits.{attribute}")
+            if size > limits.SAMPLES:
+                declared = f"{name} declares the {attribute} {getattr(item, attribute)}"
+                raise InputError(f"{declared}: more than {limits.SAMPLES} samples", f"limits.{attribute}")
 
 
 def as_text(name: str | bytes) -> str:

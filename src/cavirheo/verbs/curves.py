@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cavirheo import settings
-from cavirheo.errors import require
+from cavirheo.errors import InputError
 from cavirheo.settings import BUBBLE, INPUT, INTERVAL, argument, option
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Run, has_problems
@@ -164,8 +164,8 @@ class Watch(settings.InferSettings, options.AnsweringVerb):
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting.screen import print_line, print_result
 
-        message = f"{self.folder} is no folder: give the one where recordings arrive"
-        require(self.folder.is_dir(), message, "watch.folder")
+        if not self.folder.is_dir():
+            raise InputError(f"{self.folder} is no folder: give the one where recordings arrive", "watch.folder")
         keywords: dict[str, Any] = {"group": self.group, "notify": run.say, "draw": self.pictures}
         keywords |= {"command": run.command, "date": run.date, "errors": self.errors}
         if not run.quiet:

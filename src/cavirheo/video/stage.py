@@ -78,8 +78,9 @@ def set_stage(recording: Footage, polarity: str = "auto") -> Stage:
     down, up = float(np.median((usual - low)[moving])), float(np.median((high - usual)[moving]))
     dark = polarity == "dark" or (polarity == "auto" and down >= up)
     swing = down if dark else -up  # by how much the bubble darkens a pixel
-    still = "nothing moves in the recording: no bubble that is darker or brighter than the background"
-    require(abs(swing) > max(_LEAST_CONTRAST * noise, 0.03 * usual), still, "video.no_bubble")
+    if not abs(swing) > max(_LEAST_CONTRAST * noise, 0.03 * usual):
+        still = "nothing moves in the recording: no bubble that is darker or brighter than the background"
+        raise InputError(still, "video.no_bubble")
     # If the bubble never disappears, the middle of the moving region is always covered.
     within = binary_fill_holes(moving)
     background = np.where(within & ((usual - middle) / swing > 0.3), usual, middle)

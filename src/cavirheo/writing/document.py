@@ -28,7 +28,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_serializer, model_validator
 from pydantic_core import to_json
 
-from cavirheo.errors import InputError, as_cell, as_remark, printable, read_bytes, require, sha256
+from cavirheo.errors import InputError, as_cell, as_remark, printable, read_bytes, sha256
 from cavirheo.parameters import Bound
 from cavirheo.writing import digits
 
@@ -226,8 +226,9 @@ def open_own(path: Path) -> IO[str]:
     def opener(name: str, flags: int) -> int:
         return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
 
-    message = f"{path} is a link or no file, so nothing is written into it: remove it, or name another folder by -o"
-    require(is_own(path), message, "document.link")
+    if not is_own(path):
+        message = f"{path} is a link or no file, so nothing is written into it: remove it, or name another folder by -o"
+        raise InputError(message, "document.link")
     return open(path, "a+", encoding="utf-8", errors="replace", opener=opener)
 
 

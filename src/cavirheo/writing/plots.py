@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
@@ -20,8 +20,8 @@ BLUE, VERMILLION, INK = "#0072b2", "#d55e00", "#444444"  # of Okabe and Ito, dis
 
 def subplots(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
     """(a new figure of this size in inches, its axes (rows, columns)). Raises InputError without matplotlib."""
-    message = 'pictures need matplotlib: pip install "cavirheo[plot]"'
-    require(find_spec("matplotlib") is not None, message, "style.no_matplotlib")
+    if find_spec("matplotlib") is None:
+        raise InputError('pictures need matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
