@@ -105,6 +105,8 @@ def test_what_is_known_is_the_answer_of_the_group(quick):
     assert np.log10(made.known["shear_modulus"].q95 / 5e3) == pytest.approx(0.1, rel=0.15)
     narrow = cavirheo.design(result_of([of_gel], "x"), draws=40, ranges={"stretch": (5, 8)})
     assert narrow.known["shear_modulus"] == made.known["shear_modulus"]  # a range of the stretch tells nothing of it
+    soft = of_gel.model_copy(update={"shear_modulus_Pa": Quantity(q05=1e2, q95=2e3, bound="upper")})
+    assert cavirheo.design(result_of([soft], "x"), draws=40).known["shear_modulus"].q95 < 2e3
     two = result_of([of_gel, row(9e5, 0.05, 0.1, group="y")], "x")
     assert cavirheo.design(two, draws=40, group="y").known["shear_modulus"].median == pytest.approx(9e5, rel=0.02)
     with refused("design.groups", "--group", "x, y"):

@@ -348,19 +348,33 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
     return found
 
 
+def _ends_of(value: Quantity, usual: Floats) -> Floats:
+    """log10 of the ends of an even distribution as wide as the interval of a value; on the open side of a bound it ends
+    as usual. NaN where there is neither."""
+    low, middle, high = log_ends([value])[0]
+    if value.bound == "undetermined":
+        return usual
+    if value.bound == "upper":
+        return np.array([min(usual[0], high - 1.0), high])
+    if value.bound == "lower":
+        return np.array([low, max(usual[1], low + 1.0)])
+    return np.asarray(middle + EVEN * (high - low) / (2.0 * NORMAL_90))
+
+
 def _known_by(known: Result | str | Path, group: str | None, family: Family) -> Known:
     """The answer of a group of a result. Raises InputError: no group has one by this law or the default model, with
-    intervals of all parameters of the law; or several have."""
+    intervals or bounds of all parameters of the law; or several have."""
     if not isinstance(known, Result):
         known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
+    usual = family.bounds(started=True)
     found = list[tuple[Known, str]]()
     for record, rows in known.rows_by_group():
         answer = record.population
-        ends = log_ends(map(answer.value, family.parameters))  # (l, 3)
+        values = map(answer.value, family.parameters)
+        ends = np.array([_ends_of(value, pair) for value, pair in zip(values, usual, strict=True)])
         of_law = answer.model.partition(",")[0] in (family.name, AUTO)
         if group in (None, record.name) and of_law and np.all(np.isfinite(ends)):
-            deviation = (ends[:, 2] - ends[:, 0]) / (2.0 * NORMAL_90)
-            both = dict(zip(family.parameters, ends[:, [1]] + EVEN * deviation[:, None], strict=True))
+            both = dict(zip(family.parameters, ends, strict=True))
             stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
             both["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])
             spreads = [answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in family.parameters]

@@ -39,7 +39,7 @@ def answer_lines(
         lines.append(("check", ["; ".join(facts)]))
     if model := _model(group, shots):
         lines.append(("model", [model]))
-    lines.append(("next", [next_step(group, shots, out)]))
+    lines.append(("next", [next_step(result, group, shots, out)]))
     return lines
 
 
@@ -191,7 +191,7 @@ def _rows_apart(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     return f"{', '.join(others)} alone {verb} another model" if others else ""
 
 
-def next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> str:
+def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> str:
     """The one command that helps."""
     document = shlex.quote(str(out / "result.json"))
     codes = [message.code for message in group.doubts]
@@ -217,7 +217,10 @@ def next_step(group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> st
     if limited or abs(change) >= _LARGE_CHANGE:
         return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
     if group.verdict == "bound":
-        return f"cavirheo design {document}   (what to record)"
+        law = "newtonian" if _settled(group).get("liquid", False) else group.population.model.partition(",")[0]
+        more = [] if law in ("auto", "nhkv") else ["--material", law]
+        more += ["--group", group.name] if len(result.groups) > 1 else []
+        return f"cavirheo design {shlex.join([str(out / 'result.json'), *more])}   (what to record)"
     return f"cavirheo cite {document}   (after a look at report.html)"
 
 

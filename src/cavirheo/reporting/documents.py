@@ -295,9 +295,12 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
 def _facts(
     members: Sequence[CurveRecord], population: PopulationRecord, systematic: Systematic, warnings: Iterable[str]
 ) -> list[Message]:
-    """Messages on what 1 % of scale or rate does to G, on constants that nobody gave, on shots that do not count or are
-    unlike the others, on the slope along a column, and on what is rough in the answer."""
+    """Messages on the slope along a column, on what 1 % of scale or rate does to G, on constants that nobody gave, on
+    shots that do not count or are unlike the others, and on what is rough in the answer."""
     messages = list[Message]()
+    if population.slopes_decades:
+        words = slopes_in_words(population.column, population.column_at or 0.0, population.slopes_decades)
+        messages.append(Message("group.slope", {"text": words}))
     change = systematic.slopes.get("shear_modulus", {}).get("scale")
     if change is not None:
         messages.append(Message("group.scale", {"change": change}))
@@ -312,9 +315,6 @@ def _facts(
         short = dict(zip(names, digits.distinct_names(names), strict=True))
         probabilities = {short[name]: probability for name, probability in population.outliers.items()}
         messages.append(Message("group.outliers", {"probabilities": probabilities}))
-    if population.slopes_decades:
-        words = slopes_in_words(population.column, population.column_at or 0.0, population.slopes_decades)
-        messages.append(Message("group.slope", {"text": words}))
     return [*messages, *(Message("group.rough", {"text": warning}) for warning in warnings)]
 
 

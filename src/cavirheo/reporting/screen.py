@@ -48,7 +48,7 @@ def print_result(
         _print_title(digits.counted(len(shots), "shot"), ["each by itself", *windows(shots)])
         _print_rows(result, shots, (), every_shot)
         doubtful = [group for group, _ in singles if group.verdict != "ok"]
-        _say("next", next_step(doubtful[0] if doubtful else singles[0][0], shots, out))
+        _say("next", next_step(result, doubtful[0] if doubtful else singles[0][0], shots, out))
     if any(group.published for group in result.groups):
         print_comparison(result)
 
