@@ -171,3 +171,8 @@ def test_a_table_that_is_too_wide_for_the_terminal_loses_nothing(monkeypatch, ca
     cells = [[cell.strip() for cell in line if cell.strip()] for line in printed]
     assert rows[0] in cells
     assert rows[1] in cells
+
+
+def test_names_that_look_alike_when_shortened_show_where_they_differ():
+    names = ["2E6_Ag_05_001_RofTdata_0", "2E6_Ag_05_002_RofTdata_0", "other[1]"]
+    assert digits.short_names(names, digits.SHORT_NAME) == ["001", "002", "other[1]"]

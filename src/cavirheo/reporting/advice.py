@@ -181,7 +181,7 @@ def _rows_apart(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
             if sides.count(side) > DECIDING_SHARE * len(sides):
                 return f"{symbol} is {word} most rows, which are each shot alone"
     settled = _settled(group)
-    short = digits.distinct_names([shot.name for shot in shots])
+    short = digits.short_names([shot.name for shot in shots], digits.SHORT_NAME)
     others = [
         name
         for name, shot in zip(short, shots, strict=True)

@@ -72,7 +72,7 @@ class _Place(NamedTuple):
 def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequence[int]) -> list[Panel]:
     """The plane of G and mu, unless the law has only one of them, and all curves, of the answered shots of a group.
     indices: of the group's curves in the result."""
-    names = dict(zip(indices, digits.distinct_names([result.curves[i].name for i in indices]), strict=True))
+    names = dict(zip(indices, digits.short_names([result.curves[i].name for i in indices], _NAME), strict=True))
     members = [i for i in indices if result.curves[i].has_answer]
     chosen = members[:: max(-(-len(members) // MAX_DRAWN), 1)]
     rows = [result.curves[i] for i in chosen]
@@ -87,7 +87,7 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
         ends = np.array([axis.ends(row.value(axis.name)) for axis in axes])
         corners = _region(pairs[i][1], axes) if np.all(np.isfinite(ends)) else None
         look = "region" if row.trusted else "region-out"
-        shots.append(_Place(look, digits.elide(names[i], _NAME), ends, corners, tone))
+        shots.append(_Place(look, names[i], ends, corners, tone))
     return [_plane([shot for shot in shots if shot.known.all()], _references(group, axes), axes), curves]
 
 

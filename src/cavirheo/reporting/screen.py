@@ -101,10 +101,8 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collecti
     if len(shots) > MOST_ROWS and not every_shot:
         exceptions = [shot for shot in shots if shot.verdict not in TRUSTED or shot.name in outliers]
         visible = exceptions[:MOST_EXCEPTIONS]
-    short = digits.distinct_names([shot.name for shot in shots])
-    names = {shot.name: digits.elide(name, _NAME) for shot, name in zip(shots, short, strict=True)}
     if visible:
-        _print_table(result, visible, [names[shot.name] for shot in visible])
+        _print_table(result, visible, [shot.name for shot in shots])
     if len(visible) < len(shots):
         hidden = [shot for shot in shots if shot not in visible]
         verdicts = Counter(shot.verdict_in_words for shot in hidden).most_common()
@@ -132,12 +130,15 @@ def _ranges(result: Result, shots: Sequence[CurveRecord]) -> Iterator[str]:
 
 
 def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[str]) -> None:
-    """A row for each of these shots. Where rows are too wide, names are shortened, then the stretch is left out."""
-    heads, numbers = shots_table(result, shots, names)
+    """A row for each of these shots. names: of all shots of their group. Where rows are too wide, names are shortened,
+    then the stretch is left out."""
     marks = ["" if shot.verdict == "ok" else shot.verdict_in_words for shot in shots]
-    rows = [[*heads[:-1], ""], *([*cells[:-1], mark] for cells, mark in zip(numbers, marks, strict=True))]
-    if _table_width(rows) > _width():
-        rows = [[digits.elide(name, digits.SHORT_NAME), *cells] for name, *cells in rows]
+    for width in (_NAME, digits.SHORT_NAME):
+        short = dict(zip(names, digits.short_names(names, width), strict=True))
+        heads, numbers = shots_table(result, shots, [short[shot.name] for shot in shots])
+        rows = [[*heads[:-1], ""], *([*cells[:-1], mark] for cells, mark in zip(numbers, marks, strict=True))]
+        if _table_width(rows) <= _width():
+            break
     if _table_width(rows) > _width():
         rows = [[name, size, *cells] for name, size, _, *cells in rows]
     first, *widths, _ = (max(map(len, column)) for column in zip(*rows, strict=True))

@@ -211,6 +211,16 @@ def distinct_names(names: Sequence[str]) -> list[str]:
     return short if all(short) and len(set(names)) > 1 else list(names)
 
 
+def short_names(names: Sequence[str], width: int) -> list[str]:
+    """What distinguishes the names, shortened to `width`; of those that are equal then, what distinguishes these."""
+    short = [elide(name, width) for name in distinct_names(names)]
+    for text in {text for text in short if short.count(text) > 1}:
+        places = [k for k, one in enumerate(short) if one == text]
+        for k, name in zip(places, distinct_names([names[k] for k in places]), strict=True):
+            short[k] = elide(name, width)
+    return short
+
+
 def _common_start(names: Sequence[str]) -> str:
     first, last = min(names, default=""), max(names, default="")
     length = min(len(first), len(last))
