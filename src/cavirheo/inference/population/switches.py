@@ -92,7 +92,7 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
         log_probability[state] += float(np.logaddexp(np.log(1.0 - ONE_MODULUS), of_one))
     best = max(log_probability, key=lambda state: log_probability[state])
     conditioned = [_conditioned(answer, best) if _is_default(answer) else answer for answer in answers]
-    switches = _switches(log_probability)
+    switches = {name: on for name, on in _switches(log_probability).items() if name in votes[0].switches}
     limit = None
     if LIKELY < switches["liquid"] < 1.0 - LIKELY:
         gel = max(log_ratios, key=lambda state: log_probability[state])
