@@ -7,6 +7,7 @@ import multiprocessing.util
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor, as_completed
 from contextlib import closing, contextmanager, suppress
@@ -159,19 +160,32 @@ def _signals_blocked() -> Iterator[None]:
 def process_pool(count: int) -> Any:
     """A pool of at least `count` processes, the latest one if it is large enough; None if none can be started, as in a
     sandbox without semaphores, or without enough memory or files. Its processes end themselves when they have had no
-    work for IDLE, and leave Ctrl-C to this one."""
+    work for IDLE, or this one is killed, and leave Ctrl-C to this one."""
     from loky import ProcessPoolExecutor
 
     with _pool_lock:
         if _pools and min(_pools) < count:
             _pools.popitem()[1].shutdown(wait=False)
         if not _pools:
-            ignoring = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
+            tied = {"initializer": _tie_to_parent, "initargs": (os.getpid(),)}
             with suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, too many files
-                pool = ProcessPoolExecutor(count, timeout=IDLE, env=_ENVIRONMENT, **ignoring)
+                pool = ProcessPoolExecutor(count, timeout=IDLE, env=_ENVIRONMENT, **tied)
                 pool.submit(int)  # starts the processes
                 _pools[count] = pool
         return next(iter(_pools.values()), None)
+
+
+def _tie_to_parent(parent: int) -> None:
+    """Make this process leave Ctrl-C to its parent, and end if the parent is killed: it would wait for ever for someone
+    to read its output."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def end_processes() -> None:

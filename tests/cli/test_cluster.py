@@ -54,6 +54,15 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
         workers.client.submit(_run, "cavirheo 9.9", double, 1).result()
 
 
+def test_processes_end_when_their_parent_is_killed():
+    flow = "Processes(2).map_unordered(time.sleep, [0, 300, 300])"
+    program = f"import time; from cavirheo.parallel import Processes; [print(one, flush=True) for one in {flow}]"
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as parent:
+        parent.stdout.readline()  # the first job is done
+        parent.kill()
+        parent.communicate(timeout=60)  # to the end of its output, which the processes hold open, too
+
+
 def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
     curves, analysis = read_curves(EXAMPLE), Analysis(model="bdt-viscoelastic", seed=4)
     here = analyse_all(curves, {"": analysis}, Store(tmp_path / "here"), visible=False)[""]
