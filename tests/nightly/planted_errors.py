@@ -2,8 +2,7 @@
 
 python tests/nightly/planted_errors.py [words of names or tests ...]
 
-Signs, units, steps too far and guards that are missing, over all rooms of the package. The exit status is the number of
-errors that no test caught.
+The exit status is the number of errors that no test caught.
 """
 
 import os

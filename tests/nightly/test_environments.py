@@ -14,7 +14,6 @@ pytestmark = pytest.mark.slow
 
 COMMANDS = {
     "infer": "infer curve.csv -o out",
-    "fit": "fit curve.csv --window 1 -o out",
     "simulate": "simulate --rmax-um 250 --stretch 7 --material newtonian(0.05) -o out",
     "rheometer": "rheometer frequency.csv -o out",
     "collapse-time": "collapse-time times.csv -o out",
@@ -22,7 +21,6 @@ COMMANDS = {
 WELL = {  # where everything must work: what the shell does before
     "no home": "unset HOME XDG_CACHE_HOME",
     "home that is a file": "export HOME=/dev/null",
-    "no terminal type": "unset TERM COLUMNS",
     "dumb terminal": "export TERM=dumb COLUMNS=20",
     "C locale": "unset PYTHONIOENCODING; export LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0",
     "ASCII streams": "export PYTHONIOENCODING=ascii:strict",
