@@ -3,10 +3,8 @@ not count."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,10 +18,6 @@ from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Checks, Verdict
 
-if TYPE_CHECKING:
-    pass
-
-_log = logging.getLogger(__name__)
 # errors with which the analysis of one curve may fail: numbers that are refused (InputError and LinAlgError are
 # ValueErrors), simulations that fail, and a curve too large for the memory
 ANALYSIS_ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
