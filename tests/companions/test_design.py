@@ -148,8 +148,8 @@ def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path, 
 
 @pytest.mark.slow
 def test_infer_reaches_what_is_expected():
-    curves = [one(seed).films(GOOD)[0].curve for seed in range(4)]
-    expected = np.mean([one(seed).expectations([GOOD])[0][0].half_width for seed in range(4)], axis=0)
+    curves = [one(seed).films(GOOD)[0].curve for seed in range(8)]
+    expected = np.mean([one(seed).expectations([GOOD])[0][0].half_width for seed in range(8)], axis=0)
     answers = cavirheo.infer_many(curves, material="nhkv", workers=1)
     ends = np.log10([[answer.interval(name) for name in NHKV.parameters] for answer in answers])
     assert np.mean(np.ptp(ends, axis=2), axis=0) / 2.0 == pytest.approx(expected, rel=0.35)

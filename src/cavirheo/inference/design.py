@@ -129,16 +129,19 @@ class Draws:
 
 def _information(shot: Experiment, x: Floats) -> Floats:
     """Information (l, l) of the frames on the values of the law's parameters over those of the truth x (d,): the
-    Gauss-Newton curvature there, less what the other parameters take up under their prior.
+    Gauss-Newton curvature there, less what the other parameters take up under their prior. Walls and vapour count by
+    their value, with the scale of its prior as deviation: the slope of its root hangs on how far away the walls are.
 
     The emulator also answers where the measured R_max is somewhat smaller than those that it knows, for which `infer`
     takes simulations."""
     target, law = ResidualSource(shot), shot.law_size
     state = target.state(x)
-    u = state.to_u(x[None], INSIDE)
+    u, walls = state.to_u(x[None], INSIDE), slice(len(x) - len(shot.walls), None)
 
-    def residuals(u: Floats) -> Floats:
-        return target.measured - shot.emulated(state.to_x(u), emulator())
+    def residuals(places: Floats) -> Floats:
+        at = state.to_x(places)
+        at[:, walls] = np.sqrt(np.maximum(x[walls] ** 2 + (places - u)[:, walls], 0.0))
+        return target.measured - shot.emulated(at, emulator())
 
     _, (curvature,) = expand(residuals, shot.noise(discrepancy=True), u, residuals(u))
     moved = state.to_x(u + STEP * np.eye(u.shape[1])) - state.to_x(u)
