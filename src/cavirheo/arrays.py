@@ -16,6 +16,12 @@ def relative_weights(log_weight: Floats) -> Floats:
     return np.asarray(np.exp(log_weight - np.max(log_weight)))
 
 
+def at_levels(weight: Floats, levels: Floats) -> NDArray[np.int64]:
+    """Indices of the draws at these levels, from 0 to 1, of the sum of their weights (draws,)."""
+    ends = np.cumsum(weight)
+    return np.minimum(np.searchsorted(ends / ends[-1], levels), len(weight) - 1)
+
+
 def relative_scatter(decades: float) -> float:
     """Standard deviation over the mean of a lognormal distribution with this standard deviation of log10."""
     return float(np.sqrt(np.expm1((decades * np.log(10.0)) ** 2)))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cavirheo.arrays import Floats, relative_weights
+from cavirheo.arrays import Floats, at_levels, relative_weights
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
@@ -336,8 +336,7 @@ class Posterior:
         parameters in natural units (attribute "units"), one chain of draws of equal weight, which are resampled
         systematically by their weights. Raises InputError without arviz."""
         count = len(self.theta)
-        levels = (np.arange(count) + 0.5) / max(count, 1)
-        equal = np.searchsorted(np.cumsum(self.weights), levels).clip(max=count - 1)
+        equal = at_levels(self.weights, (np.arange(count) + 0.5) / max(count, 1))
         draws = {name: self.draws(name)[equal] for name in self.parameters}
         return export.inference_data({"posterior": draws}, self.parameters, self._attributes)
 

@@ -45,14 +45,15 @@ def on_a_grid(means, width):
 def test_one_parameter_is_as_on_a_grid(scatter):
     width = 0.04
     means = -1.4 + scatter * np.array([-1.2, -0.8, 0.1, 0.3, 0.6, 1.4, -0.2])
-    found = population([seen([m], width, names=NAMES[1:], seed=k) for k, m in enumerate(means)])
+    alone = {"evidence": Evidence(0.0, 0.0), "names": NAMES[1:]}
+    found = population([seen([m], width, seed=k, **alone) for k, m in enumerate(means)])
     centre, spread, several = on_a_grid(means, width)
     size = 7 * np.log(5.0)  # likelihoods over flat priors: each posterior is divided by 1/range
     low, high = found.interval("viscosity")
     for got, expected in zip(np.log10([low, found.median("viscosity"), high]), centre, strict=True):
         assert abs(got - expected) < 0.05 * (centre[2] - centre[0])
     assert np.allclose(found.scatter("viscosity"), spread, atol=0.06 * spread[2])
-    assert found.gain.log == pytest.approx(several + size, abs=0.1)
+    assert found.evidence.log == pytest.approx(several + size, abs=0.1)
     assert found.agree == (scatter < width)
 
 

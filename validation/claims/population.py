@@ -91,8 +91,9 @@ def one(job: tuple[str, float, int]) -> dict:
         return hits(population(group.answers, seed=number), group)
     n = int(rng.integers(8, 21))
     group = Group(rng, n, np.full(2, spread), outlier=True)
-    named = set(population(group.answers, seed=number, names=range(n)).outliers)
-    return {"found": group.away in named, "wrong": len(named - {group.away}), "shots": n - 1}
+    away = f"shot {group.away + 1}"
+    named = set(population(group.answers, seed=number).outliers)
+    return {"found": away in named, "wrong": len(named - {away}), "shots": n - 1}
 
 
 def measure(run: Run) -> Iterator[Number]:

@@ -371,7 +371,6 @@ def population_record(population: Population | None, column: str = "") -> Popula
         **fields,
         **PopulationRecord.fields_of({name: population.quantity(name) for name in population.quantities}),
         spreads_decades=each(population.scatter),
-        correlation={pair: Quantity.from_interval(*interval) for pair, interval in population.correlations().items()},
         log_evidence=evidence.log if evidence else None,
         log_evidence_error=evidence.error if evidence else None,
         agree=population.agree,

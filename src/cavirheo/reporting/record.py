@@ -281,7 +281,6 @@ class PopulationRecord(ParameterValues):
             where there are none.
         spreads_decades: standard deviation of the shots about the material in each parameter, decades (log10), by
             natural name.
-        correlation: correlation coefficients of the scatter of the shots, by "name, name".
         outliers: probability that a shot is of another material, by the name of the shot; for shots above 0.5.
         left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
             "other_model" or "copy".
@@ -301,7 +300,6 @@ class PopulationRecord(ParameterValues):
     switches: dict[str, float] = {}
     heaps: dict[str, tuple[Heap, Heap]] = {}
     spreads_decades: dict[str, Quantity] = {}
-    correlation: dict[str, Quantity] = {}
     outliers: dict[str, float] = {}
     left_out: dict[str, int] = {}
     log_evidence: Finite = None

@@ -33,10 +33,9 @@ def two_heaps(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> 
         if min(np.count_nonzero(low), np.count_nonzero(high)) < fewest or np.any(valued & ~low & ~high):
             continue
         below, above = ends[low & valued].mean(axis=1), ends[high & valued].mean(axis=1)
-        scatter = [part - np.mean(part) for part in (below, above) if len(part)]
-        squares = sum(float(np.sum(part**2)) for part in scatter)
-        free = max(sum(map(len, scatter)) - len(scatter), 1)
-        width = float(np.hypot(np.sqrt(squares / free), own))
+        off = np.concatenate([part - np.mean(part) for part in (below, above) if len(part)] or [below])
+        free = max(len(off) - bool(len(below)) - bool(len(above)), 1)
+        width = float(np.hypot(np.linalg.norm(off) / np.sqrt(free), own))
         bottom = np.mean(below) if len(below) else np.max(ends[low, 1])
         top = np.mean(above) if len(above) else np.min(ends[high, 0])
         if inside > most and top - bottom > max(APART, CLEAR * width):
@@ -61,11 +60,7 @@ def _intervals(answers: Sequence[Posterior], shots: Sequence[str], name: str) ->
 
 
 def _heap(shots: Sequence[str], ends: Floats) -> Heap:
-    low, high = np.min(ends[:, 0]), np.max(ends[:, 1])
-    if np.all(np.isneginf(ends[:, 0])):
-        return Heap(tuple(shots), None, float(10.0**high))
-    if np.all(np.isposinf(ends[:, 1])):
-        return Heap(tuple(shots), float(10.0**low), None)
-    lowest = float(np.min(ends[np.isfinite(ends[:, 0]), 0]))
-    highest = float(np.max(ends[np.isfinite(ends[:, 1]), 1]))
-    return Heap(tuple(shots), float(10.0**lowest), float(10.0**highest))
+    lows, highs = (values[np.isfinite(values)] for values in ends.T)
+    low = float(10.0 ** np.min(lows)) if len(lows) else None
+    high = float(10.0 ** np.max(highs)) if len(highs) else None
+    return Heap(tuple(shots), low, high)

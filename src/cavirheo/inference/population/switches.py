@@ -2,13 +2,13 @@
 liquid, whether it stiffens, and which bubble it needs; then each shot counts by its draws in that state alone.
 
 The evidence of a state is the product of its evidence in each shot. In a gel each shot has a modulus of its own there,
-and so each pays for the wide prior of G, which one modulus of all shots pays for once; with r_i(g) the posterior
-density of log10 G of a shot over its prior, the evidence of one modulus is larger by the mean of prod r_i(g) over the
-prior. Without it ten shots of a soft gel would be a liquid."""
+and so each pays for the wide prior of G, which one modulus of all shots pays for once: the evidence of one modulus g is
+larger by the mean over the prior of prod r_i(g), r_i the integral of the likelihood of a shot over moduli about g.
+Without it ten shots of a soft gel would be a liquid."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -18,15 +18,17 @@ import numpy as np
 from cavirheo.arrays import Bools, Floats, log_sum
 from cavirheo.inference.assumptions import AUTO, LIQUID, PLAIN
 from cavirheo.inference.experiment import FIELD_PROBABILITY
+from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.parameters import LOG10
 from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import TRUSTED, Posterior
+from cavirheo.prior import Prior
 
 _MODULUS, _STIFFENING = LOG10 + "shear_modulus", LOG10 + "stiffening"
 ONE_MODULUS = 0.5  # prior probability that all shots have one modulus, and not each its own
-BANDWIDTH = 0.15  # decades; of the density of log10 G of a shot
+SCATTER = 0.15  # decades; of the shots about this modulus
 LIKELY = 0.05  # probability of a liquid up to which G is a value, and of a gel up to which there is none
-POINTS = 201  # of the grid of log10 G
+MODULI = 201  # places of the prior of log10 G
 _LAWS = {"liquid": "newtonian", "gel": "nhkv", "stiffening gel": "fung + newtonian"}
 
 
@@ -37,10 +39,10 @@ class State(NamedTuple):
     field: bool
 
 
-_PRIOR = {"liquid": LIQUID, "gel": (1.0 - LIQUID) * PLAIN, "stiffening gel": (1.0 - LIQUID) * (1.0 - PLAIN)}
+_KINDS = {"liquid": LIQUID, "gel": (1.0 - LIQUID) * PLAIN, "stiffening gel": (1.0 - LIQUID) * (1.0 - PLAIN)}
 PRIOR = {
     State(kind, field): share * (FIELD_PROBABILITY if field else 1.0 - FIELD_PROBABILITY)
-    for (kind, share), field in product(_PRIOR.items(), (False, True))
+    for (kind, share), field in product(_KINDS.items(), (False, True))
 }
 
 
@@ -63,7 +65,12 @@ class Shared(NamedTuple):
 
     answers: list[Posterior]
     switches: dict[str, float]
-    modulus_limit: float | None
+    modulus_limit: float | None = None
+
+    @property
+    def liquid_possible(self) -> bool:
+        """Whether the material may be a liquid."""
+        return self.switches.get("liquid", 0.0) > LIKELY
 
 
 def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Shared:
@@ -71,54 +78,57 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
     several = [answer for answer in answers if _is_default(answer) and len(answer.theta) > 1]
     votes = [answer for answer in several if not only_trusted or answer.checks.verdict in TRUSTED]
     if not votes:
-        return Shared(list(answers), {}, None)
+        return Shared(list(answers), {})
     low, high = votes[0].prior[_MODULUS]
-    grid = np.linspace(low, high, POINTS)
-    log_probability = {state: float(np.log(prior)) for state, prior in PRIOR.items()}
-    log_ratios = {state: np.zeros(POINTS) for state in PRIOR if state.kind != "liquid"}
-    for answer in votes:
-        weight = answer.weights
-        least = 0.5 * float(np.sum(weight**2))  # half a draw: none is no proof
-        for state, prior in PRIOR.items():
-            inside = in_state(answer, state)
-            share = float(np.sum(weight[inside]))
-            log_probability[state] += float(np.log((share + least) / prior))
-            if state in log_ratios:
-                modulus = answer.theta[inside, answer.names.index(_MODULUS)]
-                density = _over_prior(modulus, weight[inside], grid) if share else np.ones(POINTS)
-                log_ratios[state] += np.log((share * density + least) / (share + least))
-    for state, log_ratio in log_ratios.items():
-        of_one = np.log(ONE_MODULUS) + float(log_sum(log_ratio)) - np.log(POINTS)
-        log_probability[state] += float(np.logaddexp(np.log(1.0 - ONE_MODULUS), of_one))
+    moduli = np.linspace(low, high, MODULI)
+    log_probability, log_ratios = dict[State, float](), dict[State, Floats]()
+    for state, prior in PRIOR.items():
+        shares = [float(np.sum(answer.weights[in_state(answer, state)])) for answer in votes]
+        least = [0.5 * float(np.sum(answer.weights**2)) for answer in votes]  # half a draw: none is no proof
+        probabilities = np.add(shares, least)
+        log_probability[state] = float(np.log(prior) + np.sum(np.log(probabilities / prior)))
+        if state.kind != "liquid":
+            ratios = [
+                (share * _ratio(answer, state, moduli) + half) / (share + half)
+                for answer, share, half in zip(votes, shares, least, strict=True)
+            ]
+            log_ratios[state] = np.sum(np.log(ratios), axis=0)
+            of_one = float(log_sum(log_ratios[state])) - np.log(MODULI)
+            log_probability[state] += np.logaddexp(np.log(1.0 - ONE_MODULUS), np.log(ONE_MODULUS) + of_one)
     best = max(log_probability, key=lambda state: log_probability[state])
     conditioned = [_conditioned(answer, best) if _is_default(answer) else answer for answer in answers]
     switches = {name: on for name, on in _switches(log_probability).items() if name in votes[0].switches}
-    limit = None
-    if LIKELY < switches["liquid"] < 1.0 - LIKELY:
-        gel = max(log_ratios, key=lambda state: log_probability[state])
-        density = np.exp(log_ratios[gel] - np.max(log_ratios[gel])) * 10.0**grid  # flat in G, as `upper_limit`
-        limit = float(10.0 ** np.interp(0.95, np.cumsum(density) / np.sum(density), grid))
-    return Shared(conditioned, switches, limit)
+    shared = Shared(conditioned, switches)
+    if not LIKELY < shared.switches["liquid"] < 1.0 - LIKELY:
+        return shared
+    gel = max(log_ratios, key=lambda state: log_probability[state])
+    density = np.exp(log_ratios[gel] - np.max(log_ratios[gel])) * 10.0**moduli  # flat in G, as `upper_limit`
+    limit = np.interp(0.95, np.cumsum(density) / np.sum(density), moduli)
+    return shared._replace(modulus_limit=float(10.0**limit))
 
 
-def _over_prior(modulus: Floats, weight: Floats, grid: Floats) -> Floats:
-    """Density on a grid of weighted draws of log10 G over that of its flat prior; draws are mirrored at its ends."""
-    mirrored = np.concatenate([modulus, 2.0 * grid[0] - modulus, 2.0 * grid[-1] - modulus])
-    density = np.exp(-0.5 * ((grid[:, None] - mirrored) / BANDWIDTH) ** 2) @ np.tile(weight, 3)
-    return np.asarray(density / np.mean(density))
+def _ratio(answer: Posterior, state: State, moduli: Floats) -> Floats:
+    """(k,) how many times as likely a shot is in a gel about each of these moduli, log10, as with the prior of G; 1
+    where too few of its draws are in this state."""
+    rows = in_state(answer, state)
+    log_weight = None if answer.log_weight is None else answer.log_weight[rows]
+    modulus = answer.theta[rows][:, [answer.names.index(_MODULUS)]]
+    prior = Prior((_MODULUS,), moduli[[0]], moduli[[-1]])
+    shot = likelihood(modulus, log_weight, prior) if rows.any() else None
+    if shot is None:
+        return np.ones(len(moduli))
+    return np.exp(shot.log_size + shot.log_integral(moduli[:, None], np.full((1, 1), SCATTER**2)))
 
 
 def _switches(log_probability: Mapping[State, float]) -> dict[str, float]:
     """The probability of each switch from that of each state."""
-    top = max(log_probability.values())
-    weight = {state: float(np.exp(log - top)) for state, log in log_probability.items()}
-    total = sum(weight.values())
-    on: dict[str, Callable[[State], bool]] = {
-        "liquid": lambda state: state.kind == "liquid",
-        "stiffening": lambda state: state.kind == "stiffening gel",
-        "field_bubble": lambda state: state.field,
+    total = log_sum([*log_probability.values()])
+    states = {state: float(np.exp(log_p - total)) for state, log_p in log_probability.items()}
+    return {
+        "liquid": sum(p for state, p in states.items() if state.kind == "liquid"),
+        "stiffening": sum(p for state, p in states.items() if state.kind == "stiffening gel"),
+        "field_bubble": sum(p for state, p in states.items() if state.field),
     }
-    return {name: sum(weight[state] for state in weight if holds(state)) / total for name, holds in on.items()}
 
 
 def _is_default(answer: Posterior) -> bool:
