@@ -190,9 +190,9 @@ class Population:
             return "no material: " + "; ".join(self.warnings)
         values = ", ".join(map(self._value, self.quantities))
         count = digits.counted_shots(len(self.shots), len(self.shots) + sum(self.left_out.values()))
-        away = len(self.outliers)
-        outliers = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
-        return "; ".join(filter(None, [values, self._scatter_in_words(), count + outliers]))
+        if away := len(self.outliers):
+            count += f", {away} of them {'seems' if away == 1 else 'seem'} to be of another material"
+        return "; ".join(filter(None, [values, self._scatter_in_words(), count]))
 
     @property
     def remarks(self) -> list[str]:
@@ -223,7 +223,8 @@ class Population:
         single = len(self.names) == 1 and not none
         within = ", ".join(f"{value} %" if single else f"{value} % in {symbol}" for symbol, value in percents.items())
         if none:
-            return "shots agree within their intervals" + f" (they scatter by less than {within}: 95 %)" * bool(within)
+            limit = f" (they scatter by less than {within}: 95 %)" if within else ""
+            return f"shots agree within their intervals{limit}"
         return f"shots scatter by {within}" if within else ""
 
     def against(self, other: Population) -> dict[str, Difference]:
