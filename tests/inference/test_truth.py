@@ -177,7 +177,7 @@ def test_the_best_value_of_a_fit_is_near_the_truth(settings, seed):
     for name, true in (("shear_modulus", 8e3), ("viscosity", 0.05), ("stretch", 6.5)):
         low, high = answer.interval(name, 0.99)
         assert low <= answer.best[name] <= high
-        assert answer.best[name] == pytest.approx(true, rel=0.1), name
+        assert answer.best[name] == pytest.approx(true, rel=0.2), name
     assert answer.provenance["noise_over_assumed"] == pytest.approx(1.0, rel=0.3)
 
 

@@ -42,6 +42,7 @@ LOOKED_AT, REFINED = 4, 20  # maxima of a model that are simulated, and whose ri
 LEAST_PART = 0.2  # of the effective draws of all models that each of them has
 NEGLIGIBLE = 4.5  # log evidence below the best model's from which a model is not drawn from further
 TELLING = 8.0  # effective draws that tell the evidence of a model; fewer find it too low
+TURNS = 40  # of drawing from one of the models at most
 GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that need no better correction, and that is reckoned with
 SLOPE_RIDGE, ROUGHNESS = 3.0, 0.1  # of the correction: ridge of its slopes, variance that the process leaves
 FARTHEST = 2.5  # widths from the middle up to which the correction is linear
@@ -156,8 +157,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         raise SolverError("no bubble of this law can be simulated at the times of the frames")
     looked = _with_simulated_maximum(_likely(_with_maxima_of_others(started, budget), REACH), budget)
     found = _likely([_with_first_evidence(each, budget) for each in _likely(looked, REACH)], NEGLIGIBLE)
-    spent = sum(each.known.count for each in found)
-    while True:
+    for _ in range(TURNS):
         logs = np.array([each.log_evidence for each in found])
         share = np.exp(logs - log_sum(logs))
         lacking = share - np.array([each.effective for each in found]) / budget.effective
@@ -167,10 +167,10 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
         most = budget.effective
         if found[worst].yielded < GOOD:  # the correction becomes better before more is spent
             most = sum(len(part.x) for part in found[worst].parts)
-        wanted = int(np.clip(needed, CORRECTING, most))
-        spent += wanted
-        if lacking[worst] <= 0.0 or spent > budget.most:
+        left = budget.most - sum(each.known.count for each in found)
+        if lacking[worst] <= 0.0 or left < CORRECTING:
             break
+        wanted = int(np.clip(needed, CORRECTING, min(most, left)))
         found[worst] = _weighed(found[worst], wanted, budget, float(share[worst]))[1]
     return joined(found)
 
@@ -458,31 +458,29 @@ def pick(draws: Draws, count: int, rng: np.random.Generator) -> NDArray[np.int64
 
 
 def merged(parts: Sequence[Weighed]) -> Weighed:
-    """The draws of several parts of one model, each part with the share of its effective draws."""
+    """The draws of several parts of one model, each with its share of the effective draws, times its evidence: draws
+    of a place that proved to be unlikely do not count."""
     parts = [part for part in parts if part.effective > 0.0] or parts[:1]
     if len(parts) == 1:
         return parts[0]
     share = np.array([part.effective for part in parts])
-    share /= np.sum(share)
-    evidences = np.array([part.log_evidence for part in parts])
-    top = np.max(evidences)
-    log_evidence = float(top + np.log(np.sum(share * np.exp(evidences - top))))
-    return _combined(parts, np.log(share), log_evidence)
+    return _combined(parts, np.log(share / np.sum(share)))
 
 
 def joined(found: Sequence[Sampled]) -> Weighed:
     """The draws of all models, each with the share of its evidence."""
-    parts = [merged(each.parts) for each in found]
-    evidences = np.array([part.log_evidence for part in parts])
-    whole = float(log_sum(evidences))
-    return _combined(parts, evidences - whole, whole)
+    return _combined([merged(each.parts) for each in found], np.zeros(len(found)))
 
 
-def _combined(parts: Sequence[Weighed], log_share: Floats, log_evidence: float) -> Weighed:
-    """The draws of all parts, each with its share."""
+def _combined(parts: Sequence[Weighed], log_share: Floats) -> Weighed:
+    """The draws of all parts, each with its share times its evidence, and the sum of these evidences."""
+    evidences = log_share + np.array([part.log_evidence for part in parts])
+    log_evidence = float(log_sum(evidences))
     x, residuals, log_posterior = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    log_weight = np.concatenate([part.log_weight + log for part, log in zip(parts, log_share, strict=True)])
-    error = float(np.sqrt(np.sum((np.exp(log_share) * np.array([part.error for part in parts])) ** 2)))
+    log_weight = np.concatenate(
+        [part.log_weight + log - log_evidence for part, log in zip(parts, evidences, strict=True)]
+    )
+    error = float(np.linalg.norm(np.exp(evidences - log_evidence) * [part.error for part in parts]))
     return Weighed(x, residuals, log_posterior, log_weight, log_evidence, error, _effective(x, log_weight))
 
 
