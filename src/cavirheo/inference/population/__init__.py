@@ -58,10 +58,10 @@ def population(
     """The material of many shots, from the draws of their posteriors without further simulations.
 
     Args:
-        answers: of shots of one material, as `infer_many` or `fit_many` give them. Their weighted draws are divided by
-            the prior that they were made with (`Posterior.prior`; flat in the logarithm if it is not known). Answers
-            are left out and counted if they have no interval, another model than most, a verdict that is not trusted,
-            or the draws of another answer. Answers by the default family share its switches (switches.py).
+        answers: of shots of one material, by `infer_many` or `fit_many`. Their weighted draws are divided by the prior
+            that they were made with (`Posterior.prior`; flat in the logarithm if it is not known). Left out and counted
+            are those without an interval, with an untrusted verdict, of another model than most, or of equal draws.
+            Answers by the default family share its switches (switches.py).
         names: of the shots; default: those of their curves if they differ, else "shot 1", ...
         along: (n,) a column on which the centre may depend, such as log10 of R_max or a concentration: the population
             then has a slope, in decades of each parameter per unit of the column.
@@ -105,9 +105,8 @@ def population(
     if len(counted) < MIN_SHOTS:
         count = digits.counted_shots(len(counted), len(own))
         return replace(empty, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
-    alone = [own[i] for i in likelihoods]
     along_counted = None if along is None else column[[*likelihoods]]
-    return _with_material(empty, alone, counted, [*likelihoods.values()], along_counted, seed)
+    return _with_material(empty, [own[i] for i in likelihoods], counted, [*likelihoods.values()], along_counted, seed)
 
 
 def with_slope_if_any(
