@@ -55,7 +55,7 @@ def population(
     errors: CommonErrors | None = None,
     seed: int = 0,
 ) -> Population:
-    """The material of many shots, from the draws of their posteriors without further simulations.
+    """The material of many shots from the draws of their posteriors, without simulations (docs/method/population.md).
 
     Args:
         answers: of shots of one material, by `infer_many` or `fit_many`. Their weighted draws are divided by the prior
@@ -74,8 +74,6 @@ def population(
 
     Raises:
         InputError: no answers, names or a column of another length, or a column with one value for all shots.
-
-    Source: docs/method/population.md.
     """
     own = list(answers)
     for answer in own:
