@@ -26,7 +26,7 @@ from cavirheo.inference.sample import (
     ridges,
     sample,
 )
-from cavirheo.inference.weigh import Model, pick, posterior, smooth
+from cavirheo.inference.weigh import Model, Weighed, merged, pick, posterior, smooth
 from cavirheo.physics.laws import table_of
 from cavirheo.physics.table import look_up
 from cavirheo.posterior import weighted_quantile
@@ -331,3 +331,14 @@ def test_a_value_that_trades_with_a_stretch_at_its_end_is_bounded_on_that_side(s
     assert open_ends(prior, x - [0.0, 0.0, 20.0], even) == []
     found = trades(prior, x, even, ("shear_modulus", "viscosity"), ["stretch"])
     assert found == {"viscosity": ("stretch", bound)}
+
+
+def test_draws_of_a_place_that_proved_to_be_unlikely_weigh_nothing():
+    alike = np.full(50, -np.log(50.0))
+    wrong, right = (
+        Weighed(np.arange(start, start + 50.0)[:, None], np.zeros((50, 1)), alike, alike, log_evidence, 0.1, 50.0)
+        for start, log_evidence in ((0.0, -80.0), (100.0, 0.0))
+    )
+    both = merged([wrong, right])
+    assert np.sum(np.exp(both.log_weight[:50])) < 1e-30
+    assert both.effective == pytest.approx(50.0)
