@@ -136,11 +136,13 @@ def _information(shot: Experiment, x: Floats) -> Floats:
     takes simulations."""
     target, law = ResidualSource(shot), shot.law_size
     state = target.state(x)
-    u, walls = state.to_u(x[None], INSIDE), slice(len(x) - len(shot.walls), None)
+    u = state.to_u(x[None], INSIDE)
+    of_walls = state.columns >= len(x) - len(shot.walls)  # they are the last in x
+    walls = state.columns[of_walls]
 
     def residuals(places: Floats) -> Floats:
         at = state.to_x(places)
-        at[:, walls] = np.sqrt(np.maximum(x[walls] ** 2 + (places - u)[:, walls], 0.0))
+        at[:, walls] = np.sqrt(np.maximum(x[walls] ** 2 + (places - u)[:, of_walls], 0.0))
         return target.measured - shot.emulated(at, emulator())
 
     _, (curvature,) = expand(residuals, shot.noise(discrepancy=True), u, residuals(u))

@@ -187,7 +187,7 @@ def products(
     for q in range(len(used)):
         p = used[q]
         m = rank[p]
-        for a in range(k):
+        for a in range(k):  # numba compiles `product[q] = white` for seconds
             for b in range(a + 1):
                 product[q, a, b] = white[a, b]
         one_before[:] = 0.0

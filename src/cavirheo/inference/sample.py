@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from cavirheo.arrays import Bools, Floats, log_sum
+from cavirheo.arrays import Bools, Floats, at_levels, log_sum, relative_weights
 from cavirheo.inference.noise import Noise
 from cavirheo.prior import log_normal
 
@@ -501,12 +501,11 @@ def walked(
     places where all began. As long as few draws are effective, the density is flattened by a power."""
     d, good = u.shape[1], np.isfinite(log_weight)
     power = flattening(log_weight[good], 10.0 * d)
-    ends = np.cumsum(np.exp(power * (log_weight[good] - np.max(log_weight[good]))))
-    chosen = np.flatnonzero(good)[np.searchsorted(ends / ends[-1], (np.arange(walkers) + rng.random()) / walkers)]
+    levels = (np.arange(walkers) + rng.random()) / walkers
+    chosen = np.flatnonzero(good)[at_levels(relative_weights(power * log_weight[good]), levels)]
     at, height, places = u[chosen], power * value[chosen], list[Floats]()
-    start = at
     for step in range(WALKED):
-        first, second = start[rng.choice(walkers, (2, walkers))]
+        first, second = u[chosen[rng.choice(walkers, (2, walkers))]]
         lengths = [*(LENGTHS * 2.38 / np.sqrt(2.0 * d)), 1.0]  # 1: from mode to mode
         trial = at + rng.choice(lengths, walkers)[:, None] * (first - second)
         trial += JITTER * rng.standard_normal(trial.shape)

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cavirheo.arrays import Floats, log_sum
+from cavirheo.arrays import Floats, at_levels, log_sum
 from cavirheo.errors import SolverError
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
@@ -42,7 +42,7 @@ LOOKED_AT, REFINED = 4, 20  # maxima of a model that are simulated, and whose ri
 LEAST_PART = 0.2  # of the effective draws of all models that each of them has
 NEGLIGIBLE = 4.5  # log evidence below the best model's from which a model is not drawn from further
 TELLING = 8.0  # effective draws that tell the evidence of a model; fewer find it too low
-TURNS = 40  # of drawing from one of the models at most
+TURNS = 40  # times at most that more draws, of one of the models, are simulated
 GOOD, LEAST_YIELD = 0.5, 0.1  # effective part of draws that need no better correction, and that is reckoned with
 SLOPE_RIDGE, ROUGHNESS = 3.0, 0.1  # of the correction: ridge of its slopes, variance that the process leaves
 FARTHEST = 2.5  # widths from the middle up to which the correction is linear
@@ -443,8 +443,7 @@ def pick(draws: Draws, count: int, rng: np.random.Generator) -> NDArray[np.int64
     """Indices of `count` equally likely draws, some of them perhaps several times, that are spread as all are by their
     weights: one of each of `count` cells of equal numbers, which are halved along one parameter after the other."""
     levels = (np.arange(SPREAD_OUT) + rng.random()) / SPREAD_OUT
-    ends = np.cumsum(np.exp(draws.log_weight))
-    equal = np.searchsorted(ends / ends[-1], levels).clip(max=len(ends) - 1)
+    equal = at_levels(np.exp(draws.log_weight), levels)
     cells: list[NDArray[np.int64]] = [equal]
     axis = 0
     while len(cells) < count:
