@@ -343,7 +343,9 @@ class Posterior:
     def plot(self) -> Figure:
         """Figure of the measured radius, the band that holds 90 % of what the answer predicts, and the residual of its
         simulation. Raises InputError: the answer has no curve, or matplotlib is missing."""
-        draw: Any = resolve_name("cavirheo.reporting.figure.answer_figure")  # of a room that is built on this one
+        draw: Any = resolve_name(
+            "cavirheo.reporting.figure.answer_figure"
+        )  # by its name: reporting imports this module
         figure: Figure = draw(self)
         return figure
 

@@ -1,4 +1,4 @@
-"""The prior of parameters, and its coordinates u.
+"""The prior of parameters, and its coordinates u. Which prior a parameter has: `inference.experiment.Experiment.prior`.
 
 u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in its scale. In u, where posteriors are
 sampled, there are no bounds and the prior density is prod phi(u_i). A density over u times p(x)/phi(u) is a density
@@ -45,6 +45,7 @@ class Prior:
         names: of the parameters; log10_ at the start means the logarithm of the SI value.
         low, high: bounds.
         mean, std: of the normal distributions; std is infinite for uniform ones.
+        zero, infinite: probability that the parameter is exactly 0 (log10: -inf), or infinite.
 
     Raises:
         InputError: a range that is not finite and rising, an array of another length than the names, or equal names.

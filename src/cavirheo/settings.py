@@ -226,7 +226,7 @@ class Settings(Liquid, BubbleOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class InferSettings(Settings):
+class InferOptions(Settings):
     """Settings of `infer`."""
 
     material: Annotated[str | None, option(_LAW)] = None

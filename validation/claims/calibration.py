@@ -32,7 +32,7 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.answer import NEEDED
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.emulator import LARGEST_PULL, features
-from cavirheo.inference.experiment import BETA, MOST_ROOT, ZETA, Experiment
+from cavirheo.inference.experiment import DAMPING_SCALE, INERTIA_SCALE, MOST_ROOT, Experiment
 from cavirheo.parameters import USUAL_STRETCH
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
@@ -88,7 +88,12 @@ def of_kind(kind: str, rng: np.random.Generator) -> tuple[dict[str, float], Mate
 def real_bubble(rng: np.random.Generator) -> Bubble:
     accommodation = float(10 ** rng.uniform(-2.0, 0.0))
     inertia, damping = (truncnorm(0.0, MOST_ROOT).rvs(2, random_state=rng) ** 2).tolist()
-    return Bubble("kinetic", accommodation, confinement_inertia=BETA * inertia, confinement_damping=ZETA * damping)
+    return Bubble(
+        "kinetic",
+        accommodation,
+        confinement_inertia=INERTIA_SCALE * inertia,
+        confinement_damping=DAMPING_SCALE * damping,
+    )
 
 
 @cache

@@ -24,7 +24,7 @@ from cavirheo.io.files import pixels_of, without_headers
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.documents import Pairs
 from cavirheo.reporting.record import CurveRecord, Result
-from cavirheo.settings import Exclude, InferSettings, checked
+from cavirheo.settings import Exclude, InferOptions, checked
 from cavirheo.video.formats import is_video
 from cavirheo.writing.document import short_name
 
@@ -59,7 +59,7 @@ class VisitorLimits:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PageSettings(InferSettings):
+class PageSettings(InferOptions):
     """The settings of `cavirheo infer` that the page and its endpoint have; None: not given. Numbers may be texts, and
     an empty text is the default. Raises InputError: a value that `infer` rejects, or a model that is not shipped (a
     visitor must not open files of this machine)."""
@@ -209,7 +209,7 @@ class Session:
             read = {curve.source for curve in curves}
             waits = None in (settings.fps, settings.um_per_px)  # a recording that lacks them stays until they are typed
             for path in taken:
-                recording = pixels_of(path) or path  # of a header, that whose header it is
+                recording = pixels_of(path) or path  # a header file stands for the file of pixels beside it
                 if recording.name in read or (waits and is_video(path)):
                     self.files.append(path)
             self.settings = settings

@@ -21,18 +21,18 @@ from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
 from cavirheo.inference.cards import network_name
-from cavirheo.inference.checks import ANALYSIS_ERRORS
 from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.input_warnings import (
     curve_warnings,
     failed_checks,
-    felt_walls,
+    felt_wall_warnings,
     smoothing_warnings,
     stiffness_warnings,
     wall_warnings,
     warned,
 )
+from cavirheo.inference.reconstruction import ANALYSIS_ERRORS
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread
 from cavirheo.parameters import LOG10, units
@@ -257,7 +257,7 @@ class Analysis:
         medium = self.medium_for(curve)
         shot = Experiment(curve, Family(str(self.material)), medium, self.options)
         found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
-        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot), *felt_walls(found, curve.max_radius)]
+        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot), *felt_wall_warnings(found, curve.max_radius)]
         warnings += [*smoothing_warnings(found.checks), *stiffness_warnings(found)]
         return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 

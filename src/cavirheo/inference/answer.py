@@ -41,7 +41,7 @@ OPEN_ENDS: dict[str, Bound] = {
 BEYOND, TRADED = 0.1, 0.5
 """A parameter is only bounded if it would move by TRADED widths of its interval, were another one at its end further by
 BEYOND of its range."""
-ENOUGH = 0.5 * EMULATED.effective  # effective draws without which there is no interval; with fewer than all it is rough
+ENOUGH = 0.5 * EMULATED.effective  # effective draws below which there is no interval; below twice as many it is rough
 NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation", "confinement_inertia": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
 AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
@@ -125,7 +125,7 @@ def sampled_answer(
         raise SolverError(f"{shot.curve.name}: none of {len(all_draws.x)} likely bubbles can be simulated")
     found = _with_draws(replace(empty, medium=shot.medium), target, weighed)
     best = int(np.argmax(weighed.log_posterior))
-    predictive, excess = judge(target, noise, weighed, best, seed)
+    predictive, excess = predictive_misfit(target, noise, weighed, best, seed)
     pulled = _at_prior_ends(shot, prior, weighed)
     effective = weighed.effective
     verdict, messages = _bounds(found, shot.family)
@@ -154,8 +154,8 @@ def sampled_answer(
         systematic_misfit_over_rmax=excess,
         simulations=target.simulations,
         failed_simulations=target.failures,
-        modulus_over_scale=over_scale([found], "shear_modulus"),
-        viscosity_over_scale=over_scale([found], "viscosity"),
+        modulus_over_scale=sensitivity_to_scale([found], "shear_modulus"),
+        viscosity_over_scale=sensitivity_to_scale([found], "viscosity"),
         secant_modulus=secant_modulus(shot, weighed) if found.switches.get("stiffening", 0.0) > 0.5 else (),
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
@@ -311,7 +311,7 @@ def _at_prior_ends(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str
     return ends
 
 
-def judge(
+def predictive_misfit(
     target: ResidualSource, noise: Noise, weighed: Weighed, best: int, seed: int
 ) -> tuple[dict[str, Any] | None, float]:
     """The predictive check at the best draw, and the misfit beyond noise; if the check rejects, that of the nearest
@@ -355,7 +355,7 @@ def secant_modulus(shot: Experiment, weighed: Weighed) -> tuple[float, ...]:
     return tuple(weighted_quantile(pull / of_one, [0.05, 0.5, 0.95], weighed.log_weight).tolist())
 
 
-def over_scale(answers: Sequence[Posterior], name: str) -> float | None:
+def sensitivity_to_scale(answers: Sequence[Posterior], name: str) -> float | None:
     """Relative change of a parameter (natural name) of G or mu per relative change of R_max: the common slope of its
     logarithm on the radius scale, within the draws of each shot that determines it. The frames hardly tell the scale,
     so its draws are those of its prior. None where no shot determines the parameter or infers the scale."""

@@ -23,9 +23,9 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.cards import Arrays, Layers, ModelCard, card, path_of, read_weights
-from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.emulator import Bubbles, Camera, emulator
 from cavirheo.inference.problem import TrainingProblem, natural_values
+from cavirheo.inference.reconstruction import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, STRETCH_RANGE, natural_name, to_natural, to_prior_scale
 from cavirheo.physics.materials import MATERIALS, Material

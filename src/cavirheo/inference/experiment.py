@@ -23,10 +23,10 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.assumptions import FREE, Family, Options, fixed_bubble
-from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.emulator import Bubbles, Camera, Emulator
 from cavirheo.inference.frames import compared_frames
 from cavirheo.inference.noise import Noise
+from cavirheo.inference.reconstruction import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, USUAL_STRETCH
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
@@ -41,7 +41,7 @@ MIN_CLOCK, MIN_FACTOR = 0.02, 0.015  # smallest half-widths of the priors of the
 NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 FIELD_PROBABILITY = 0.2  # prior probability that a bubble is the field's
 SOLVER_ERROR = 1e-3  # smallest noise over R_max that is used: the error of the solver
-BETA, ZETA, EXCESS = 0.05, 0.15, 0.015
+INERTIA_SCALE, DAMPING_SCALE, VAPOUR_SCALE = 0.05, 0.15, 0.015
 """Scales of the priors of walls (inertia, damping) and of vapour (over p_inf): each is its scale times the square of a
 normal number (chi squared), up to MOST_ROOT. Bubbles far from walls are likely then, and those near them not excluded.
 """
@@ -51,7 +51,7 @@ CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a cur
 CLEAN_MISFIT = 1e-3  # largest RMS misfit over R_max of a simulation of such a curve
 STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
 _LN10 = float(np.log(10.0))
-_EMULATED = {
+_USUAL_VALUES = {
     "stretch": 7.0,
     "accommodation": 1.0,
     "confinement_damping": 0.0,
@@ -64,15 +64,19 @@ _EMULATED = {
 
 def wall_scales(medium: Medium) -> dict[str, float]:
     """Scales of the priors of walls and of vapour above saturation (Pa), by parameter of the bubble."""
-    return dict(zip(ZERO_BY_DEFAULT, (BETA, ZETA, EXCESS * medium.pressure), strict=True))
+    return {
+        "confinement_inertia": INERTIA_SCALE,
+        "confinement_damping": DAMPING_SCALE,
+        "vapour_excess": VAPOUR_SCALE * medium.pressure,
+    }
 
 
 def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Floats]:
     """Half-widths of the priors of the clock (in t_c) and of the factor of R_max, from the frame interval in t_c and
     the noise over R_max. late: 1 if no growth is recorded. R_max may then be up to a frame from the first one, where
     the radius is smaller by about (frame/t_c)^2/2."""
-    read = np.minimum(2.25 * noise + late * frame**2, 0.2)
-    return np.maximum(0.5 * (1.0 + late) * frame, MIN_CLOCK), np.maximum(MIN_FACTOR, read)
+    of_factor = np.minimum(2.25 * noise + late * frame**2, 0.2)
+    return np.maximum(0.5 * (1.0 + late) * frame, MIN_CLOCK), np.maximum(MIN_FACTOR, of_factor)
 
 
 def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
@@ -113,9 +117,9 @@ class Experiment:
         self.stretch: float | None = float(stretch) if stretch else None
         # (mean, standard deviation) of the stretch if the file or the late plateau gives it
         self.stretch_prior: tuple[float, float] | None = _known_stretch(curve, options.stretch)
-        read = max(options.scale_bound, self.usual_half_widths[1])
+        rmax_half_width = max(options.scale_bound, self.usual_half_widths[1])
         # (middle, half-width) of clock and scales, and which are free
-        widths = {"t0": self._clock, "scale": (1.0, options.scale_bound), "rmax": (1.0, read)}
+        widths = {"t0": self._clock, "scale": (1.0, options.scale_bound), "rmax": (1.0, rmax_half_width)}
         self.free: dict[str, tuple[float, float]] = {FREE[name]: widths[name] for name in options.free}
         bubble = options.bubble
         self.walls: dict[str, float] = {
@@ -169,8 +173,8 @@ class Experiment:
     def usual_half_widths(self) -> tuple[float, float]:
         """Half-widths of the priors of the clock, in t_c, and of the factor of R_max, where none are given."""
         curve, frame = self.curve, self.frame_interval / self.time_scale
-        clock, read = half_widths(*map(np.array, (frame, curve.noise / self.max_radius, float(curve.begins_late))))
-        return float(clock), float(read)
+        clock, factor = half_widths(*map(np.array, (frame, curve.noise / self.max_radius, float(curve.begins_late))))
+        return float(clock), float(factor)
 
     @property
     def _clock(self) -> tuple[float, float]:
@@ -287,7 +291,7 @@ class Experiment:
     def bubbles(self, x: Floats) -> Bubbles:
         """The bubbles at x (k, d), as the emulator takes them."""
         natural, k = self.natural(x.T), len(x)
-        values = {name: np.broadcast_to(natural.get(name, default), (k,)) for name, default in _EMULATED.items()}
+        values = {name: np.broadcast_to(natural.get(name, default), (k,)) for name, default in _USUAL_VALUES.items()}
         accommodation = np.full(k, np.inf)
         if self.options.bubble.contents == "kinetic":
             accommodation = values["accommodation"]
@@ -296,10 +300,17 @@ class Experiment:
             values[name] = np.where(fields, 0.0, values[name])
         radius = self.max_radius * np.broadcast_to(natural["radius_scale"] * natural["max_radius_factor"], (k,))
         return Bubbles(
-            self.family.material(x[:, : self.law_size]), self.medium, radius, values["stretch"], accommodation,
-            values["confinement_damping"], values["confinement_inertia"], values["vapour_excess"],
-            values["damage_modulus"], values["damage_radius"],
-        )  # fmt: skip
+            material=self.family.material(x[:, : self.law_size]),
+            medium=self.medium,
+            max_radius=radius,
+            stretch=values["stretch"],
+            accommodation=accommodation,
+            damping=values["confinement_damping"],
+            inertia=values["confinement_inertia"],
+            vapour_excess=values["vapour_excess"],
+            damage_modulus=values["damage_modulus"],
+            damage_radius=values["damage_radius"],
+        )
 
     def emulated(self, x: Floats, emulator: Emulator, *, times: Floats | None = None) -> Floats:
         """(k, n) simulated R over the measured R_max, at x (k, d), by the emulator, of the frames that count or at

@@ -91,7 +91,7 @@ def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     return messages
 
 
-def felt_walls(found: Posterior, max_radius: float) -> list[Message]:
+def felt_wall_warnings(found: Posterior, max_radius: float) -> list[Message]:
     """A message if the answer of a bubble of this R_max, m, needs a wall closer than vessels have."""
     ends = found.interval("confinement_inertia") if "confinement_inertia" in found.parameters else None
     if not ends or ends[0] <= FELT_INERTIA:

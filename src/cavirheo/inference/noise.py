@@ -28,7 +28,7 @@ from scipy.special import gammaln
 from cavirheo.arrays import Bools, Floats, log_sum
 from cavirheo.physics.cache import compiled
 
-GAMMA_A = 2.0  # A: the frame-to-frame noise is only a guess of the noise
+GAMMA_A = 2.0  # A: shape and scale of the prior of k^2; the assumed noise may be wrong by a factor of 2
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
 CLOCK_RATIOS = (0.0, 1.0, 4.0)  # s/r
 TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window

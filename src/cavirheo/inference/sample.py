@@ -59,7 +59,8 @@ class Budget:
         ridge: places along the ridge of a maximum.
         rounds: draws of the rounds of a model, which end when enough of all its draws are effective.
         walkers: likely draws that walk before each round.
-        sampled: that number for all models together; each needs its share, or a fifth.
+        sampled: draws of quick frames, of all models together, that are to be effective; each model needs its share,
+            and at least a fifth.
         effective: simulated draws of all models together that are to be effective.
         most: simulations.
     """

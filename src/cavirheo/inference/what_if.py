@@ -14,8 +14,8 @@ from cavirheo.errors import InputError, SolverError, brief, expect_whole, requir
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
 from cavirheo.inference.bdt import network_window
-from cavirheo.inference.checks import Window, window
 from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.reconstruction import Window, window
 from cavirheo.messages import message_of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble

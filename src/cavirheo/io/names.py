@@ -1,5 +1,5 @@
 """Names of the quantities of a shot as people and programs write them, with their units: titles of columns, variables
-of MATLAB, datasets, and single numbers that a file states."""
+of MATLAB, datasets, and single numbers that a file states. The units themselves are in `units`."""
 
 from __future__ import annotations
 

@@ -28,40 +28,40 @@ class Accuracy:
     """Accuracy of the radius in space and in time.
 
     Attributes:
-        cells: number of shells from the centre to the wall, 8 or more.
+        shells: their number from the centre to the wall, 8 or more.
         relative_error: of a step, between 1e-12 and 0.1; a tenth of it is used for kinetic contents, and at most 1e-7
             for a polytropic gas, which has no shells.
 
     Raises:
-        InputError: cells or relative_error is out of range.
+        InputError: shells or relative_error is out of range.
     """
 
-    cells: int = 128
+    shells: int = 128
     relative_error: float = field(default=2e-4, metadata=domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1))
 
     def __post_init__(self) -> None:
-        expect_whole(self.cells, "cells", 8, "physics.cells")
+        expect_whole(self.shells, "shells", 8, "physics.shells")
         check(self)
 
 
 DEFAULT = Accuracy()  # median error 4e-5 of R_max, up to 1e-3 in the most violent collapses
 PRECISE = Accuracy(384, 1e-5)  # ten times as accurate as the default, and five times as slow
 ROUGH = Accuracy(64, 3e-4)  # inside a search: 2 ms, error up to 1 % of R_max, mostly 0.04 %
-BRISK = Accuracy(64, 1e-3)  # for draws, corrected by its difference from the default, which hardly changes
+BRISK = Accuracy(64, 1e-3)  # stands in for an emulator that does not know the bubble; its error is corrected (weigh.py)
 COARSE = Accuracy(24, 3e-3)  # for the starting points of a search: 1 ms
 
 
 class Grid(NamedTuple):
-    """Spherical shells (cells) 0..M-1 from centre to wall; face i lies between cell i and cell i+1."""
+    """Spherical shells 0..M-1 from centre to wall; face i lies between shell i and shell i+1."""
 
     inverse_volume: Floats  # (M,) 3/(y_out^3 - y_in^3)
     centre: Floats  # (M,) centroid of each shell
     face: Floats  # (M-1,) y of the interior faces
     area: Floats  # (M-1,) y^2
     inverse_distance: Floats  # (M-1,) inverse distance of the two centroids
-    left: Floats  # (M-1,) weight of the inner cell in the value on the face
-    right: Floats  # (M-1,) weight of the outer cell in that value
-    wall: Floats  # (3,) d/dy at y = 1 from the values at the wall, in cell M-1 and in cell M-2
+    left: Floats  # (M-1,) weight of the inner shell in the value on the face
+    right: Floats  # (M-1,) weight of the outer shell in that value
+    wall: Floats  # (3,) d/dy at y = 1 from the values at the wall, in shell M-1 and in shell M-2
 
 
 NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for polytropic contents

@@ -183,7 +183,7 @@ def simulate(
     _check_size(max_radius, times, unusual=unusual)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
-    shells = np.full((times.size, 2 * accuracy.cells), np.nan) if fields else np.zeros((0, 0))
+    shells = np.full((times.size, 2 * accuracy.shells), np.nan) if fields else np.zeros((0, 0))
     stats = np.zeros(5)
     failure = _solve(numbers, material, times, medium.time_scale(max_radius), accuracy, relaxed, out, shells, stats)
     if failure and throw:
@@ -197,7 +197,7 @@ def simulate(
         equilibrium_radius=max_radius / stretch,
         status=failure or "ok",
         stats={"steps": int(stats[0]), "rejected": int(stats[1]), "gas_drift": float(stats[2])},
-        contents=_contents(out, shells, medium, numbers, wall_clustered(accuracy.cells)) if fields else None,
+        contents=_contents(out, shells, medium, numbers, wall_clustered(accuracy.shells)) if fields else None,
     )
 
 
@@ -205,7 +205,7 @@ def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving
     """Raises InputError for arguments of `simulate` of a wrong type, or that exclude each other."""
     expect(material, Material, f"a material such as {_EXAMPLE}")
     expect(bubble, Bubble, "a Bubble such as Bubble(contents='kinetic', accommodation=0.07)")
-    expect(accuracy, Accuracy, "an Accuracy such as Accuracy(cells=128, relative_error=2e-4)")
+    expect(accuracy, Accuracy, "an Accuracy such as Accuracy(shells=128, relative_error=2e-4)")
     if driving is not None and not hasattr(driving, "table"):
         raise InputError(f"driving must be a Pulse or a Trace, got {brief(driving)}", "physics.driving")
     if fields and bubble.exponent is not None:
@@ -235,10 +235,10 @@ def _solve(
     """Solve for times (n,), s, with t_c, s, as their scale; returns what failed and where, or "".
 
     Fills, in dimensionless numbers, until a failure: `out` (n, 4 + k) with radius, velocity, pressure, stress and k
-    memories; `shells` (n, 2 cells), unless it is empty, with moles of gas and vapour and moles of gas in each shell;
+    memories; `shells` (n, 2 shells), unless it is empty, with moles of gas and vapour and moles of gas in each shell;
     `stats` (5,) with steps, rejected steps, drift of the gas, and the time and the radius that were reached.
     """
-    grid, relative_error = wall_clustered(accuracy.cells), accuracy.relative_error
+    grid, relative_error = wall_clustered(accuracy.shells), accuracy.relative_error
     if numbers.polytropic:
         grid, relative_error = NO_SHELLS, min(relative_error, POLYTROPIC)
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace

@@ -18,7 +18,7 @@ shells means polytropic contents. The laws of the material are two tables (physi
 (`Arm` of physics/laws.py); the far-field pressure is also a table.
 
 The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
-P, p', z, so one linear solve costs O(cells); the memories are eliminated first. All compiled functions of the solver
+P, p', z, so one linear solve costs O(shells); the memories are eliminated first. All compiled functions of the solver
 are in this file: if it changes, physics/cache.py compiles them all again.
 """
 

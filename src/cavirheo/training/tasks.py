@@ -134,7 +134,7 @@ class EmulatorTask:
         if n < held_out + components:
             message = f"{components} components need {LEAST_HELD_OUT} trajectories more; the data have {n}"
             raise InputError(message, "training.few")
-        self.count = n - held_out  # the others are the last: other laws in other media
+        self.count = n - held_out  # those held out are the last; each has a law and a medium of its own
         self.validation, self.test = torch.arange(self.count, n).chunk(2)
         network = EmulatorNetwork(recipe.network)
         first = slice(0, min(self.count, MOST_FITTED))

@@ -98,7 +98,7 @@ class _ReportVerb(options.MeasuredFiles):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Infer(_ReportVerb, settings.InferSettings):
+class Infer(_ReportVerb, settings.InferOptions):
     """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
     believe them."""
 
@@ -151,7 +151,7 @@ class WhichLaw(_ReportVerb):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch(settings.InferSettings, options.AnsweringVerb):
+class Watch(settings.InferOptions, options.AnsweringVerb):
     """Every recording that arrives in a folder, answered as `infer` does, until Ctrl-C."""
 
     folder: Annotated[Path, argument("FOLDER", "where the recordings arrive: R(t) files or videos", readable=False)]

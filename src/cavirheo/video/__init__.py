@@ -1,1 +1,1 @@
-"""Measure radius histories in recordings, and render recordings with a known history (`synthetic`)."""
+"""Measure radius histories in recordings."""

@@ -86,15 +86,23 @@ def set_stage(recording: Footage, polarity: str = "auto") -> Stage:
     background = np.where(within & ((usual - middle) / swing > 0.3), usual, middle)
     with_bubble = np.flatnonzero((((background - small) / swing > 0.5) & within).any((1, 2)))
     empty = normal[: int(with_bubble[0])] if len(with_bubble) else normal[:0]
-    empty = empty[:-1] if len(empty) > 2 else empty
+    empty = empty[:-1] if len(empty) > 2 else empty  # the last one may show a bubble that is too small to be found
     reference = _first_background(frames, normal, level / usual, empty, swing, usual)
     blind = reference < (_OPAQUE * usual if dark else -1.0)
     reference = np.maximum(reference, np.float32(1e-3 * usual))
     gains = np.ones(len(frames))
     for i in normal:
         gains[i] = _gain(frames[i], reference, ~blind, swing / usual)
-    first = int(empty[-1]) + 1 if len(empty) else 0
-    return Stage(frames, kinds, reference, swing / usual if dark else swing, blind, noise / abs(swing), first, gains)
+    return Stage(
+        frames=frames,
+        kinds=kinds,
+        reference=reference,
+        depth=swing / usual if dark else swing,
+        blind=blind,
+        noise=noise / abs(swing),
+        empty=int(empty[-1]) + 1 if len(empty) else 0,
+        gains=gains,
+    )
 
 
 def _gain(frame: Pixels, reference: Image, pixels: Bools, depth: float | None = None) -> float:

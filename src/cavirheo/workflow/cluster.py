@@ -1,7 +1,7 @@
 """Verbs on many machines: an executor with the workers of a dask cluster (the extra [cluster]), which is found by its
 address, or whose workers are jobs of SLURM (dask-jobqueue).
 
-Every worker must have this machine's version and code.
+Every worker must have this machine's version and code. The options are declared in verbs/options.py.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from cavirheo.arrays import Floats, at_levels
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
-from cavirheo.inference.answer import over_scale
+from cavirheo.inference.answer import sensitivity_to_scale
 from cavirheo.inference.population.heaps import two_heaps
 from cavirheo.inference.population.hierarchy import MaterialPosterior
 from cavirheo.inference.population.likelihood import Likelihood, likelihood
@@ -194,7 +194,7 @@ def _with_material(
     draws = posterior.sample(seed)
     u = _resampled(draws, seed)
     centre, spread, slope = posterior.parts(u)
-    over = {name: change for name in empty.names if (change := over_scale(answers, name)) is not None}
+    over = {name: change for name in empty.names if (change := sensitivity_to_scale(answers, name)) is not None}
     with_errors = centre + shifts(empty.names, over, empty.errors, _DRAWS, seed)
     heaps, bounds = dict[str, tuple[Heap, Heap]](), dict[str, Bound | None]()
     for name, values, low, high in zip(empty.names, with_errors.T, posterior.low, posterior.high, strict=True):

@@ -74,7 +74,11 @@ def shifts(names: Sequence[str], over: Mapping[str, float], errors: CommonErrors
     """(draws, d) log10 of the factor by which errors drawn from their priors change each parameter, all by the same
     errors; 0 for a parameter whose slope is not known."""
     rng = np.random.Generator(np.random.Philox(seed).jumped(_STREAM))
-    deviations = np.array([*asdict(errors).values()])
-    drawn = rng.standard_normal((draws, len(deviations))) * deviations
-    by_error = [[*slopes(name, over[name]).values()] if name in over else np.zeros(len(deviations)) for name in names]
-    return np.asarray(drawn @ np.array(by_error).T / _LN10)
+    deviations = asdict(errors)
+    drawn = rng.standard_normal((draws, len(deviations))) * [*deviations.values()]
+    changes = np.zeros((len(deviations), len(names)))
+    for k, name in enumerate(names):
+        if name in over:
+            by_error = slopes(name, over[name])
+            changes[:, k] = [by_error[error] for error in deviations]
+    return np.asarray(drawn @ changes / _LN10)
