@@ -117,7 +117,7 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     parts = [f"{' and '.join(symbols)} {how}" for how, symbols in uses.items() if how]
     if not parts:
         alone = group.population.line and len(shots) > 1
-        return f"each shot by itself; {group.population.line}" if alone else "nothing: no value is known"
+        return f"the value of each shot; {group.population.line}" if alone else "nothing: no value is known"
     reasons = _disagreement(group)
     named = ("group.doubt.misfits", "group.doubt.trend")
     reasons += [message.text for message in group.doubts if message.code in named]
@@ -214,7 +214,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         return f"cavirheo infer {_files(shots, 2)}"
     limited = _settled(group).get("liquid", False) and not group.population.viscosity.bound
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
-    if limited or abs(change) >= _LARGE_CHANGE:
+    if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
         return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
     if group.verdict == "bound":
         law = "newtonian" if _settled(group).get("liquid", False) else group.population.model.partition(",")[0]

@@ -24,6 +24,7 @@ from cavirheo.parameters import (
     VISCOSITY_AT_RATE,
     is_law_parameter,
     parameter_of,
+    wide_bound,
 )
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.posterior import Posterior, Verdict, intervals
@@ -89,7 +90,7 @@ def result(
         along = [rows[i].column.get(title, np.nan) for i in indices] if title else None
         materials.append(material_of(answers, names, along, errors))
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    return result_of(rows, command, materials, date=date, notes=notes)
+    return result_of(rows, command, materials, date=date, notes=notes, errors=errors)
 
 
 def result_of(
@@ -99,12 +100,14 @@ def result_of(
     *,
     date: str | None = None,
     notes: Sequence[str] = (),
+    errors: CommonErrors | None = None,
 ) -> Result:
-    """The result of these records of curves, and of their groups. materials: those of the groups; default: none."""
+    """The result of these records of curves, and of their groups. materials: those of the groups; default: none.
+    errors: as of `result`."""
     members, names, title = members_of(rows), group_names(rows), _column_title(rows)
     materials = materials or [None] * len(members)
     groups = [
-        group_record(name, [rows[i] for i in indices], material, title)
+        group_record(name, [rows[i] for i in indices], material, title, errors)
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
     differing = differences(dict(zip(names, materials, strict=True)))
@@ -200,14 +203,22 @@ def _value_or_none(curve: RadiusCurve, name: str) -> float | None:
 
 
 def group_record(
-    name: str, members: Sequence[CurveRecord], material: Population | None = None, column: str = ""
+    name: str,
+    members: Sequence[CurveRecord],
+    material: Population | None = None,
+    column: str = "",
+    errors: CommonErrors | None = None,
 ) -> GroupRecord:
     """The record of a group, from the records of its curves and from its material. column: title of the column along
-    which the material may change."""
+    which the material may change. errors: of a single shot, as of `result`."""
     shots = [record for record in members if record.has_answer]
     population, systematic = population_record(material, column), systematic_of(material)
     if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
-        population, systematic = _of_one_shot(members[0])
+        population, systematic = _of_one_shot(members[0], errors)
+    elif not population.has_material:
+        changes = [row.diagnostics.modulus_over_scale for row in shots if row.trusted]
+        known = [change for change in changes if change is not None]
+        systematic.slopes |= {"shear_modulus": {"scale": float(np.mean(known))}} if known else {}
     doubts = _doubts(shots, population)
     facts = _facts(members, population, systematic, material.warnings if material and population.has_material else ())
     return GroupRecord(
@@ -223,14 +234,28 @@ def group_record(
     )
 
 
-def _of_one_shot(row: CurveRecord) -> tuple[PopulationRecord, Systematic]:
-    """The answer of a single shot as that of its group."""
+def _of_one_shot(row: CurveRecord, errors: CommonErrors | None) -> tuple[PopulationRecord, Systematic]:
+    """The answer of a single shot as that of its group, whose common errors it has, too."""
+    from cavirheo.inference.population.systematic import CommonErrors, hidden_modulus, slopes, widened
+
+    errors = errors or CommonErrors()
+    over = {"shear_modulus": row.diagnostics.modulus_over_scale, "viscosity": row.diagnostics.viscosity_over_scale}
     names = [name for name in (*MAIN_FIELDS, *row.other_parameters) if name in MAIN_FIELDS or is_law_parameter(name)]
-    values = PopulationRecord.fields_of({name: row.value(name) for name in names})
-    change = row.diagnostics.modulus_over_scale
-    slopes = {} if change is None else {"shear_modulus": {"scale": change}}
-    population = PopulationRecord(line="a single shot", model=row.model, n=1, switches=row.switches, **values)
-    return population, Systematic(slopes=slopes)
+    values = {name: row.value(name) for name in names}
+    systematic = Systematic(errors=asdict(errors))
+    for name, value in values.items():
+        change = over.get(name)
+        if change is not None and value.median and value.q05 and value.q95:
+            systematic.slopes[name] = slopes(name, change)
+            systematic.statistics[name] = value
+            low, high = widened((value.q05, value.median, value.q95), systematic.slopes[name], errors)
+            values[name] = Quantity.from_interval(low, value.median, high, wide_bound(name, low, high))
+    modulus = values["shear_modulus"]
+    if modulus.bound == "upper" and row.medium and row.stretch.median:
+        hidden = hidden_modulus(errors, row.medium.pressure, row.stretch.median)
+        values["shear_modulus"] = modulus.model_copy(update={"q95": float(np.hypot(modulus.q95 or 0.0, hidden))})
+    fields = PopulationRecord.fields_of(values)
+    return PopulationRecord(line="a single shot", model=row.model, n=1, switches=row.switches, **fields), systematic
 
 
 def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[Message]:

@@ -102,7 +102,7 @@ def population(
         empty = replace(empty, modulus_limit=_modulus_limit(counted, shared.modulus_limit, empty.errors))
     if len(counted) < MIN_SHOTS:
         count = digits.counted_shots(len(counted), len(own))
-        return replace(empty, warnings=(f"{count}, and a material with its scatter needs {MIN_SHOTS}",))
+        return replace(empty, warnings=(f"{count}, and a common G and µ need {MIN_SHOTS}",))
     along_counted = None if along is None else column[[*likelihoods]]
     return _with_material(empty, [own[i] for i in likelihoods], counted, [*likelihoods.values()], along_counted, seed)
 

@@ -70,6 +70,17 @@ def slopes(name: str, over_scale: float) -> dict[str, float]:
     return {"scale": over_scale, "rate": rate, "density": 0.5 * over_scale, "pressure": 1.0 - 0.5 * over_scale}
 
 
+def widened(
+    interval: tuple[float, float, float], by_error: Mapping[str, float], errors: CommonErrors
+) -> tuple[float, float]:
+    """Ends of the 90 % interval of one shot, given as (5 %, 50 %, 95 %) without these errors, with them. by_error: as
+    `slopes`. In the logarithm the errors are normal, and the sides of the interval as those of normal distributions."""
+    low, middle, high = interval
+    common = NORMAL_90 * float(np.linalg.norm([by_error[name] * error for name, error in asdict(errors).items()]))
+    below, above = np.hypot(np.log([middle / low, high / middle]), common).tolist()
+    return middle / float(np.exp(below)), middle * float(np.exp(above))
+
+
 def shifts(names: Sequence[str], over: Mapping[str, float], errors: CommonErrors, draws: int, seed: int) -> Floats:
     """(draws, d) log10 of the factor by which errors drawn from their priors change each parameter, all by the same
     errors; 0 for a parameter whose slope is not known."""
