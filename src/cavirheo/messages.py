@@ -112,15 +112,18 @@ def _walls(distance: float) -> str:
 
 def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
     collapse = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({1e6 * max_radius:.4g} µm)"
+    head = "check the scale of radius and time"
     advice = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
     if not factors:
-        return f"check the scale of radius and time: {collapse}, which no material shows: {advice}"
-    size, time = "small (a radius in pixels?)", "long"
-    if ratio < 1.0:
-        size, time = "large (a diameter given as radius?)", "short"
+        return f"{head}: {collapse}, which no material shows: {advice}"
+    size, time = ("small", "long") if ratio > 1.0 else ("large", "short")
+    cause = "radii in pixels" if ratio > 1.0 else "diameters for radii"
+    if all(0.5 < factor / 1000.0 < 2.0 for factor in factors):
+        cause = "a unit that is wrong by a factor of 1000"
+        advice = "mend the unit, or " + advice
     by = digits.ends(factors, count=2)
-    soft = f"a soft material follows the curve best if radii are {by} times too {size} or times that much too {time}"
-    return f"check the scale of radius and time: {collapse}; {soft}: {advice}"
+    which = f"radii are {by} times too {size}, or times that much too {time} ({cause}?)"
+    return f"{head}: {which}, for {collapse}: {advice}"
 
 
 def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:

@@ -112,11 +112,11 @@ class Liquid:
 
     trust_input: TrustInput = False
     medium: Annotated[str | None, option(_MEDIUM)] = None
-    density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
-    sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
+    density: Annotated[float | None, number("density of the liquid or gel, kg/m3", MATERIAL)] = None
+    sound_speed: Annotated[float | None, number("m/s", MATERIAL)] = None
     surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
-    pressure: Annotated[float | None, option("pressure far from the bubble, Pa", MATERIAL)] = None
-    temperature: Annotated[float | None, option("temperature far from the bubble, K", MATERIAL)] = None
+    pressure: Annotated[float | None, number("pressure far from the bubble, Pa", MATERIAL)] = None
+    temperature: Annotated[float | None, number("temperature far from the bubble, K", MATERIAL)] = None
 
     @property
     def liquid(self) -> "Medium":

@@ -160,7 +160,7 @@ def test_show_refuses_in_one_line(run, tmp_path, name):
     for file in ("alone.npz", "wrong.npz"):
         (tmp_path / file).write_bytes(b"npz")
     (tmp_path / "wrong.json").write_text('{"kind": "point"}')
-    refusal(run("show", name), *{"nothing": ["bdt-viscoelastic"], "emulator": ["no measurement"]}.get(name, []))
+    refusal(run("show", name), *{"nothing": ["does not exist"], "emulator": ["no measurement"]}.get(name, []))
 
 
 def test_a_table_that_is_too_wide_for_the_terminal_loses_nothing(monkeypatch, capsys):

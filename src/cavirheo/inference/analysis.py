@@ -327,7 +327,9 @@ def takes_settings(kind: type) -> Callable[[Function], Function]:
         def checked(*arguments: Any, **keywords: Any) -> Any:
             if unknown := ", ".join(sorted(keywords.keys() - complete.parameters.keys())):
                 known = ", ".join(complete.parameters)
-                raise InputError(f"{function.__name__} has no option {unknown}; it has {known}", "option.name")
+                constants = f" (constants by medium=Medium({unknown}=...))" if unknown in CONSTANTS else ""
+                message = f"{function.__name__} has no option {unknown}{constants}; it has {known}"
+                raise InputError(message, "option.name")
             return function(*arguments, **keywords)
 
         checked.__signature__ = complete  # type: ignore[attr-defined]

@@ -19,6 +19,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.cards import Arrays, card, path_of, read_weights
+from cavirheo.parallel import one_blas_thread
 from cavirheo.physics.bubble import MOTIONS, Bubble
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Fung, Material, NeoHookean, Newtonian, Quadratic, Viscous
@@ -321,4 +322,5 @@ def emulator(name: str = "emulator") -> Emulator:
     if about["kind"] != "emulator":
         raise InputError(f"{path} is no emulator, but a network for {about['material']}", "model.kind")
     sha256 = str(about["weights"]["sha256"])
-    return Emulator(read_weights(path, sha256), sha256)
+    with one_blas_thread:  # its layers are multiplied
+        return Emulator(read_weights(path, sha256), sha256)

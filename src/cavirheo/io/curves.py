@@ -592,7 +592,7 @@ def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
     if 0.8 < largest < 1.25:  # rather R/R_max than a bubble of 1 mm
         return 1e-6, "", f"{words}, but its largest value {largest:.4g} looks like R/R_max"
     if unit or not fits:
-        only = f"; it only makes sense in {fits[0]}" if fits else ""
+        only = f"; in {fits[0]} it would be one: write {fits[0]} into the name of the column" if fits else ""
         return 1e-4 / largest, "", f"{words}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm{only}"
     return RADIUS_UNITS[fits[0]], f"{words}: taken as {fits[0]} from its size", ""
 

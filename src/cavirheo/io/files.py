@@ -188,5 +188,8 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
     if not taken:
         kinds = ", ".join(sorted(FILE_ENDINGS))
         raise InputError(f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
-    notify(f"{folder}: {digits.counted(len(taken), 'file')}" + (f"; {left} others left out" if left else ""))
+    notify(
+        f"{folder}: {digits.counted(len(taken), 'file')}"
+        + (f"; {digits.counted(left, 'other')} left out" if left else "")
+    )
     return taken

@@ -196,7 +196,9 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     document = shlex.quote(str(out / "result.json"))
     codes = [message.code for message in group.doubts]
     if group.verdict == "check_input" and len(shots) == 1:
-        return "the same command with what is asked for, or with --trust-input"
+        scale = any(message.code == "check_input.scale" for message in shots[0].warnings)
+        mended = "the right unit, --rmax-um or --fps" if scale else "what is asked for"
+        return f"the same command with {mended}" + ("" if scale else ", or --trust-input if all is right")
     if group.verdict == "failed" and len(shots) == 1:
         return "the same command, when this is mended"
     if "group.doubt.input" in codes or group.verdict == "failed":

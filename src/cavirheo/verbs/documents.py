@@ -35,11 +35,13 @@ def show(
 
     Of a network: what it answers, for which recordings, how well, and where its card is.
     """
-    from cavirheo.inference.cards import path_of
+    from cavirheo.inference.cards import shipped
     from cavirheo.loading import documents_in
 
-    if len(file.parts) == 1 and not file.suffix and not exists(file):
-        file = path_of(file.name)
+    if str(file) in shipped() and not exists(file):
+        file = shipped()[str(file)]
+    if file.suffix.lower() in (".html", ".htm"):
+        raise InputError(f"{file} is a report for a browser: give its folder, {file.parent}", "show.report")
     models = [path for path in file.glob("*.npz") if path.with_suffix(".json").is_file()]
     file = models[0] if len(models) == 1 else file  # the folder of a run of `train`
     network = file.suffix.lower() == ".npz" or (file.suffix == ".json" and file.with_suffix(".npz").is_file())
@@ -94,7 +96,7 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     if not curves:
         raise InputError(problems[0], "show.unreadable")
     console = terminal.console()
-    heads = ["shot", "R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
+    heads = ["shot", "R_max\nµm", "frame rate\nkHz", "frames with\na radius", "recorded\nµs", "collapses"]
     names = digits.distinct_names([curve.name for curve in curves])
     curves = [curve.labelled(name=name) for curve, name in zip(curves, names, strict=True)]
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
