@@ -9,7 +9,7 @@ from answers import NAMES, answer, bubble, sweeps_of, times_of, with_verdict
 from conftest import EXAMPLE, PROBLEM, done, refusal, rows_of
 from files import write_curve
 
-from cavirheo import loading, read_curves
+from cavirheo import CommonErrors, loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
 from cavirheo.inference.cards import card, path_of
 from cavirheo.reporting import result, screen, write_report
@@ -67,6 +67,18 @@ def test_a_group_has_at_most_ten_lines_beside_its_shots(count, most, monkeypatch
     assert len(lines) <= most
     assert max(map(len, lines)) <= 80
     assert lines[-1].startswith("next")
+
+
+def test_the_line_of_a_single_shot_has_the_errors_of_scale_rate_density_and_pressure():
+    """ln G changes by 20 times that of the scale, so that 1 % of the scale gives it a deviation of 20 %."""
+    ((curve, made),) = one_group(1)
+    made = replace(made, diagnostics=replace(made.diagnostics, modulus_over_scale=20.0))
+    errors = CommonErrors(0.0, 0.0, 0.0, 0.0), CommonErrors(0.01, 0.0, 0.0, 0.0)
+    exact, usual = (result([(curve, made)], "", errors=each).groups[0].population.shear_modulus_Pa for each in errors)
+    assert (exact.q05, exact.q95) == pytest.approx(made.interval("G"))
+    for alone, common in ((exact.q05, usual.q05), (exact.q95, usual.q95)):
+        of_both = np.hypot(np.log(alone / exact.median), 1.645 * 0.2)
+        assert abs(np.log(common / exact.median)) == pytest.approx(of_both, rel=1e-3)
 
 
 def test_it_is_said_what_is_bounded_what_the_shots_span_and_where_rows_say_otherwise(monkeypatch, capsys):

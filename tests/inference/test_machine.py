@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from conftest import WATER
 from scipy.stats import norm
+from threadpoolctl import threadpool_limits
 
 from cavirheo import Bubble, simulate
 from cavirheo.arrays import relative_weights
 from cavirheo.inference.answer import open_ends, trades
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import RADII, RATES, Bubbles, Camera, elastic_stress, emulator, mean_viscosity
+from cavirheo.inference.emulator import INPUTS, RADII, RATES, Bubbles, Camera, elastic_stress, emulator, mean_viscosity
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
     EMULATED,
@@ -41,6 +42,17 @@ def usual(law: str, count: int, rng: np.random.Generator) -> tuple[Family, np.nd
     family = Family(law)
     low, high = family.bounds(started=True).T
     return family, rng.uniform(low, high, (count, len(low)))
+
+
+def test_the_emulator_is_the_same_on_any_number_of_threads():
+    alone, on_all = [], []
+    for threads, found in ((1, alone), (None, on_all)):
+        emulator.cache_clear()
+        with threadpool_limits(threads):
+            made = emulator()
+        with threadpool_limits(1):
+            found.append(made.trajectories(np.zeros((1, INPUTS))))
+    assert np.array_equal(alone, on_all)
 
 
 @pytest.mark.parametrize("law", ELASTIC)

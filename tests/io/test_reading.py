@@ -288,8 +288,8 @@ def test_what_is_cleaned_is_counted(tmp_path):
 
 
 UNITS = {  # what is said of a radius of this unit and factor
-    "only makes sense in m": ("um", 1.0),
-    "only makes sense in mm": ("um", 1e3),
+    "write m into": ("um", 1.0),
+    "write mm into": ("um", 1e3),
     "looks like R/R_max": ("um", 1.0 / R_MAX),
     "in pixels": ("px", 1.0 / 2.76e-6),
 }
