@@ -75,6 +75,8 @@ def schema(kind: type[BaseModel]) -> Schema:
     classes = {one.__name__: one for one in known if isinstance(one, type)}
     for name, one in {kind.__name__: whole, **whole.get("$defs", {})}.items():
         one["description"], said = meanings(classes[name])
+        if name == "CurveRecord":  # its other fields are those of an answer
+            said = meanings(posterior.Posterior)[1] | meanings(posterior.Checks)[1] | said
         fields = getattr(classes[name], "model_fields", {})
         keys = {str(about.validation_alias or field): field for field, about in fields.items()}
         hidden = {key for key, field in keys.items() if fields[field].exclude}

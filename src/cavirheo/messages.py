@@ -72,7 +72,7 @@ def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
     """'either 0.026 to 0.033 Pa s in [1], [2] or below 0.020 in 12 shots' of heaps with `low`, `high` (SI), `shots`."""
     short = iter(digits.distinct_names([shot for heap in heaps for shot in heap.shots]))
     ends = [end for heap in heaps for end in (heap.low, heap.high) if end]
-    factor, unit = digits.unit_for(parameter_of(name).unit, max(ends))
+    _, factor, unit, _ = digits.shown(name, max(ends))
     parts: list[str] = []
     for heap in heaps:
         first, last = (digits.number(end, factor, 2) for end in (heap.low, heap.high))
@@ -130,14 +130,14 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
     symbol = parameter_of(name).symbol
     if bound == "undetermined":
         return f"the recording does not determine {symbol}: values all over the range that is searched follow it"
-    factor, unit = digits.unit_for(parameter_of(name).unit, q05 if bound == "lower" else q95)
-    low, high = (digits.significant(factor * end, 2) for end in (q05, q95))
+    shown = digits.shown(name, q05 if bound == "lower" else q95)
+    low, high = (digits.significant(shown.factor * end, 2) for end in (q05, q95))
     what, limits = {
         "upper": (f"an upper limit of {symbol} alone", f"below {high}"),
         "lower": (f"a lower limit of {symbol} alone", f"above {low}"),
         "wide": (f"{symbol} to a factor of more than 10 alone", f"from {low} to {high}"),
     }[bound]
-    return f"the recording gives {what}: any value {limits}{f' {unit}' if unit else ''} follows it as well"
+    return f"the recording gives {what}: any value {limits}{f' {shown.unit}'.rstrip()} follows it as well"
 
 
 def _traded(name: str, other: str, **_: Any) -> str:

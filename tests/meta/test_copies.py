@@ -62,6 +62,6 @@ def test_draws_of_a_population_are_a_table(held):
     material, drawn = held["population"], held["population"].to_dataframe()
     assert drawn["viscosity_Pa_s"].quantile([0.05, 0.95]).tolist() == pytest.approx(material.interval("mu"))
     assert drawn["viscosity_spread_decades"].median() == pytest.approx(material.scatter("viscosity")[1])
-    for method in ("to_dataframe", "to_arviz", "corner"):
+    for method in ("to_dataframe", "to_arviz"):
         with refused("population.no_draws"):
             getattr(held["empty population"], method)()

@@ -152,5 +152,5 @@ def answers(session: Session) -> str:
 def facts(session: Session, name: str) -> str:
     """All facts of the answer."""
     answers, *_, record = session.find_answer(name)
-    about = html.render_macro("about", record, *answers.document.modulus_unit)
+    about = html.render_macro("about", record, answers.document)
     return render("facts", record, about, parameter_key(record.other_parameters))

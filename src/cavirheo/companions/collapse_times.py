@@ -190,7 +190,7 @@ def print_table(document: CollapseTimes) -> None:
     """Print a row per group, then remarks on the groups."""
     console = terminal.console()
     estimates = [group.estimate for group in document.groups if group.estimate]
-    factor, unit = digits.modulus_unit(found.shear_modulus_Pa.largest for found in estimates)
+    _, factor, unit, _ = digits.shown("shear_modulus", *(found.shear_modulus_Pa.largest for found in estimates))
     heads = ["material", "n", "model", f"G (90 %)\n{unit}", "µ (90 %)\nPa s", "scatter\n% of t₁"]
     rows = []
     for who, group in zip(digits.distinct_names([each.name for each in document.groups]), document.groups, strict=True):

@@ -167,7 +167,7 @@ class Design(Document):
     def sentences(self) -> list[str]:
         """Lines of text on the next setting, and the number of shots."""
         setting, goal = self.settings[self.next], f"± {self.wanted_percent:g} % (90 %)"
-        law = " and ".join(digits.symbol_and_unit(name)[0] for name in setting.half_width_percent)
+        law = " and ".join(digits.shown(name).symbol for name in setting.half_width_percent)
         if setting.gain_nats < LEAST_GAIN:
             line = f"next: nothing: this rig cannot tell {law}, not even at its best, {setting.words}"
             return [line, f"{setting.readable:.0%} of the recordings there can be read"]
@@ -192,7 +192,7 @@ def half_width(percent: float | None) -> str:
 def print_table(document: Design) -> None:
     """Print a line per setting, then the recommended setting and the number of shots."""
     names = list(document.settings[0].half_width_percent)
-    symbols = [digits.symbol_and_unit(name)[0] for name in names]
+    symbols = [digits.shown(name).symbol for name in names]
     heads = ["R_max\nµm", "frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots", "gain\nnats"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
     rows = [

@@ -347,7 +347,7 @@ def shared_name(files: Sequence[Path]) -> str:
 def print_rheometry(document: Rheometry) -> None:
     """Print the sweeps, the values of the material, and the remarks."""
     console = terminal.console()
-    factor, unit = digits.modulus_unit(sweep.plateau_storage_Pa for sweep in document.sweeps)
+    _, factor, unit, _ = digits.shown("shear_modulus", *(sweep.plateau_storage_Pa for sweep in document.sweeps))
     heads = ["sweep", f"plateau G'\n{unit}", "over", "µ = G''/ω\nPa s"]
     rows = []
     for sweep in document.sweeps:

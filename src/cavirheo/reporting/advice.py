@@ -37,8 +37,8 @@ def answer_lines(
     facts = [message.text for message in group.facts if not (said and message.code == "group.left_out")]
     if facts:
         lines.append(("check", ["; ".join(facts)]))
-    if model := _model(group, shots):
-        lines.append(("model", [model]))
+    if group.has_answer and group.population.switches:
+        lines.append(("model", [model_in_words(group.population.switches)]))
     lines.append(("next", [next_step(result, group, shots, out)]))
     return lines
 
@@ -71,7 +71,7 @@ def _value_line(
     liquid = name == "shear_modulus" and _settled(group).get("liquid", False)
     if not value.known:
         return ["none: the material is a liquid"] if liquid else [], []
-    factor, unit = result.unit_of(name)
+    _, factor, unit, _ = result.shown(name)
     middle, interval = digits.value_parts(value, factor)
     if value.bound == "undetermined":
         return [interval], []
@@ -147,13 +147,6 @@ def _settled(group: GroupRecord) -> dict[str, bool]:
     return {name: on > 0.5 for name, on in switches.items() if max(on, 1.0 - on) > _SURE}
 
 
-def _model(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """The model of a group; whether its rows, which are each shot alone, say otherwise; "" for another law."""
-    model = model_in_words(group.population.switches) if group.has_answer else ""
-    rows = _rows_apart(group, shots) if model and len(shots) > 1 else ""
-    return f"{model}; {rows}" if rows else model
-
-
 def model_in_words(switches: Mapping[str, float]) -> str:
     """'gel 99 %, gel that stiffens 1 %; bubble: real (vapour condenses slowly) 100 %'; "" without switches."""
     parts = []
@@ -168,27 +161,6 @@ def model_in_words(switches: Mapping[str, float]) -> str:
 
 def _shares(probabilities: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in probabilities.items() if share >= 0.005)
-
-
-def _rows_apart(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """Which parameter of the group is above or below most rows, or which shots alone prefer another model than the
-    group has settled; "" if none. Rows are averages over the switches of their shots alone."""
-    counted = [shot for shot in shots if shot.trusted]
-    for name, symbol in SYMBOLS.items():
-        median = group.population.main(name).median
-        sides = [0 if median is None else shot.main(name).side_of(median) for shot in counted]
-        for side, word in ((1, "above"), (-1, "below")):
-            if sides.count(side) > DECIDING_SHARE * len(sides):
-                return f"{symbol} is {word} most rows, which are each shot alone"
-    settled = _settled(group)
-    short = digits.short_names([shot.name for shot in shots], digits.SHORT_NAME)
-    others = [
-        name
-        for name, shot in zip(short, shots, strict=True)
-        if shot.trusted and any((shot.switches.get(switch, on) > 0.5) != on for switch, on in settled.items())
-    ]
-    verb = "prefers" if len(others) == 1 else "prefer"
-    return f"{', '.join(others)} alone {verb} another model" if others else ""
 
 
 def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> str:

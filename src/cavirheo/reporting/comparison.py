@@ -61,7 +61,7 @@ def comparison_table(result: Result) -> tuple[list[str], list[list[str]]]:
     rows = []
     for group in result.groups:
         for name, method, value in _values(group):
-            symbol, factor, unit = digits.display_unit(name, result.modulus_unit)
+            symbol, factor, unit, _ = result.shown(name)
             if name not in MAIN_FIELDS:  # of a rheometer, at one angular frequency
                 symbol, unit = f"µ at {name.removeprefix('viscosity_at_').removesuffix('_rad_per_s')} rad/s", "Pa s"
             words = digits.spread(value, factor) if isinstance(value, Spread) else digits.quantity(value, factor)

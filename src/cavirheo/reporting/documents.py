@@ -149,26 +149,26 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
     if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
-    return CurveRecord(
-        **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
-        **{name: getattr(checks, name) for name in ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")},
-        **{name: getattr(posterior, name) for name in ("material", "method", "bubble", "medium", "evidence")},
-        max_radius_m=_value_or_none(curve, "max_radius"),
-        time_of_max_s=_value_or_none(curve, "time_of_max"),
-        strain_rate_per_s=_value_or_none(curve, "strain_rate"),
-        **CurveRecord.fields_of(values),
-        best={} if checks.reconstruction_time is None else {name: float(v) for name, v in posterior.best.items()},
-        window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
-        verdict=checks.verdict,
-        messages=[Sentence(code=message.code, text=message.text) for message in checks.messages],
-        notes=list(curve.notes),
-        column=dict(curve.column),
-        stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
-        seconds=finite(posterior.seconds) or 0.0,
-        switches=dict(posterior.switches),
-        diagnostics=json_data(posterior.diagnostics),
-        provenance=json_data(posterior.provenance),
-    )
+    owners = (curve, posterior, checks)
+    same = {name: getattr(owner, name) for owner in owners for name in CurveRecord.model_fields if hasattr(owner, name)}
+    differing: dict[str, Any] = {
+        "name": curve.name,
+        "max_radius_m": _value_or_none(curve, "max_radius"),
+        "time_of_max_s": _value_or_none(curve, "time_of_max"),
+        "strain_rate_per_s": _value_or_none(curve, "strain_rate"),
+        "best": {} if checks.reconstruction_time is None else posterior.best,
+        "window": Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
+        "messages": sentences(checks.messages),
+        "stretch_prior": {"mean": prior[0], "std": prior[1]} if prior else {},
+        "seconds": finite(posterior.seconds) or 0.0,
+        "diagnostics": json_data(posterior.diagnostics),
+        "provenance": json_data(posterior.provenance),
+    }
+    return CurveRecord(**{**same, **differing, **CurveRecord.fields_of(values)})
+
+
+def sentences(messages: Iterable[Message]) -> list[Sentence]:
+    return [Sentence(code=message.code, text=message.text) for message in messages]
 
 
 def _failed_if_invalid(posterior: Posterior) -> Posterior:
@@ -229,7 +229,7 @@ def group_record(
         population=population,
         systematic=systematic,
         verdict=_verdict(shots, doubts, population),
-        messages=[Sentence(code=message.code, text=message.text) for message in (*doubts, *facts)],
+        messages=sentences([*doubts, *facts]),
         verdicts=dict(Counter(record.verdict for record in members)),
     )
 
@@ -287,14 +287,11 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
 
 def _reason(doubted: Sequence[CurveRecord]) -> str:
     """The input warning that most of these shots have; of the first of them, if its numbers differ."""
-    names = digits.distinct_names([record.name for record in doubted])
-    shots = zip(names, doubted, strict=True)
-    warnings = [(name, message) for name, record in shots for message in record.warnings or record.messages]
+    warnings = [message for record in doubted for message in record.warnings or record.messages]
     if not warnings:
         return "see each shot"
-    code = Counter(message.code for _, message in warnings).most_common(1)[0][0]
-    name, text = next((name, message.text) for name, message in warnings if message.code == code)
-    return text if len({message.text for _, message in warnings if message.code == code}) == 1 else f"{name}: {text}"
+    code = Counter(message.code for message in warnings).most_common(1)[0][0]
+    return next(message.text for message in warnings if message.code == code)
 
 
 def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord) -> Verdict:
@@ -433,7 +430,7 @@ def slopes_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> s
         verb = _TREND_VERBS[slope.sign]
         if column == LOG_R_MAX and not slope.sign and max(-(slope.q05 or 0.0), slope.q95 or 0.0) < _MAX_FLAT_POWER:
             verb = "shows no change"
-        clauses.append(f"{digits.symbol_and_unit(name)[0]} {verb}, {digits.quantity(slope)}")
+        clauses.append(f"{digits.shown(name).symbol} {verb}, {digits.quantity(slope)}")
     return f"{along}: {'; '.join(clauses)}; the material is that at {place}"
 
 
@@ -478,8 +475,5 @@ def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:
 def _values_in_words(answer: Posterior) -> str:
     """'G 5.1 kPa (4.8 to 5.5), µ 0.021 Pa s (0.018 to 0.024), RMSE 1.2 %'."""
     values = {name: answer.quantity(name) for name in answer.parameters if is_law_parameter(name)}
-    words = []
-    for name, value in values.items():
-        factor, unit = digits.unit_for(parameter_of(name).unit, value.largest)
-        words.append(f"{parameter_of(name).symbol} {digits.quantity(value, factor, unit=unit)}")
+    words = [digits.shown(name, value.largest).named(value) for name, value in values.items()]
     return ", ".join([*words, f"RMSE {digits.percent(answer.checks.rmse_over_rmax)} %"])

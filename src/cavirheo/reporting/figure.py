@@ -39,7 +39,7 @@ def answer_figure(answer: Posterior) -> Figure:
     for axes, panel in zip(rows[:, 0], panels, strict=True):
         axes.set(xlim=(panel.x.low, panel.x.high), ylim=(panel.y.low, panel.y.high))
         axes.set_ylabel(panel.y.label, fontsize=7)
-        for layer in panel.layers:
+        for layer in panel.drawn:
             style = {"label": layer.name or "_", **_STYLES[layer.look]}
             if layer.shape == "area":
                 axes.fill(layer.x, layer.y, **style)

@@ -17,7 +17,6 @@ from cavirheo.reporting.comparison import comparison_key, comparison_table
 from cavirheo.reporting.record import LAW_HEADS, LAWS_TITLE, Result
 from cavirheo.reporting.table import meaning_of, parameter_key, parameters_of, shots_table
 from cavirheo.writing import digits
-from cavirheo.writing.document import Quantity
 
 _FUNCTIONS = (
     *(answer_lines, group_facts, model_in_words, shots_table, comparison_table, comparison_key),
@@ -59,7 +58,7 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
         finalize=_printable,
     )
     environment.globals.update({function.__name__: function for function in _FUNCTIONS})
-    environment.globals.update(digits=digits, VERDICT_STYLES=digits.VERDICT_STYLES, Quantity=Quantity)
+    environment.globals.update(digits=digits, VERDICT_STYLES=digits.VERDICT_STYLES)
     environment.globals.update(LAW_HEADS=LAW_HEADS, LAWS_TITLE=LAWS_TITLE)
     return environment.get_template(name)
 

@@ -17,8 +17,6 @@ from cavirheo.writing import digits
 
 RMAX = "Rₘₐₓ"
 MAX_DRAWN = 60  # most shots in one picture; of more every k-th is drawn
-_POINTS = 320  # most points of a line, and of the dots of a picture
-_GROUP_POINTS = 1600  # most dots of all shots in one picture; their lines have as many
 _LOG_DIGITS = ((1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), (1.0, 2.0, 3.0, 5.0), (1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 _NONE: Floats = np.empty(0)
 
@@ -63,7 +61,6 @@ class Layer:
         y: (n,) places.
         name: text in the key of the picture; "": none.
         tone: of the colour, from 0 (dark) to 1 (light); None: the colour of the look.
-        most: most points that are drawn.
         texts: of labels.
     """
 
@@ -73,13 +70,12 @@ class Layer:
     y: Floats
     name: str = ""
     tone: float | None = None
-    most: int = _POINTS
     texts: tuple[str, ...] = ()
 
 
-def _band(look: str, x: Floats, ends: Floats, name: str = "", tone: float | None = None, most: int = _POINTS) -> Layer:
+def _band(look: str, x: Floats, ends: Floats, name: str = "", tone: float | None = None) -> Layer:
     """The area between two lines `ends` (n, 2)."""
-    return Layer("area", look, np.append(x, x[::-1]), np.append(ends[:, 0], ends[::-1, 1]), name, tone, most)
+    return Layer("area", look, np.append(x, x[::-1]), np.append(ends[:, 0], ends[::-1, 1]), name, tone)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +88,10 @@ class Panel:
     title: str = ""
     note: str = ""
 
-    def layer(self, look: str) -> Layer:
-        """The first layer of this look, or an empty one."""
-        return next((layer for layer in self.layers if layer.look == look), Layer("dots", look, _NONE, _NONE))
+    @property
+    def drawn(self) -> list[Layer]:
+        """The layers that have points."""
+        return [layer for layer in self.layers if len(layer.x)]
 
 
 Points = Callable[[Floats, Floats], tuple[Floats, Floats]]
@@ -149,7 +146,6 @@ def curve_panels(curve: RadiusCurve, checks: Checks, method: str = "", what_if: 
         other, left = _simulation(points, what_if, "what-if", "sliders")
         layers.append(other)
         residuals.append(replace(left, shape="line", look="what-if"))
-    layers = [layer for layer in layers if len(layer.x)]
     note = "" if has_answer else "no answer: no line is drawn"
     if not measured.any():
         note = "no measured radius"
@@ -191,7 +187,7 @@ def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
     missing = time[np.isnan(radius) & within]
     layers = [Layer("dots", "outlier", time[outliers], radius[outliers], "stands out, kept")]
     layers.append(Layer("dots", "missing", missing, np.zeros(len(missing)), "no radius"))
-    return [replace(panel, layers=(*panel.layers, *(layer for layer in layers if len(layer.x))))]
+    return [replace(panel, layers=(*panel.layers, *layers))]
 
 
 def _simulation(points: Points, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
@@ -236,7 +232,6 @@ def all_curves_panel(curves: Sequence[tuple[RadiusCurve, Checks]], end: float | 
     darker for smaller R_max. Only the time scale of the checks is needed. Raises InputError: a curve has no R_max."""
     every = max(-(-len(curves) // MAX_DRAWN), 1)
     curves = curves[::every]
-    most = _GROUP_POINTS // max(len(curves), 1)
     sizes = np.array([curve.max_radius for curve, _ in curves])
     caption = f"{RMAX} {1e6 * np.nanmin(sizes):.0f} µm"
     caption += f" (dark) to {1e6 * np.nanmax(sizes):.0f} µm (light)" if np.ptp(sizes) else ""
@@ -247,15 +242,15 @@ def all_curves_panel(curves: Sequence[tuple[RadiusCurve, Checks]], end: float | 
         time, radius = checks.reconstruction_time, checks.reconstruction_radius
         if (predicted := predicted_radius(checks, curve)) is not None:
             time, ends = predicted
-            lines.append(_band("draws-shot", (time - start) / unit, ends / curve.max_radius, "", tone, most))
+            lines.append(_band("draws-shot", (time - start) / unit, ends / curve.max_radius, "", tone))
         elif time is not None and radius is not None:
-            lines.append(Layer("line", "shot", (time - start) / unit, radius / curve.max_radius, "", tone, most))
+            lines.append(Layer("line", "shot", (time - start) / unit, radius / curve.max_radius, "", tone))
         time = (curve.time - start) / unit
         some = (time >= -0.1) & (time <= (end or np.inf)) & np.isfinite(curve.radius)
         points = time[some], curve.radius[some] / curve.max_radius
-        dots.append(Layer("dots", "measured-shot", *points, "" if dots else caption, tone, most))
-    layers = tuple(layer for layer in (*lines, *dots) if len(layer.x))
-    last = end or max([1.0, *(float(layer.x.max()) for layer in layers)])
+        dots.append(Layer("dots", "measured-shot", *points, "" if dots else caption, tone))
+    layers = (*lines, *dots)
+    last = end or max([1.0, *(float(layer.x.max(initial=0.0)) for layer in layers)])
     x, y = Axis(f"t* = t √(p/ρ) / {RMAX}", -0.1, last), Axis(f"R / {RMAX}", 0.0, 1.06 * _largest(layers, 1.0))
     title = f"{y.label} over {x.label} of all shots: measured points, and the predictions of their answers"
     return Panel(x, y, layers, title)

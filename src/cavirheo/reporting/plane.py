@@ -4,20 +4,21 @@ darker for smaller R_max, as in the picture of all curves. A bound is an arrow a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.posterior import Posterior, weighted_quantile
-from cavirheo.reporting.documents import MATERIAL_CONSTANTS, Pairs
+from cavirheo.reporting.documents import Pairs
 from cavirheo.reporting.panels import MAX_DRAWN, Axis, Layer, Panel, all_curves_panel, tones_of
-from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
+from cavirheo.reporting.record import GroupRecord, Result
 from cavirheo.reporting.table import parameters_of
 from cavirheo.writing import digits
-from cavirheo.writing.document import Quantity, Spread
+from cavirheo.writing.document import Quantity
 
 _REGION_SHARE = 0.9  # share of the draws in a region
 _MIN_REGION_DRAWS = 10
@@ -28,21 +29,7 @@ _NAME = 14  # most letters of a name in a picture
 _KEY = {"region": "shot", "region-out": "not counted", "estimate": "shot", "arrow": "bound"}  # name of the first one
 _HEAD = np.array([[0.0, 0.0], [1.0, 0.0], [0.8, 0.12], [1.0, 0.0], [0.8, -0.12]])  # an arrow: along it, and across
 
-
-class _Parameter(NamedTuple):
-    """What an axis of the plane shows: a parameter, its factor from SI, and its label."""
-
-    name: str
-    factor: float
-    label: str
-
-    def ends(self, value: Quantity) -> tuple[float, float]:
-        """log10 of the ends of a value; infinite where there is no limit."""
-        if value.is_zero:
-            return -np.inf, -np.inf
-        low = None if value.bound in ("upper", "undetermined") else value.q05 or value.median
-        high = None if value.bound in ("lower", "undetermined") else value.q95 or value.median
-        return (np.log10(self.factor * low) if low else -np.inf), (np.log10(self.factor * high) if high else np.inf)
+Axes = dict[str, digits.Shown]  # of G and mu, by name
 
 
 class _Place(NamedTuple):
@@ -59,14 +46,37 @@ class _Place(NamedTuple):
     tone: float | None = None
 
     @property
-    def known(self) -> np.ndarray:
-        """(2,) whether anything is known of G and of mu."""
-        return np.isfinite(self.ends).any(axis=1) | (self.ends[:, 0] == self.ends[:, 1])
+    def known(self) -> bool:
+        """Whether anything is known of both G and mu."""
+        return bool(np.all(np.isfinite(self.ends).any(axis=1) | (self.ends[:, 0] == self.ends[:, 1])))
 
     @property
     def sides(self) -> np.ndarray:
         """(2,) -1 of an upper bound, 1 of a lower one, else 0."""
         return np.isposinf(self.ends[:, 1]).astype(int) - np.isneginf(self.ends[:, 0])
+
+    def limits(self, low: Floats, high: Floats) -> Floats:
+        """(2, 2) ends of what is drawn on axes with these ends (2,): of a bound its limit; of an unknown value the
+        whole axis."""
+        lower, upper = np.clip(self.ends, low[:, None], high[:, None]).T
+        ends = [np.where(self.sides < 0, upper, lower), np.where(self.sides > 0, lower, upper)]
+        return np.column_stack(ends)
+
+    def layers(self, low: Floats, high: Floats) -> list[Layer]:
+        """The region; a point if there are no intervals; of a bound an arrow from its limit into what it allows, and
+        the interval of the other value at the limit."""
+        x, y = self.limits(low, high)
+        tone = None if self.look == "region-out" else self.tone
+        if self.sides.any():
+            layers = [Layer("line", f"limit {self.look}", x, y, tone=tone)]
+            for k in np.flatnonzero(self.sides):
+                along, up = (self.sides[k] * _ARROW * np.roll(_HEAD, k, axis=1) * (high - low)).T
+                layers.append(Layer("line", f"arrow {self.look}", x.mean() + along, y.mean() + up, tone=tone))
+            return layers
+        if self.corners is None and np.all(self.ends[:, 0] == self.ends[:, 1]):
+            return [Layer("dots", "estimate", x[:1], y[:1], tone=self.tone)]
+        corners = np.array([x[[0, 1, 1, 0]], y[[0, 0, 1, 1]]]).T if self.corners is None else self.corners
+        return [Layer("area", self.look, corners[:, 0], corners[:, 1], tone=tone)]
 
 
 def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequence[int]) -> list[Panel]:
@@ -78,36 +88,40 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
     rows = [result.curves[i] for i in chosen]
     end = 1.1 * max([row.window.t_star_end or 1.0 for row in rows])
     curves = all_curves_panel([(pairs[i][0], pairs[i][1].checks) for i in members], end)
-    axes = _axes(rows, result.modulus_unit)
-    if len(axes) < 2:
+    known = parameters_of(rows)
+    names_of_axes = [name for name in ("shear_modulus", "viscosity", VISCOSITY_AT_RATE) if name in known][:2]
+    axes = {name: result.shown(name) for name in names_of_axes}
+    if len(axes) < 2 or "shear_modulus" not in axes:
         return [curves]
-    tones = tones_of(np.array([row.max_radius_m or np.nan for row in rows])).tolist()
+    tones = tones_of(np.array([row.max_radius_m or np.nan for row in rows]))
     shots = []
     for i, row, tone in zip(chosen, rows, tones, strict=True):
-        ends = np.array([axis.ends(row.value(axis.name)) for axis in axes])
+        ends = _ends([row.value(name) for name in axes], axes)
         corners = _region(pairs[i][1], axes) if np.all(np.isfinite(ends)) else None
-        look = "region" if row.trusted else "region-out"
-        shots.append(_Place(look, names[i], ends, corners, tone))
-    return [_plane([shot for shot in shots if shot.known.all()], _references(group, axes), axes), curves]
+        shots.append(_Place("region" if row.trusted else "region-out", names[i], ends, corners, float(tone)))
+    places = []
+    if group.population.has_material and not group.population.heaps:
+        places.append(_Place("material", "material", _ends([group.value(name) for name in axes], axes)))
+    for method, of in group.published.items():
+        values = [of[name].within_deviation if name in of else Quantity() for name in axes]
+        places.append(_Place("published", digits.elide(method.partition(",")[0], _NAME), _ends(values, axes)))
+    references = [place for place in places if np.isfinite(place.ends).any()]
+    return [_plane([shot for shot in shots if shot.known], references, axes), curves]
 
 
-def _axes(rows: Sequence[CurveRecord], unit: tuple[float, str]) -> list[_Parameter]:
-    known = parameters_of(rows)
-    upper = next((name for name in MATERIAL_CONSTANTS[:2] if name in known), "")
-    axes = []
-    for name in ("shear_modulus", upper):
-        if name in known:
-            symbol, factor, written = digits.display_unit(name, unit)
-            axes.append(_Parameter(name, factor, f"{symbol} ({written})"))
-    return axes
+def _ends(values: Iterable[Quantity], axes: Axes) -> Floats:
+    """(2, 2) log10 of the ends of G and mu in the units of the axes; infinite where there is no limit."""
+    factors = np.array([[shown.factor] for shown in axes.values()])
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log10(factors * np.array([value.limits for value in values])))
 
 
-def _region(answer: Posterior, axes: Sequence[_Parameter]) -> Floats | None:
+def _region(answer: Posterior, axes: Axes) -> Floats | None:
     """(n, 2) corners of the ellipse that holds 90 % of the draws; None of a point answer, or of a value that is not
     among the draws."""
-    if not {axis.name for axis in axes} <= set(answer.parameters):
+    if not axes.keys() <= answer.parameters.keys():
         return None
-    values = np.stack([answer.draws(axis.name) * axis.factor for axis in axes], axis=-1)
+    values = np.stack([answer.draws(name) * shown.factor for name, shown in axes.items()], axis=-1)
     positive = np.all(values > 0.0, axis=1)
     weights = answer.weights[positive]
     if len(weights) < _MIN_REGION_DRAWS or not weights.sum() > 0.0:
@@ -121,46 +135,26 @@ def _region(answer: Posterior, axes: Sequence[_Parameter]) -> Floats | None:
     return np.asarray(middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1) @ root.T)
 
 
-def _references(group: GroupRecord, axes: Sequence[_Parameter]) -> list[_Place]:
-    """The material and the values of other methods, where one of two values is known."""
-    places = list[_Place]()
-    if group.population.has_material and not group.population.heaps:
-        ends = np.array([axis.ends(group.value(axis.name)) for axis in axes])
-        places.append(_Place("material", "material", ends))
-    for method, values in group.published.items():
-        ends = np.array([axis.ends(_within_deviation(values.get(axis.name, Spread()))) for axis in axes])
-        places.append(_Place("published", digits.elide(method.partition(",")[0], _NAME), ends))
-    return [place for place in places if place.known.any()]
-
-
-def _within_deviation(value: Spread) -> Quantity:
-    """Mean ± standard deviation."""
-    if value.mean is None:
-        return Quantity()
-    std = value.std or 0.0
-    return Quantity(median=value.mean, q05=max(value.mean - std, 0.1 * value.mean), q95=value.mean + std)
-
-
-def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Sequence[_Parameter]) -> Panel:
-    across, up = (_axis(axis.label, k, [*shots, *references]) for k, axis in enumerate(axes))
+def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Axes) -> Panel:
+    across, up = (_axis(shown, k, [*shots, *references]) for k, shown in enumerate(axes.values()))
     low, high = np.array([[across.low, up.low], [across.high, up.high]])
     layers, labels = list[Layer](), list[Layer]()
     for place in shots:
-        layers += _layers(place, low, high)
+        layers += place.layers(low, high)
         beside = " beside" if place.corners is None else ""
         outside = "" if place.look == "region" else " outside"
-        x, y = _limits(place, low, high).mean(axis=1, keepdims=True)
+        x, y = place.limits(low, high).mean(axis=1, keepdims=True)
         labels.append(Layer("labels", f"shot-name{beside}{outside}", x, y, texts=(place.name,)))
     names = dict(_KEY)
     layers = [replace(layer, name=names.pop(layer.look.split()[0], "")) for layer in layers]
     for place in references:
-        first, *arrows = _layers(place, low, high)
+        first, *arrows = place.layers(low, high)
         layers += [replace(first, name=place.name), *arrows]
     title = f"{up.label} over {across.label}: the 90 % region of each shot, and that of the material"
     return Panel(across, up, (*layers, *labels), title)
 
 
-def _axis(label: str, k: int, places: Sequence[_Place]) -> Axis:
+def _axis(shown: digits.Shown, k: int, places: Sequence[_Place]) -> Axis:
     """A logarithmic axis around these places: the first or the second one of the plane."""
     ends = [place.ends[k] for place in places]
     ends += [place.corners[:, k] for place in places if place.corners is not None]
@@ -169,29 +163,4 @@ def _axis(label: str, k: int, places: Sequence[_Place]) -> Axis:
     low, high = (float(limits.min()), float(limits.max())) if len(limits) else (0.0, 0.0)
     missing = 0.5 * max(_LEAST_DECADES - (high - low), 0.0)
     margin = missing + (_MARGIN + _ARROW) * (high - low + 2.0 * missing)
-    return Axis(label, low - margin, high + margin, log=True)
-
-
-def _limits(place: _Place, low: Floats, high: Floats) -> Floats:
-    """(2, 2) ends of what is drawn of a place on axes with these ends (2,): of a bound its limit; of an unknown value
-    the whole axis."""
-    lower, upper = np.clip(place.ends, low[:, None], high[:, None]).T
-    return np.column_stack([np.where(place.sides < 0, upper, lower), np.where(place.sides > 0, lower, upper)])
-
-
-def _layers(place: _Place, low: Floats, high: Floats) -> list[Layer]:
-    """The region of a place; a point of one without intervals; of a bound an arrow from its limit into what it allows,
-    and the interval of the other value at the limit."""
-    tone = None if place.look == "region-out" else place.tone
-    x, y = _limits(place, low, high)
-    if place.sides.any():
-        layers = [Layer("line", f"limit {place.look}", x, y, tone=tone)]
-        for k in np.flatnonzero(place.sides):
-            along, up = (place.sides[k] * _ARROW * np.roll(_HEAD, k, axis=1) * (high - low)).T
-            layers.append(Layer("line", f"arrow {place.look}", x.mean() + along, y.mean() + up, tone=tone))
-        return layers
-    if place.corners is not None:
-        return [Layer("area", place.look, place.corners[:, 0], place.corners[:, 1], tone=tone)]
-    if x[0] == x[1] and y[0] == y[1]:
-        return [Layer("dots", "estimate", x[:1], y[:1], tone=place.tone)]
-    return [Layer("area", place.look, x[[0, 1, 1, 0]], y[[0, 0, 1, 1]], tone=tone)]
+    return Axis(f"{shown.symbol} ({shown.unit})", low - margin, high + margin, log=True)

@@ -135,41 +135,27 @@ class Sentence(Record):
 
 class CurveRecord(ParameterValues):
     """The answer for one curve. If the verdict is "failed", all values of the answer are null, and `messages` say why.
+    Fields that are not described here are those of a `Posterior` and its `Checks`.
 
     Attributes:
         name: name of the curve.
         source: file of the curve, as it was given.
         group: name of the group to which the shot belongs.
         group_source: file or folder whose shots form the group.
-        material: name of the law.
         bubble: model of the bubble; each of its parameters is a number or "free" (inferred).
         max_radius_m: R_max, m.
         time_of_max_s: time of R_max on the clock of the file, s.
         strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
-        medium: constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older
-            version.
-        switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening" and "field_bubble";
-            left out for other laws.
-        method: method of the answer: "bdt", "verified" or "least_squares".
         stretch: R_max/R_0, inferred, fitted or given.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         other_parameters: further parameters by natural name, SI: those inferred besides G, mu and the stretch, those
             given for the bubble, and the viscosity at a shear rate of 1e5 1/s if the law has no constant viscosity.
         best: parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the
             stretch, and the corrections of the clock, the radius scale and R_max. They are not the medians.
-        mae_over_rmax: mean absolute difference between measured and simulated radius, over R_max.
-        max_difference_over_rmax: largest absolute difference between measured and simulated radius, over R_max.
         window: the window in which frames were compared.
-        verdict: "ok", or what is wrong (docs/method/verdicts.md).
-        messages: reasons for the verdict, and other remarks; input warnings first.
         notes: what was recognised, converted or left out when the file was read.
-        seconds: wall time of the computation, s.
-        evidence: evidence of the law; null where the method gives none.
-        diagnostics: how the answer was computed.
         column: title and value of the column declared by the user; left out where there is none.
         stretch_prior: "mean" and "std" of the normal prior of the stretch, from the file or the late plateau; left out
             where there is no such prior.
-        provenance: model, settings, versions and hash of the source, as a record for readers; its keys may change.
     """
 
     name: str
@@ -238,7 +224,7 @@ class CurveRecord(ParameterValues):
         words = []
         for name, value in self.best.items():
             if value is not None and value != _NEUTRAL_VALUES.get(name, 0.0):
-                symbol, factor, unit = digits.display_unit(name, digits.modulus_unit([value]))
+                symbol, factor, unit, _ = digits.shown(name, value)
                 words.append(f"{symbol} = {digits.significant(factor * value, 4)} {unit}".rstrip())
         return f"{digits.simulation_name(self.method)}: {', '.join(words)}" if words else ""
 
@@ -350,7 +336,7 @@ class MaterialRatio(Record):
         higher = self.probability_higher
         way, probability = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
         probable = "> 0.99" if probability > 0.99 else f"{probability:.2f}"
-        ratio = f"{digits.symbol_and_unit(self.parameter)[0]} {digits.quantity(self.ratio)}"
+        ratio = f"{digits.shown(self.parameter).symbol} {digits.quantity(self.ratio)}"
         return f"{self.first} over {self.second}: {ratio}, {way} with probability {probable}"
 
 
@@ -427,6 +413,12 @@ class PublishedValue(Spread):
 
     source: str = ""
     _omitted_if_empty = ("source",)
+
+    @property
+    def within_deviation(self) -> Quantity:
+        """The mean between the ends of its standard deviation, of which the lower one is above 0."""
+        mean, std = self.mean or 0.0, self.std or 0.0
+        return Quantity(median=mean, q05=max(mean - std, 0.1 * mean), q95=mean + std)
 
 
 Published = Mapping[str, Mapping[str, PublishedValue]]  # by method and parameter, SI
@@ -507,19 +499,14 @@ class Result(Document):
             raise ValueError("its groups are not those of its curves")
         return self
 
-    @property
-    def modulus_unit(self) -> tuple[float, str]:
-        """(factor from Pa, name) of the unit of G in all tables and pictures of this document."""
-        return digits.modulus_unit(curve.shear_modulus_Pa.largest for curve in self.curves)
+    def shown(self, name: str) -> digits.Shown:
+        """How a parameter is shown in all tables and pictures of this document: a modulus in one unit."""
+        return digits.shown(name, *(curve.shear_modulus_Pa.largest for curve in self.curves))
 
     @property
     def parameters(self) -> list[str]:
         """Names of the parameters that were inferred, or given for the bubble, without G, mu and the stretch."""
         return list(dict.fromkeys(name for curve in self.curves for name in curve.other_parameters))
-
-    def unit_of(self, name: str) -> tuple[float, str]:
-        """(factor from SI, name) of the unit of G ("shear_modulus") or mu ("viscosity")."""
-        return self.modulus_unit if name == "shear_modulus" else (1.0, "Pa s")
 
     def to_dataframe(self) -> Any:
         """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from cavirheo.posterior import TRUSTED
@@ -75,11 +75,8 @@ def print_all(result: Result, *, out: Path = Path()) -> None:
 def print_line(record: CurveRecord) -> None:
     """Print an answer in one line, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa (5.9 to 7.0), µ 0.029 Pa
     s (0.026 to 0.033), λ 6.1 (5.9 to 6.3), R_max 152 µm, RMSE 1.2 %'."""
-    unit = digits.modulus_unit([record.shear_modulus_Pa.largest])
-    values = [("G", record.shear_modulus_Pa, *unit), ("µ", record.viscosity, 1.0, "Pa s"), ("λ", record.stretch, 1, "")]
-    parts = [
-        f"{symbol} {digits.quantity(value, scale, unit=name)}" for symbol, value, scale, name in values if value.known
-    ]
+    values = {name: record.main(name) for name in (*SYMBOLS, "stretch")}
+    parts = [digits.shown(name, value.largest).named(value) for name, value in values.items() if value.known]
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
     line = f"  {record.name}: {', '.join(parts) if record.has_answer else record.message}"
     _print([(record.verdict_in_words, digits.VERDICT_STYLES[record.verdict].terminal), (line, "")])
@@ -108,25 +105,14 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collecti
         verdicts = Counter(shot.verdict_in_words for shot in hidden).most_common()
         words = ", ".join(f"{count} {verdict}" for verdict, count in verdicts)
         _say("", f"{digits.counted(len(hidden), 'more shot')}: {words} (--all shows them)")
-        if ranges := "; ".join(_ranges(result, [shot for shot in shots if shot.trusted])):
-            _say("", f"of those that count: {ranges}", most=2)
-
-
-def _ranges(result: Result, shots: Sequence[CurveRecord]) -> Iterator[str]:
-    """'G 2.0 to 10 kPa in 5, below 3.1 kPa in 7; µ 0.0042 to 0.035 Pa s' of shots."""
-    for name, symbol in SYMBOLS.items():
-        factor, unit = result.unit_of(name)
-        values = [shot.main(name) for shot in shots]
-        medians = [value.median for value in values if value.median is not None]
-        parts = [(digits.ends(medians, factor, 2), len(medians)), ("0", sum(value.is_zero for value in values))]
-        for side, bound, farthest in (("below", "upper", max), ("above", "lower", min)):
-            limits = [value.largest or 0.0 for value in values if value.bound == bound and not value.is_zero]
-            parts.append((f"{side} {digits.number(farthest(limits, default=0.0), factor, 2)}", len(limits)))
-        words = [
-            f"{numbers} {unit}" + (f" in {count}" if count < len(shots) else "") for numbers, count in parts if count
-        ]
-        if words:
-            yield f"{symbol} {', '.join(words)}"
+        ranges = []
+        for name in SYMBOLS:
+            shown = result.shown(name)
+            medians = [shot.main(name).median for shot in shots if shot.trusted]
+            if ends := digits.ends(medians, shown.factor, 2):
+                ranges.append(f"{shown.symbol} {ends} {shown.unit}")
+        if ranges:
+            _say("", f"values of those that count: {'; '.join(ranges)}")
 
 
 def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[str]) -> None:

@@ -18,6 +18,8 @@ PX = 4  # SVG units per pixel
 SIZE = (480.0, 300.0)  # px of a picture as the report shows it
 SHOT_SIZE = (380.0, 218.0)  # px of the picture of a shot among others
 GROUP_SIZE = (400.0, 340.0)  # px of each of the two pictures of a group
+_POINTS = 8000  # most points of a panel
+_LAYER_POINTS = 320  # most points of one of its layers
 _LEFT, _RIGHT, _BOTTOM = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
 _ROW = 17 * PX  # height of a line of text
 _TONES = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]])  # dark blue, grey, yellow: grey prints keep the order
@@ -44,57 +46,46 @@ class Frame:
     width: int
     height: int
 
-    def place(self, x: Any, y: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Points in whole units of the picture."""
-        along, up = self.panel.x, self.panel.y
-        across = self.left + self.width * (np.asarray(x, dtype=float) - along.low) / (along.high - along.low)
-        down = self.top + self.height * (up.high - np.asarray(y, dtype=float)) / (up.high - up.low)
-        return np.rint(across).astype(int), np.rint(down).astype(int)
+    def across(self, x: Any) -> Floats:
+        """Places on the axis `x` in units of the picture."""
+        axis = self.panel.x
+        return self.left + self.width * (np.asarray(x, dtype=float) - axis.low) / (axis.high - axis.low)
+
+    def down(self, y: Any) -> Floats:
+        """Places on the axis `y` in units of the picture."""
+        axis = self.panel.y
+        return self.top + self.height * (axis.high - np.asarray(y, dtype=float)) / (axis.high - axis.low)
 
     @property
-    def columns(self) -> list[tuple[int, str]]:
-        """(place, number) of each tick of `x`."""
-        ticks = self.panel.x.ticks(max(self.width // (55 * PX), 2))
-        return [(int(self.place(place, self.panel.y.low)[0]), number) for place, number in ticks]
-
-    @property
-    def rows(self) -> list[tuple[int, str]]:
-        """(place, number) of each tick of `y`."""
-        ticks = self.panel.y.ticks(max(self.height // (36 * PX), 4))
-        return [(int(self.place(self.panel.x.low, place)[1]), number) for place, number in ticks]
+    def ticks(self) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+        """(place, number) of each tick of `x` and of `y`."""
+        columns = self.panel.x.ticks(max(self.width // (55 * PX), 2))
+        rows = self.panel.y.ticks(max(self.height // (36 * PX), 4))
+        across = [(round(float(self.across(place))), number) for place, number in columns]
+        return across, [(round(float(self.down(place))), number) for place, number in rows]
 
     @property
     def paths(self) -> Iterator[tuple[str, str, str]]:
         """(look, path, colour) of each layer."""
-        for layer in self.panel.layers:
-            if layer.shape != "labels" and (path := self._path(layer)):
+        layers = [layer for layer in self.panel.drawn if layer.shape != "labels"]
+        most = min(_LAYER_POINTS, _POINTS // max(len(layers), 1))
+        for layer in layers:
+            if path := self._path(layer, most):
                 yield layer.look, path, "" if layer.tone is None else _colour_of(layer.tone)
 
-    def _path(self, layer: Layer) -> str:
-        """Path with a dot for each point, or for every k-th if there are too many; or of the parts of a line."""
+    def _path(self, layer: Layer, most: int) -> str:
+        """Path with a dot for each point, or for every k-th of more than `most`; or of the parts of a line."""
+        across, down = self.across(layer.x), self.down(layer.y)
         if layer.shape == "dots":
-            every = max(-(-len(layer.x) // layer.most), 1)
-            steps = _steps(*self.place(layer.x[::every], layer.y[::every]))
-            return f"M{'zm'.join(steps)}z" if steps else ""
+            every = max(-(-len(across) // most), 1)
+            return f"M{'zm'.join(_steps(across[::every], down[::every]))}z"
         finite = np.flatnonzero(np.isfinite(layer.y))
-        parts = np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1)
         path = ""
-        for part in parts if len(finite) else []:
-            some = part[self._thin(layer.x[part], layer.y[part], layer.most)]
-            first, *steps = _steps(*self.place(layer.x[some], layer.y[some]))
+        for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else []:
+            some = part[_thinned(across[part], down[part], most)]
+            first, *steps = _steps(across[some], down[some])
             path += f"M{first}l{' '.join(steps)}"
         return f"{path}z" if layer.shape == "area" else path
-
-    def _thin(self, x: Floats, y: Floats, most: int) -> np.ndarray:
-        """Indices of `most` points evenly along a line, and of as many of its turns, so that a collapse stays sharp."""
-        if len(x) <= most:
-            return np.arange(len(x))
-        width, height = (axis.high - axis.low for axis in (self.panel.x, self.panel.y))
-        steps = np.hypot(np.diff(x / width), np.diff(y / height))
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        even = np.searchsorted(along, np.linspace(0.0, along[-1], most))
-        turns = np.flatnonzero(np.diff(np.sign(np.diff(y))) != 0) + 1
-        return np.union1d(np.minimum(even, len(x) - 1), turns[:most])
 
     @property
     def names(self) -> Iterator[tuple[str, int, int, str]]:
@@ -104,7 +95,7 @@ class Frame:
         taken = list[tuple[float, float, float]]()  # middle and half a width of each name
         for layer in self.panel.layers:
             around = _AROUND[1:] if "beside" in layer.look else _AROUND
-            for across, down, text in zip(*self.place(layer.x, layer.y), layer.texts, strict=False):
+            for across, down, text in zip(self.across(layer.x), self.down(layer.y), layer.texts, strict=False):
                 half = 0.5 * _LETTER * len(text)
                 for aside, below in around:
                     x, y = float(across + aside * (half + 2 * PX)), float(down + below * _LINE)
@@ -121,7 +112,7 @@ def picture(panels: Sequence[Panel], size: tuple[float, float] = SIZE, *, with_k
     from cavirheo.reporting.html import template
 
     width, height = (round(PX * side) for side in size)
-    named = [layer for layer in panels[0].layers if layer.name and with_key]
+    named = [layer for layer in panels[0].drawn if layer.name and with_key]
     if size[0] <= SIZE[0]:  # there is no room
         named = [layer for layer in named if layer.look != "outside"]
     top = (2 if named or panels[0].note else 1) * _ROW + 2 * PX
@@ -134,13 +125,23 @@ def picture(panels: Sequence[Panel], size: tuple[float, float] = SIZE, *, with_k
     return Markup(template("picture.svg").render(frames=frames, key=key, width=width, height=height, px=PX))
 
 
+def _thinned(x: Floats, y: Floats, most: int) -> np.ndarray:
+    """Indices of points evenly along a line, and of as many of its turns, so that a collapse stays sharp."""
+    if len(x) <= most:
+        return np.arange(len(x))
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    even = np.searchsorted(along, np.linspace(0.0, along[-1], most))
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(y))) != 0) + 1
+    return np.union1d(np.minimum(even, len(x) - 1), turns[:most])
+
+
 def _colour_of(tone: float) -> str:
     """The colour of a tone from 0 (dark) to 1 (light)."""
     red, green, blue = (round(float(np.interp(tone, [0.0, 0.5, 1.0], stops))) for stops in _TONES.T)
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
-def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
-    """Coordinates of the first point, then of the steps from point to point, in as few letters as SVG allows."""
-    x, y = np.diff(across, prepend=0).tolist(), np.diff(down, prepend=0).tolist()
+def _steps(across: Floats, down: Floats) -> list[str]:
+    """Whole coordinates of the first point, then steps from point to point, in as few letters as SVG allows."""
+    x, y = (np.diff(np.rint(places).astype(int), prepend=0).tolist() for places in (across, down))
     return [f"{a}{b}" if b < 0 else f"{a} {b}" for a, b in zip(x, y, strict=True)]

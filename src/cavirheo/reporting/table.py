@@ -22,42 +22,44 @@ def shots_table(
     result: Result, shots: Sequence[CurveRecord], names: Sequence[str]
 ) -> tuple[list[str], list[list[str]]]:
     """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval."""
-    factor, unit = result.modulus_unit
+    G = result.shown("shear_modulus")
     has_rate = any(shot.viscosity.known and not shot.viscosity_Pa_s.known for shot in shots)
-    viscosity = f"{digits.symbol_and_unit(VISCOSITY_AT_RATE)[0] if has_rate else 'µ'} Pa s"
-    heads = ["shot", "R_max µm", "λ", f"G {unit}", digits.SURE, viscosity, digits.SURE, "RMSE %", "verdict"]
+    mu = result.shown(VISCOSITY_AT_RATE if has_rate else "viscosity")
+    heads = ["shot", "R_max µm", "λ"]
+    for shown in (G, mu):
+        heads += [f"{shown.symbol} {shown.unit}", digits.SURE]
+    heads += ["RMSE %", "verdict"]
     rows = []
     for name, shot in zip(names, shots, strict=True):
         stretch, bound = digits.value_parts(shot.stretch)
         if shot.stretch.median is not None:
             stretch, bound = digits.number(shot.stretch.median), ""
-        values = *digits.value_parts(shot.shear_modulus_Pa, factor), *digits.value_parts(shot.viscosity)
-        rmse = digits.number(shot.rmse_over_rmax, 100.0)
-        size = digits.micrometres(shot.max_radius_m)
+        size, rmse = digits.micrometres(shot.max_radius_m), digits.number(shot.rmse_over_rmax, 100.0)
+        values = *G.parts(shot.shear_modulus_Pa), *mu.parts(shot.viscosity)
         rows.append([name, size, stretch or bound, *values, rmse, shot.verdict_in_words])
     return heads, rows
 
 
 def parameters_table(result: Result, names: Sequence[str]) -> tuple[list[str], list[list[str]]]:
     """(heads, rows) of the other parameters of all shots, which are called by these names, but not of the camera's."""
-    units = {name: digits.display_unit(name) for name in result.parameters if name not in (*CAMERA, VISCOSITY_AT_RATE)}
-    heads = ["shot", *(f"{symbol}\n{unit}".strip() for symbol, _, unit in units.values())]
-    rows = []
-    for name, shot in zip(names, result.curves, strict=True):
-        if any(each in shot.other_parameters for each in units):
-            values = [digits.quantity(shot.value(each), factor) for each, (_, factor, _) in units.items()]
-            rows.append([name, *values])
+    columns = {name: digits.shown(name) for name in result.parameters if name not in (*CAMERA, VISCOSITY_AT_RATE)}
+    heads = ["shot", *(f"{shown.symbol}\n{shown.unit}".strip() for shown in columns.values())]
+    rows = [
+        [name, *(digits.quantity(shot.value(each), shown.factor) for each, shown in columns.items())]
+        for name, shot in zip(names, result.curves, strict=True)
+        if not columns.keys().isdisjoint(shot.other_parameters)
+    ]
     return heads, rows
 
 
 def meaning_of(name: str) -> str:
     """Unit and meaning of a parameter of the bubble, 'no unit; confinement damping: ...'; "" for any other one."""
-    return f"{digits.symbol_and_unit(name)[1] or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
+    return f"{digits.shown(name).si or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
 
 
 def parameter_key(names: Iterable[str]) -> list[str]:
     """Lines below a table: what its parameters of the bubble mean, and which are not properties of the material."""
-    meanings = {digits.symbol_and_unit(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
+    meanings = {digits.shown(name).symbol: (name, meaning) for name in names if (meaning := meaning_of(name))}
     symbols = [symbol for symbol, (name, _) in meanings.items() if not name.startswith("damage")]
     end = [f"{', '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
     return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
@@ -75,7 +77,7 @@ def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number). A
     bound has no median, so that a mean of medians is one of values."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
-    columns = {name: column_name(name, digits.symbol_and_unit(name)[1]) for name in (*first, *further)}
+    columns = {name: column_name(name, digits.shown(name).si) for name in (*first, *further)}
     head = ["name", "group", "source", "material", "method", "max_radius_m"]
     head += [columns[name] + end for name in first for end in _ENDS.values()]
     head += ["rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]

@@ -50,14 +50,39 @@ NO_BREAK = "\u00a0"
 _SIDES = {"upper": "below", "lower": "above"}  # by bound: on which side of the limit the value lies
 
 
-def modulus_unit(moduli: Iterable[float | None]) -> tuple[float, str]:
-    """(factor from Pa, name) of one unit for a whole table or picture, so that its rows can be compared by eye."""
-    return (1e-3, "kPa") if max((G for G in moduli if G is not None), default=1e3) >= 1e3 else (1.0, "Pa")
+class Shown(NamedTuple):
+    """How values of a parameter are shown: its symbol, the factor from SI, the unit, and that of SI ("": none)."""
+
+    symbol: str
+    factor: float
+    unit: str
+    si: str
+
+    def parts(self, value: Quantity) -> tuple[str, str]:
+        """(value, interval), as `value_parts`."""
+        return value_parts(value, self.factor)
+
+    def words(self, value: Quantity) -> str:
+        """The value with its unit, as `quantity`."""
+        return quantity(value, self.factor, unit=self.unit)
+
+    def named(self, value: Quantity) -> str:
+        """'G 6.1 kPa (5.4 to 6.9)'."""
+        return f"{self.symbol} {self.words(value)}"
 
 
-def unit_for(unit: str, value: float | None) -> tuple[float, str]:
-    """(factor from SI, name) of the unit of a value in a sentence: Pa or kPa of a modulus; "" if dimensionless."""
-    return modulus_unit([value]) if unit == "Pa" else (1.0, "" if unit == "1" else unit)
+def shown(name: str, *moduli: float | None) -> Shown:
+    """How a parameter is shown; an unknown one by its name, without a unit. moduli: those (SI) of a whole table or
+    picture, whose largest one decides between Pa and kPa, so that its rows can be compared by eye."""
+    from cavirheo.parameters import parameter_of  # imports numpy, which takes longer than a help page
+
+    try:
+        symbol, si, *_ = parameter_of(name)
+    except KeyError:
+        symbol, si = name, "1"
+    modulus = (1e-3, "kPa") if max((G for G in moduli if G is not None), default=0.0) >= 1e3 else (1.0, "Pa")
+    factor, unit = {"Pa": modulus, "s": (1e6, "µs"), "1": (1.0, "")}.get(si, (1.0, si))
+    return Shown(symbol, factor, unit, "" if si == "1" else si)
 
 
 def value_parts(value: Quantity, factor: float = 1.0) -> tuple[str, str]:
@@ -118,23 +143,6 @@ def significant(value: float, count: int = 3) -> str:
         return f"{value:.{count - 1}e}"
     rounded = float(f"{value:.{count - 1}e}")  # 9.996 is 10.0, not 10.00
     return f"{rounded:.{max(count - 1 - floor(log10(abs(rounded))), 0)}f}"
-
-
-def symbol_and_unit(name: str) -> tuple[str, str]:
-    """Symbol and unit of a parameter, "" if it is dimensionless; (name, "") for an unknown name."""
-    from cavirheo.parameters import parameter_of  # imports numpy, which takes longer than a help page
-
-    try:
-        symbol, unit, *_ = parameter_of(name)
-    except KeyError:
-        return name, ""
-    return symbol, "" if unit == "1" else unit
-
-
-def display_unit(name: str, modulus: tuple[float, str] = (1.0, "Pa")) -> tuple[str, float, str]:
-    """(symbol, factor from SI, unit for display) of a parameter. modulus: factor and unit for display of moduli."""
-    symbol, unit = symbol_and_unit(name)
-    return symbol, *{"Pa": modulus, "s": (1e6, "µs")}.get(unit, (1.0, unit))
 
 
 def counted(count: int, what: str) -> str:

@@ -18,7 +18,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import chain
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from stat import S_ISREG
 from tempfile import TemporaryFile
@@ -137,15 +137,17 @@ class Quantity(Record):
         return self.q95 == 0.0
 
     @property
-    def width(self) -> float:
-        """Difference of the ends of the interval; 0 without one."""
-        return (self.q95 or 0.0) - (self.q05 or 0.0)
+    def limits(self) -> tuple[float, float]:
+        """The ends between which the value lies: 0 and infinity where there is no limit; twice a point answer."""
+        low = None if self.bound in ("upper", "undetermined") else self.q05 or self.median
+        high = None if self.bound in ("lower", "undetermined") else self.median if self.q95 is None else self.q95
+        return low or 0.0, inf if high is None else high
 
-    def side_of(self, value: float) -> int:
-        """1 of a value above the interval or the limit, -1 of one below, else 0."""
-        above = self.q95 is not None and self.bound not in ("lower", "undetermined") and value > self.q95
-        below = self.q05 is not None and self.bound not in ("upper", "undetermined") and value < self.q05
-        return int(above) - int(below)
+    @property
+    def width(self) -> float:
+        """Difference of these ends."""
+        low, high = self.limits
+        return high - low
 
     @property
     def sign(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import erf, expit
@@ -17,11 +17,8 @@ from cavirheo.messages import Message
 from cavirheo.parameters import Bound, column_name, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence, Heap, check_level, upper_limit
-from cavirheo.writing import digits, export, plots
+from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _EMPTY = np.empty((0, 0))
 HARDLY = 0.03  # decades: shots that scatter by less hardly scatter
@@ -206,12 +203,12 @@ class Population:
         return [*(message.text for message in said), *warnings]
 
     def _value(self, name: str) -> str:
-        value, parameter = self.quantity(name), parameter_of(name)
-        factor, unit = digits.unit_for(parameter.unit, value.largest)
+        value = self.quantity(name)
+        shown = digits.shown(name, value.largest)
         if value.bound:
-            return f"{parameter.symbol} {digits.quantity(value, factor, unit=unit)}"
-        middle, interval = digits.value_parts(value, factor)
-        return f"{parameter.symbol} = {middle}{f' {unit}' if unit else ''} (90 %: {interval})"
+            return shown.named(value)
+        middle, interval = shown.parts(value)
+        return f"{shown.symbol} = {f'{middle} {shown.unit}'.rstrip()} (90 %: {interval})"
 
     def _scatter_in_words(self) -> str:
         """The scatter of the parameters that are determined; that of others is not known."""
@@ -262,14 +259,6 @@ class Population:
         Raises InputError: no draws, or arviz is missing."""
         units = {name: parameter_of(name).unit for name in self.names}
         return export.inference_data({"posterior": self._draws}, units, self._metadata)
-
-    def corner(self, *names: str) -> Figure:
-        """Figure of the draws of each of the material's parameters, with the median and the central 90 %, and of each
-        pair of them. names: of the parameters; default: all.
-
-        Raises InputError: no draws, no such parameter, or matplotlib is missing."""
-        chosen = [self.names[self._column(name)] for name in names or self.names]
-        return plots.corner_plot({name: self.draws(name) for name in chosen}, np.ones(len(self.centre)))
 
     @property
     def _draws(self) -> dict[str, Floats]:
