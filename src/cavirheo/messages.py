@@ -117,7 +117,7 @@ def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
     if not factors:
         return f"{head}: {collapse}, which no material shows: {advice}"
     size, time = ("small", "long") if ratio > 1.0 else ("large", "short")
-    cause = "radii in pixels" if ratio > 1.0 else "diameters for radii"
+    cause = "radii in pixels" if ratio > 1.0 else "diameters for radii, or a higher --pressure"
     if all(0.5 < factor / 1000.0 < 2.0 for factor in factors):
         cause = "a unit that is wrong by a factor of 1000"
         advice = "mend the unit, or " + advice
@@ -216,6 +216,7 @@ _UNCOUNTED = {  # what is said of one shot that does not count, and of several
     "failed": ("has no answer", "have no answer"),
     "unverified": ("is by a network alone", "are by a network alone"),
     "no_interval": ("has no interval", "have no interval"),
+    "other_switches": ("excludes the model of the others", "exclude the model of the others"),
     "no_column_value": ("has no value along the column", "have no value along the column"),
     "other_model": ("is of another model", "are of another model"),
     "copy": ("is a copy of another", "are copies of others"),

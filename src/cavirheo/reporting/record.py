@@ -269,7 +269,7 @@ class PopulationRecord(ParameterValues):
             natural name.
         outliers: probability that a shot is of another material, by the name of the shot; for shots above 0.5.
         left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
-            "other_model" or "copy".
+            "other_switches" (it excludes those of the group), "other_model" or "copy".
         log_evidence: log evidence of the law for all these shots, with one material and its scatter; null where a shot
             has none.
         log_evidence_error: standard error of log_evidence.

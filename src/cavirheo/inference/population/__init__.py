@@ -86,7 +86,7 @@ def population(
         message = f"{argument} must have one entry for each of the {len(own)} answers"
         require(np.shape(values) == (len(own),), message, f"population.{argument}")
     shared = share_switches(own, only_trusted=only_trusted)
-    likelihoods, left_out = _select_likelihoods(shared.answers, column, only_trusted)
+    likelihoods, left_out = _select_likelihoods(own, shared.answers, column, only_trusted)
     counted = [shared.answers[i] for i in likelihoods]
     first = counted[0] if counted else shared.answers[0]
     empty = Population(
@@ -127,16 +127,19 @@ def _shot_names(answers: Sequence[Posterior]) -> list[str]:
 
 
 def _select_likelihoods(
-    answers: Sequence[Posterior], column: Floats, only_trusted: bool
+    own: Sequence[Posterior], answers: Sequence[Posterior], column: Floats, only_trusted: bool
 ) -> tuple[dict[int, Likelihood], dict[str, int]]:
-    """(likelihoods of the answers that count, by index; number of those that do not, by reason)."""
+    """(likelihoods of the answers that count, by index; number of those that do not, by reason). own: the answers
+    before their switches were those of the group."""
     why: dict[int, str] = {}
     for i, answer in enumerate(answers):
         verdict = answer.checks.verdict
         if verdict == "failed" or (only_trusted and verdict not in TRUSTED):
             why[i] = verdict
-        elif len(answer.theta) < 2:
+        elif len(own[i].theta) < 2:
             why[i] = "no_interval"
+        elif len(answer.theta) < 2:
+            why[i] = "other_switches"
         elif not np.isfinite(column[i]):
             why[i] = "no_column_value"
     usable = [i for i in range(len(answers)) if i not in why]
@@ -147,7 +150,7 @@ def _select_likelihoods(
         if model_of(answers[i]) != most:
             why[i] = "other_model"
         elif (shot := _likelihood(answers[i])) is None:
-            why[i] = "no_interval"
+            why[i] = "no_interval" if answers[i] is own[i] else "other_switches"
         elif any(np.array_equal(shot.points, other.points) for other in likelihoods.values()):
             why[i] = "copy"
         else:

@@ -50,7 +50,7 @@ class Population:
         bubble: the model of the bubble.
         shots: names of those that count.
         left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
-            "other_model" or "copy".
+            "other_switches" (it excludes those of the group), "other_model" or "copy".
         warnings: what a user must know before using it.
         centre: (draws, d) log10 of the material's parameters, SI, with the errors that all shots share.
         statistical: (draws, d) the same without these errors.
