@@ -267,6 +267,7 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "group.doubt.misfits": lambda count, total: (
         f"{count} of {total} recordings {'does' if count == 1 else 'do'} not follow the law"
     ),
+    "group.doubt.switches": lambda count, total: f"{count} of {total} shots exclude the model of the others",
     "group.doubt.trend": lambda trends: (
         f"{', '.join(trends)} with R_max, as no constant does: wrong law or bubble? --column R_max gives the slope"
     ),

@@ -16,7 +16,9 @@ _LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on thes
 _COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from which on that part is shown
 # doubts about a group of which the values may still be used, with care
 _APART = ("group.doubt.heaps", "group.doubt.scatter")
-_DISAGREEMENTS = (*_APART, "group.doubt.misfits", "group.doubt.trend")
+_OF_MODEL = ("group.doubt.misfits", "group.doubt.switches", "group.doubt.trend")  # said in the line of the use
+_DISAGREEMENTS = (*_APART, *_OF_MODEL)
+_NO_VALUE = 1.0  # scatter of the shots over the material, from which on no one value stands for them
 _SURE = 0.95  # probability of a state of a switch of a group, from which on the group has settled it
 
 
@@ -119,8 +121,7 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
         alone = group.population.line and len(shots) > 1
         return f"the value of each shot; {group.population.line}" if alone else "nothing: no value is known"
     reasons = _disagreement(group)
-    named = ("group.doubt.misfits", "group.doubt.trend")
-    reasons += [message.text for message in group.doubts if message.code in named]
+    reasons += [message.text for message in group.doubts if message.code in _OF_MODEL]
     return ", ".join(parts) + (f": {'; '.join(reasons)}" if reasons else "")
 
 
@@ -134,7 +135,8 @@ def _disagreement(group: GroupRecord) -> list[str]:
 def _use_of(group: GroupRecord, name: str) -> str:
     """How a parameter may be used; "" where nothing is known of it."""
     value = group.population.main(name)
-    if name in group.population.heaps or value.bound == "undetermined":
+    scatter = group.population.wide_scatters.get(name, 0.0)
+    if name in group.population.heaps or value.bound == "undetermined" or scatter >= _NO_VALUE:
         return "not"
     if value.is_zero or not value.known:
         return ""
@@ -180,7 +182,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     if "group.doubt.heaps" in codes:
         return f"cavirheo infer {_first_heap(group, shots)}   (then the others by themselves)"
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
-    if group.verdict == "does_not_fit" or (misfits and codes) or "group.doubt.trend" in codes:
+    if group.verdict == "does_not_fit" or (misfits and codes) or not {*codes}.isdisjoint(_OF_MODEL):
         return f"cavirheo which-law {_files(misfits or shots, 2)}"
     if codes:
         return f"look at {out / 'report.html'}   (which shots lie apart)"

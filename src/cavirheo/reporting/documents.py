@@ -58,7 +58,7 @@ LEAST_RANGES = 0.1, 1e-6  # of ln R_max, over which its own error shows no trend
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 CHANCE = 0.01  # probability of a trend by chance
 DECIDING_SHARE = 0.5  # share of the shots of a group, above which they decide its verdict
-MISFIT_SHARE = 0.25  # share of shots that do not fit, above which the others are a choice of those that the law suits
+MISFIT_SHARE = 0.15  # share of shots that do not fit, above which the others are a choice of those that the law suits
 _MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
 _TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
 _MAX_COMPARED = 6  # most groups that are compared, each with each
@@ -280,6 +280,9 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
     misfits = sum(record.verdict == "does_not_fit" for record in shots)
     if total > 1 and misfits > MISFIT_SHARE * total:
         messages.append(Message("group.doubt.misfits", {"count": misfits, "total": total}))
+    apart = population.left_out.get("other_switches", 0)
+    if apart > MISFIT_SHARE * total:
+        messages.append(Message("group.doubt.switches", {"count": apart, "total": total}))
     if trends := size_trends(shots):
         messages.append(Message("group.doubt.trend", {"trends": trends}))
     return messages
@@ -298,10 +301,12 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
     """The verdict of a group. It obeys its rows; with a material it is about the material's G and mu."""
     if not shots:
         return "failed"
+    values = [population.value(name) for name in MAIN_FIELDS]
+    bounded = any(value.bound and not value.is_zero for value in values)
     if len(shots) == 1:
-        return shots[0].verdict
+        return "bound" if bounded and shots[0].verdict == "ok" else shots[0].verdict
     codes = {message.code for message in doubts}
-    wrong_law = {"group.doubt.bubble", "group.doubt.misfits"}
+    wrong_law = {"group.doubt.bubble", "group.doubt.misfits", "group.doubt.switches"}
     if codes - wrong_law - {"group.doubt.trend"}:
         return "check_input"
     if codes & wrong_law:
@@ -310,8 +315,7 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
         return "check_input"
     if not population.has_material:
         return Counter(record.verdict for record in shots).most_common(1)[0][0]
-    values = [population.value(name) for name in MAIN_FIELDS]
-    return "bound" if any(value.bound and not value.is_zero for value in values) else "ok"
+    return "bound" if bounded else "ok"
 
 
 def _facts(
