@@ -53,7 +53,7 @@ answers[0].plot()
 # How the parameters depend on each other: a larger G goes with a smaller stretch λ = R_max/R_0.
 
 # %%
-answers[0].to_dataframe().plot.scatter("stretch", "shear_modulus_Pa", alpha=0.3)
+answers[0].corner()
 
 # %% [markdown]
 # ## Further

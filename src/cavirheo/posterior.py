@@ -20,6 +20,7 @@ from cavirheo.parameters import (
     Bound,
     bound_of,
     column_name,
+    is_law_parameter,
     matching,
     natural_name,
     require_name,
@@ -30,7 +31,7 @@ from cavirheo.parameters import (
 )
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
-from cavirheo.writing import digits, export
+from cavirheo.writing import digits, export, plots
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -347,6 +348,17 @@ class Posterior:
         )  # by its name: reporting imports this module
         figure: Figure = draw(self)
         return figure
+
+    def corner(self, *names: str) -> Figure:
+        """Figure of the draws of each parameter, with the median and the central 90 %, and of each pair of them.
+
+        names: of the parameters; default: those of the law that are not exactly 0 in most draws, and the stretch.
+        Raises InputError: a point answer or a failed one has no draws, no such parameter, or corner is missing."""
+        if len(self.theta) < 2:
+            raise InputError(f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
+        usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
+        chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
+        return plots.corner_plot({name: self.draws(name) for name in chosen}, self.weights)
 
     @property
     def _attributes(self) -> dict[str, str]:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
+from cavirheo.writing import digits
+from cavirheo.writing.export import import_optional
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,3 +38,23 @@ def new_axes(height: float, x_label: str, y_label: str) -> Any:
     axes = subplots(1, 1, 7.2, height)[1][0, 0]
     axes.set(xlabel=x_label, ylabel=y_label)
     return axes
+
+
+def corner_plot(draws: Mapping[str, Floats], weights: Floats) -> Figure:
+    """Figure of the weighted draws (k,) of each parameter, by natural name in SI, with median and central 90 %, and of
+    each pair of parameters, by `corner` (Foreman-Mackey 2016, doi:10.21105/joss.00024). Raises InputError without
+    corner."""
+    corner = import_optional("corner")
+    from matplotlib.figure import Figure
+
+    columns, labels = list[Floats](), list[str]()
+    for name, values in draws.items():
+        shown = digits.shown(name, float(np.median(values)))
+        columns.append(shown.factor * values)
+        labels.append(f"{shown.symbol} ({shown.unit})" if shown.unit else shown.symbol)
+    size = 2.2 * len(draws) + 0.8
+    figure = Figure(figsize=(size, size))
+    ends = (0.05, 0.5, 0.95)
+    options = {"quantiles": ends, "title_quantiles": ends, "show_titles": True, "title_fmt": ".3g", "color": BLUE}
+    corner.corner(np.column_stack(columns), weights=weights, labels=labels, fig=figure, **options)
+    return figure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import erf, expit
@@ -17,8 +17,11 @@ from cavirheo.messages import Message
 from cavirheo.parameters import Bound, column_name, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence, Heap, check_level, upper_limit
-from cavirheo.writing import digits, export
+from cavirheo.writing import digits, export, plots
 from cavirheo.writing.document import Quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _EMPTY = np.empty((0, 0))
 HARDLY = 0.03  # decades: shots that scatter by less hardly scatter
@@ -259,6 +262,14 @@ class Population:
         Raises InputError: no draws, or arviz is missing."""
         units = {name: parameter_of(name).unit for name in self.names}
         return export.inference_data({"posterior": self._draws}, units, self._metadata)
+
+    def corner(self, *names: str) -> Figure:
+        """Figure of the draws of each of the material's parameters, with the median and the central 90 %, and of each
+        pair of them. names: of the parameters; default: all.
+
+        Raises InputError: no draws, no such parameter, or corner is missing."""
+        chosen = [self.names[self._column(name)] for name in names or self.names]
+        return plots.corner_plot({name: self.draws(name) for name in chosen}, np.ones(len(self.centre)))
 
     @property
     def _draws(self) -> dict[str, Floats]:
