@@ -148,8 +148,8 @@ def test_only_what_is_trusted_counts_in_materials(verdict, count):
 
 
 def test_a_group_with_many_misfits_is_doubted_and_still_has_its_values():
-    for misfits, verdict in ((1, "ok"), (2, "does_not_fit")):
-        pairs = growing(0.0, count=5)
+    for misfits, count, verdict in ((1, 8, "ok"), (1, 5, "does_not_fit")):
+        pairs = growing(0.0, count=count)
         pairs[:misfits] = [(curve, with_verdict(one, "does_not_fit")) for curve, one in pairs[:misfits]]
         (one,) = result(pairs, COMMAND).groups
         assert one.verdict == verdict
