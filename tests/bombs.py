@@ -1,5 +1,6 @@
 """Files made to exhaust or to deceive a reader: what writes each, its ending, and the code by which it is refused."""
 
+import os
 import struct
 import zlib
 from pathlib import Path
@@ -10,8 +11,11 @@ import numpy as np
 from files import Make, cells, hdf5, save_v73, saved, terabyte, write_ods, write_xlsx
 
 HEAD = "time_us,radius_um\n"
-MANY = [f"{k},{k},1\n" for k in range(6000)]
 NUMBERS, TWO = np.arange(5.0), cells(np.ones(9), np.ones(9))
+
+
+def abort(*_: Any) -> None:
+    os.abort()
 
 
 # --- MATLAB
@@ -90,12 +94,12 @@ BOMBS: dict[str, tuple[str, Make | str | bytes]] = {  # a name begins with the f
     "csv_of_a_terabyte": ("limits.bytes", terabyte()),
     "csv_of_ten_million_lines": ("limits.lines", HEAD + "1,2\n" * 10_000_000),
     "csv_of_one_line": ("limits.characters", "1," * 3_000_000),
-    "csv_of_as_many_shots_as_lines": ("limits.curves", f"shot,{HEAD}" + "".join(MANY)),
-    "mat_that_unpacks_to_gigabytes": ("limits.unpacked", mat(zeros("R", 10**6), deflated(zeros("t", 3 * 10**7, 2)))),
-    "mat_of_bytes_as_numbers": ("limits.numbers", mat(deflated(zeros("Rnew", 10**7, 2)), TIMES)),
+    "csv_of_as_many_shots_as_lines": ("limits.curves", f"shot,{HEAD}" + "".join(f"{k},{k},1\n" for k in range(6000))),
+    "mat_that_unpacks_to_gigabytes": ("limits.memory", mat(deflated(array("t", element(2, bytes(10**9)))))),
+    "mat_of_bytes_as_numbers": ("matlab.variables", mat(deflated(zeros("Rnew", 10**7, 2)), TIMES)),
     "mat_of_cells_where_an_array_belongs": ("matlab.cells", saved(Rnew=TWO, t=NUMBERS)),
     "mat_of_complex_numbers": ("matlab.variables", saved(Rnew=1j * NUMBERS, t=NUMBERS)),
-    "mat_cut": ("matfile.cut", mat(zeros("Rnew", 500), zeros("t", 500))[:-200]),
+    "mat_cut": ("reading.damaged", mat(zeros("Rnew", 500), zeros("t", 500))[:-200]),
     "mat_73_of_one_array_named_often": ("limits.shape", REFERENCES),
     "h5_of_a_huge_shape": ("limits.shape", hdf5(time=HUGE, radius=HUGE)),
     "h5_of_a_huge_chunk": ("limits.chunks", hdf5(time=CHUNK, radius=CHUNK)),
@@ -103,9 +107,9 @@ BOMBS: dict[str, tuple[str, Make | str | bytes]] = {  # a name begins with the f
     "h5_that_reads_another_file": ("limits.elsewhere", hdf5(time=NUMBERS, radius=OUTSIDE)),
     "h5_that_links_to_another_file": ("matlab.variables", hdf5(time=NUMBERS, radius=LINKED)),
     "h5_that_shows_another_file": ("limits.elsewhere", hdf5(time=NUMBERS, radius=SHOWN)),
-    "xlsx_of_one_huge_cell": ("limits.text", sheet(f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>')),
-    "xlsx_of_one_text_named_often": ("limits.text", sheet(LONG_TEXT * 2_400)),
-    "xlsx_of_a_huge_grid": ("limits.memory", sheet(GRID)),  # the reader alone would end the process
-    "xlsx_of_entities": ("tabular.workbook", sheet('<row><c t="str"><v>&b;</v></c></row>', ENTITIES)),
-    "ods_of_repeated_cells": ("limits.memory", lambda path: write_ods(path, REPEATED)),
+    "xlsx_of_one_huge_cell": ("limits.characters", sheet(f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>')),
+    "xlsx_of_one_text_named_often": ("limits.characters", sheet(LONG_TEXT * 2_400)),
+    "xlsx_of_a_huge_grid": ("reading.ended", sheet(GRID)),
+    "xlsx_of_entities": ("reading.damaged", sheet('<row><c t="str"><v>&b;</v></c></row>', ENTITIES)),
+    "ods_of_repeated_cells": ("reading.ended", lambda path: write_ods(path, REPEATED)),
 }

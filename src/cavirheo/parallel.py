@@ -167,7 +167,7 @@ def process_pool(count: int) -> Any:
         if _pools and min(_pools) < count:
             _pools.popitem()[1].shutdown(wait=False)
         if not _pools:
-            tied = {"initializer": _tie_to_parent, "initargs": (os.getpid(),)}
+            tied = {"initializer": tie_to_parent, "initargs": (os.getpid(),)}
             with suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, too many files
                 pool = ProcessPoolExecutor(count, timeout=IDLE, env=_ENVIRONMENT, **tied)
                 pool.submit(int)  # starts the processes
@@ -175,7 +175,7 @@ def process_pool(count: int) -> Any:
         return next(iter(_pools.values()), None)
 
 
-def _tie_to_parent(parent: int) -> None:
+def tie_to_parent(parent: int) -> None:
     """Make this process leave Ctrl-C to its parent, and end if the parent is killed: it would wait for ever for someone
     to read its output."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -7,7 +7,7 @@ from pathlib import Path
 import files
 import numpy as np
 import pytest
-from bombs import element, mat
+from bombs import element, mat, zeros
 from conftest import code_of, error_of, refused
 from files import (
     R_MAX,
@@ -314,7 +314,7 @@ def test_csv_round_trip(tmp_path):
     assert first == "# simulation of a,'=1+1;'@b\\x0a, +c"
 
 
-OBJECT = element(14, element(6, b"\x11" + bytes(7)) + b"".join(element(1, word) for word in (b"T", b"MCOS", b"table")))
+OBJECT = element(14, element(6, b"\x11" + bytes(7)) + 3 * element(1, b"T") + zeros("", 6))
 
 
 def archive(*names):
@@ -339,7 +339,7 @@ BAD = {  # content, or what writes it; code; what is named
     "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "reading.binary", "'-v7'"),
     "object.mat": (mat(OBJECT), "matlab.variables", "table2struct"),
     "times.mat": (saved(pIMR_array=np.ones((4, 3))), "matlab.collapse_times", "collapse-time"),
-    "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "tabular.workbook", ""),
+    "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "reading.damaged", ""),
     "shots.zip": (archive("gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
     "labels of another name.csv": (mixed("variable"), "curve.unusable", 'name the column of their labels "shot"'),
     "A and B.csv": (f"t_us,A (um),B (um)\n{TWO}", "table.twice", "'A (um)' and 'B (um)': two shots, or the half-axes"),

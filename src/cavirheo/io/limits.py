@@ -15,10 +15,9 @@ COLUMNS = 1_000
 LINE = 100_000  # characters
 FILE = 4_000_000_000  # bytes of any file
 TEXT = 100_000_000  # bytes of a text file
-SHEET = 60_000_000  # bytes of a workbook
-UNPACKED = 150_000_000  # bytes of all parts of a workbook, unpacked
 WORKBOOK_CELLS = 1_000_000  # cells of the sheets that are read of a workbook, empty cells included
-INFLATED = 500_000_000  # bytes of a .mat file and of all its variables, unpacked
+MEMORY = 1_000_000_000  # bytes that reading a workbook or a file of MATLAB may take
+SECONDS = 30.0  # for reading it
 
 
 def check(count: int, limit: int, items: str) -> None:

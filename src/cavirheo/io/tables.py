@@ -365,7 +365,7 @@ def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     elif source.kind == "workbook":
         from cavirheo.io.workbook import read_workbook
 
-        book = read_workbook(source.file)
+        book = read_workbook(source.path)
         sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in book]
     else:
         raise InputError("neither text nor a workbook", "tabular.binary")
