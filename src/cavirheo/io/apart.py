@@ -13,7 +13,8 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from threading import Event, Timer
+from threading import Timer
+from time import monotonic
 from typing import Any
 
 from cavirheo.errors import InputError
@@ -22,7 +23,7 @@ from cavirheo.writing.packing import decode, encode
 
 _CHILD = "import sys; sys.path[:] = {path}; from cavirheo.io.apart import serve; serve({module!r}, {name!r}, {memory})"
 _SIZE = 8  # bytes of the length of a request or an answer
-_children: dict[str, subprocess.Popen[bytes]] = {}  # that wait for another call, by the function that they call
+_children: dict[str, Any] = {}  # that wait for another call, by the function that they call
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_children.clear)  # a child answers the process that started it
 
@@ -30,13 +31,12 @@ if hasattr(os, "register_at_fork"):
 def call(
     function: Callable[..., Any], *arguments: Any, memory: int, seconds: float, name: str = "it", kept: bool = True
 ) -> Any:
-    """Return function(*arguments), both of what `encode` takes, and of the records in `KINDS` of its module.
+    """Return function(*arguments), which are all what `encode` takes, or records in `KINDS` of the function's module.
 
     Args:
-        function: a function of a module, which reads a file.
-        memory: bytes of memory that it may take (on Linux).
+        function: a function of a module, which reads the file of this name.
+        memory: bytes that it may take (on Linux).
         seconds: how long it may take.
-        name: of the file, for messages.
         kept: whether the process waits for another call of the function.
 
     Raises InputError: as `function`; or it took too long ("limits.time") or too much memory ("limits.memory"), raised
@@ -44,49 +44,36 @@ def call(
     """
     module = function.__module__
     key = f"{module}.{function.__name__}"
-    child = _children.pop(key, None) if kept else None
+    child: Any = _children.pop(key, None) if kept else None
     if child is None or child.poll() is not None:
-        child = _started(module, function.__name__, memory)
-    assert child.stdin is not None
-    assert child.stdout is not None
-    late = Event()
-
-    def end() -> None:
-        late.set()
-        child.kill()
-
-    timer = Timer(seconds, end)
+        path = [folder for folder in sys.path if folder]  # no modules from the current folder
+        program = _CHILD.format(path=path, module=module, name=function.__name__, memory=memory)
+        command = [sys.executable, "-P", "-c", program]
+        child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    timer = Timer(seconds, child.kill)
     timer.start()
-    waits = False
+    start = monotonic()
     try:
         request = encode(arguments)
         child.stdin.write(len(request).to_bytes(_SIZE) + request)
         child.stdin.flush()
         answer = decode(child.stdout.read(int.from_bytes(child.stdout.read(_SIZE))), _kinds(module))
-        waits = kept
+        if kept:
+            _children[key] = child
     except (EOFError, OSError):  # the child has ended
-        if late.is_set():
+        if monotonic() - start >= seconds:
             message = f"reading {name} took more than {seconds:g} s: is it damaged, or too long?"
             raise InputError(message, "limits.time") from None
         message = f"reading {name} ended its process: the file is badly damaged, or too large; save a table as CSV"
         raise InputError(message, "reading.ended") from None
     finally:
         timer.cancel()
-        if waits:
-            _children[key] = child
-        else:
+        if _children.get(key) is not child:
             child.kill()
             child.communicate()
     if isinstance(answer, InputError):
         raise answer
     return answer
-
-
-def _started(module: str, name: str, memory: int) -> subprocess.Popen[bytes]:
-    path = [folder for folder in sys.path if folder]  # no modules from the current folder
-    program = _CHILD.format(path=path, module=module, name=name, memory=memory)
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen([sys.executable, "-P", "-c", program], **pipes)
 
 
 def _kinds(module: str) -> Mapping[str, Any]:
