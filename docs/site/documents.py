@@ -1,14 +1,16 @@
 """The documents, from the classes that write them: every field with its type and what it means.
 
-The meaning of a field stands once, under `Attributes:` in the docstring of its class.
+The meaning of a field stands once: below the field, or under `Attributes:` in the docstring of its class.
 """
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from collections.abc import Collection, Iterator
-from inspect import cleandoc
+from inspect import cleandoc, getsource
+from itertools import pairwise
 from pkgutil import resolve_name
 from typing import Any
 
@@ -99,8 +101,18 @@ def meanings(kind: type) -> tuple[str, dict[str, str]]:
     for base in reversed(kind.__mro__):
         if base.__module__.startswith("cavirheo."):
             said, found = attributes(vars(base).get("__doc__") or "")
-            fields |= found
+            fields |= found | below_fields(base)
     return said, fields
+
+
+def below_fields(kind: type) -> dict[str, str]:
+    """The text below each field of a class."""
+    (whole,) = ast.parse(getsource(kind)).body
+    found: dict[str, str] = {}
+    for field, text in pairwise(getattr(whole, "body", ())):
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+            found[ast.unparse(field.target)] = " ".join(str(ast.literal_eval(text.value)).split())
+    return found
 
 
 def attributes(docstring: str) -> tuple[str, dict[str, str]]:

@@ -21,48 +21,45 @@ _COLUMNS = (  # of measured.csv
 
 
 class Measured(Document):
-    """The results of measuring a recording, with the origin of each stated number.
-
-    Attributes:
-        name: name of the recording.
-        source: file of the recording, as it was given.
-        source_sha256: SHA-256 of the file; null for a folder of images.
-        width: width of the measured region, pixels.
-        height: height of the measured region, pixels.
-        bits: number of bits in which the brightness of a pixel is stored.
-        frame_rate_hz: frame rate, 1/s.
-        um_per_px: length of a pixel, um.
-        exposure_s: exposure time of a frame, s.
-        measured_with: settings of the measurement.
-        optics_sigma_px: standard deviation of the blur of a bubble at rest, pixels.
-        flags: number of frames with each flag.
-        max_radius_px: largest radius of a frame, pixels.
-        max_radius_m: R_max, m; null if there is no scale, or no maximum.
-        time_of_max_s: time of R_max after the first frame of the recording, s; null if max_radius_m is.
-        collapse_times_s: times of the collapses after the first frame of the recording, s.
-        unusable: reason why there is no R_max; else empty.
-        warnings: input warnings on the recording and its settings.
-    """
+    """The results of measuring a recording, with the origin of each stated number."""
 
     kind: Literal["measure"] = "measure"
     name: str
+    """Name of the recording."""
     source: str
+    """File of the recording, as it was given."""
     source_sha256: str | None
+    """SHA-256 of the file; null for a folder of images."""
     width: int
+    """Width of the measured region, pixels."""
     height: int
+    """Height of the measured region, pixels."""
     bits: int
+    """Number of bits in which the brightness of a pixel is stored."""
     frame_rate_hz: StatedNumber
+    """Frame rate, 1/s."""
     um_per_px: StatedNumber
+    """Length of a pixel, um."""
     exposure_s: StatedNumber
+    """Exposure time of a frame, s."""
     measured_with: dict[str, Any]
+    """Settings of the measurement."""
     optics_sigma_px: Finite
+    """Standard deviation of the blur of a bubble at rest, pixels."""
     flags: dict[str, int]
+    """Number of frames with each flag."""
     max_radius_px: Finite
+    """Largest radius of a frame, pixels."""
     max_radius_m: Finite = None
+    """R_max, m; null if there is no scale, or no maximum."""
     time_of_max_s: Finite = None
+    """Time of R_max after the first frame of the recording, s; null if max_radius_m is."""
     collapse_times_s: list[float] = []
+    """Times of the collapses after the first frame of the recording, s."""
     unusable: str = ""
+    """Reason why there is no R_max; else empty."""
     warnings: list[str]
+    """Input warnings on the recording and its settings."""
 
 
 def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:

@@ -38,17 +38,15 @@ _NEUTRAL_VALUES = {"radius_scale": 1.0, "max_radius_factor": 1.0}  # that change
 
 
 class ParameterValues(Record):
-    """A record with parameters: those of `_keys` are fields, all others are in `other_parameters`.
-
-    Attributes:
-        shear_modulus_Pa: shear modulus G, Pa.
-        viscosity_Pa_s: viscosity mu, Pa s; its values are null for a law without a constant viscosity.
-        other_parameters: all other parameters by natural name, SI.
-    """
+    """A record with parameters: those of `_keys` are fields, all others are in `other_parameters`."""
 
     shear_modulus_Pa: Quantity = Quantity()
+    """Shear modulus G, Pa."""
     viscosity_Pa_s: Quantity = Quantity()
+    """Viscosity mu, Pa s; its values are null for a law without a constant viscosity."""
     other_parameters: dict[str, Quantity] = {}
+    """All other parameters by natural name, SI; of a curve also those given for the bubble, and the viscosity at a
+    shear rate of 1e5 1/s if the law has no constant viscosity."""
     _keys: ClassVar[Mapping[str, str]] = MAIN_FIELDS
 
     @classmethod
@@ -85,16 +83,12 @@ def log_ends(values: Iterable[Quantity]) -> Floats:
 
 
 class Compared(Record):
-    """The part of a recording in which simulation and measurement were compared; it begins at R_max.
-
-    Attributes:
-        collapses: number of complete collapses in it; null without an answer.
-        t_star_end: end of the window, as time after R_max over t_c = R_max sqrt(density/pressure); null without an
-            answer.
-    """
+    """The part of a recording in which simulation and measurement were compared; it begins at R_max."""
 
     collapses: int | None = None
+    """Number of complete collapses in it; null without an answer."""
     t_star_end: Finite = None
+    """End of the window, as time after R_max over t_c = R_max sqrt(density/pressure); null without an answer."""
 
     @property
     def words(self) -> str:
@@ -122,68 +116,60 @@ StoredMedium = Annotated[Medium, BeforeValidator(_read_medium), PlainSerializer(
 
 
 class Sentence(Record):
-    """A message of an answer.
-
-    Attributes:
-        code: subject of the message, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected".
-        text: the message as a sentence.
-    """
+    """A message of an answer."""
 
     code: str
+    """Subject of the message, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected"."""
     text: str
+    """The message as a sentence."""
 
 
 class CurveRecord(ParameterValues):
     """The answer for one curve. If the verdict is "failed", all values of the answer are null, and `messages` say why.
-    Fields that are not described here are those of a `Posterior` and its `Checks`.
-
-    Attributes:
-        name: name of the curve.
-        source: file of the curve, as it was given.
-        group: name of the group to which the shot belongs.
-        group_source: file or folder whose shots form the group.
-        bubble: model of the bubble; each of its parameters is a number or "free" (inferred).
-        max_radius_m: R_max, m.
-        time_of_max_s: time of R_max on the clock of the file, s.
-        strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
-        stretch: R_max/R_0, inferred, fitted or given.
-        other_parameters: further parameters by natural name, SI: those inferred besides G, mu and the stretch, those
-            given for the bubble, and the viscosity at a shear rate of 1e5 1/s if the law has no constant viscosity.
-        best: parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the
-            stretch, and the corrections of the clock, the radius scale and R_max. They are not the medians.
-        window: the window in which frames were compared.
-        notes: what was recognised, converted or left out when the file was read.
-        column: title and value of the column declared by the user; left out where there is none.
-        stretch_prior: "mean" and "std" of the normal prior of the stretch, from the file or the late plateau; left out
-            where there is no such prior.
-    """
+    Fields that are not described here are those of a `Posterior` and its `Checks`."""
 
     name: str
+    """Name of the curve."""
     source: str
+    """File of the curve, as it was given."""
     group: str
+    """Name of the group to which the shot belongs."""
     group_source: str
+    """File or folder whose shots form the group."""
     material: str
     bubble: Bubble = FIELD
+    """Model of the bubble; each of its parameters is a number or "free" (inferred)."""
     stretch: Quantity = Quantity()
+    """R_max/R_0, inferred, fitted or given."""
     rmse_over_rmax: Finite = None
     max_radius_m: Finite
+    """R_max, m."""
     time_of_max_s: Finite
+    """Time of R_max on the clock of the file, s."""
     strain_rate_per_s: Finite
+    """Mean strain rate at the wall between R_max and the first collapse, 1/s."""
     switches: dict[str, float] = {}
     medium: StoredMedium | None = None
     method: str
     best: Mapping[str, Finite] = {}
+    """Parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the stretch,
+    and the corrections of the clock, the radius scale and R_max. They are not the medians."""
     mae_over_rmax: Finite
     max_difference_over_rmax: Finite
     window: Compared
+    """The window in which frames were compared."""
     verdict: Verdict
     messages: list[Sentence] = []
     notes: list[str]
+    """What was recognised, converted or left out when the file was read."""
     seconds: float
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
     column: dict[str, float] = {}
+    """Title and value of the column declared by the user; left out where there is none."""
     stretch_prior: dict[str, float] = {}
+    """"mean" and "std" of the normal prior of the stretch, from the file or the late plateau; left out where there is
+    no such prior."""
     provenance: dict[str, Any]
     _omitted_if_empty = ("switches", "column", "stretch_prior")
     _keys = MAIN_FIELDS | {"stretch": "stretch"}
@@ -241,59 +227,51 @@ class CurveRecord(ParameterValues):
 
 
 class Systematic(Record):
-    """What errors that all shots of a group share do to its answer.
-
-    Attributes:
-        errors: relative standard deviations of the errors: "scale" of the radius, "rate" of the frames, "density" and
-            "pressure" of the medium.
-        slopes: relative change of a parameter per relative change of each of these, by natural name.
-        statistics: the answer without these errors, by natural name, SI; the interval in the population has them.
-    """
+    """What errors that all shots of a group share do to its answer."""
 
     errors: dict[str, float] = {}
+    """Relative standard deviations of the errors: "scale" of the radius, "rate" of the frames, "density" and "pressure"
+    of the medium."""
     slopes: dict[str, dict[str, float]] = {}
+    """Relative change of a parameter per relative change of each of these, by natural name."""
     statistics: dict[str, Quantity] = {}
+    """The answer without these errors, by natural name, SI; the interval in the population has them."""
 
 
 class PopulationRecord(ParameterValues):
-    """The material of n shots. Without a material, the parameters are null, and `line` says why.
-
-    Attributes:
-        line: the material in a sentence, for a paper; or why there is none.
-        model: law and name of the bubble model, "nhkv, real".
-        n: number of shots that count.
-        switches: probability of each switch of the default family, by all shots together; left out for other laws.
-        heaps: the two heaps into which the shots fall in a parameter in which they disagree, by natural name; left out
-            where there are none.
-        spreads_decades: standard deviation of the shots about the material in each parameter, decades (log10), by
-            natural name.
-        outliers: probability that a shot is of another material, by the name of the shot; for shots above 0.5.
-        left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
-            "other_switches" (it excludes those of the group), "other_model" or "copy".
-        log_evidence: log evidence of the law for all these shots, with one material and its scatter; null where a shot
-            has none.
-        log_evidence_error: standard error of log_evidence.
-        agree: whether the shots differ by no more than their intervals.
-        column: title of the declared column with which the material may change; left out where there is none.
-        column_at: value of the column at which the parameters are given; left out where there is no column.
-        slopes_decades: slope of each parameter along the column, decades per unit of the column, by natural name; left
-            out where there is no column.
-    """
+    """The material of n shots. Without a material, the parameters are null, and `line` says why."""
 
     line: str = ""
+    """The material in a sentence, for a paper; or why there is none."""
     model: str = ""
+    """Law and name of the bubble model, "nhkv, real"."""
     n: int = 0
+    """Number of shots that count."""
     switches: dict[str, float] = {}
+    """Probability of each switch of the default family, by all shots together; left out for other laws."""
     heaps: dict[str, tuple[Heap, Heap]] = {}
+    """The two heaps into which the shots fall in a parameter in which they disagree, by natural name; left out where
+    there are none."""
     spreads_decades: dict[str, Quantity] = {}
+    """Standard deviation of the shots about the material in each parameter, decades (log10), by natural name."""
     outliers: dict[str, float] = {}
+    """Probability that a shot is of another material, by the name of the shot; for shots above 0.5."""
     left_out: dict[str, int] = {}
+    """Number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value", "other_switches"
+    (it excludes those of the group), "other_model" or "copy"."""
     log_evidence: Finite = None
+    """Log evidence of the law for all these shots, with one material and its scatter; null where a shot has none."""
     log_evidence_error: Finite = None
+    """Standard error of log_evidence."""
     agree: bool = False
+    """Whether the shots differ by no more than their intervals."""
     column: str = ""
+    """Title of the declared column with which the material may change; left out where there is none."""
     column_at: Finite = None
+    """Value of the column at which the parameters are given; left out where there is no column."""
     slopes_decades: dict[str, Quantity] = {}
+    """Slope of each parameter along the column, decades per unit of the column, by natural name; left out where there
+    is no column."""
     _omitted_if_empty = ("switches", "heaps", "column", "column_at", "slopes_decades")
 
     @property
@@ -311,24 +289,21 @@ class PopulationRecord(ParameterValues):
 
 
 class MaterialRatio(Record):
-    """A parameter of the material of the first group over that of the second (`Difference` in inference/population).
-
-    Attributes:
-        first: name of the group whose value is the numerator.
-        second: name of the group whose value is the denominator.
-        parameter: natural name.
-        ratio: value of the first material over that of the second.
-        probability_higher: probability that the value of the first material is larger.
-        probability_differs: probability of two materials against one, if both are equally likely in advance, and two
-            materials are a factor of about 2 apart.
-    """
+    """A parameter of the material of the first group over that of the second (`Difference` in inference/population)."""
 
     first: str
+    """Name of the group whose value is the numerator."""
     second: str
+    """Name of the group whose value is the denominator."""
     parameter: str
+    """Natural name."""
     ratio: Quantity
+    """Value of the first material over that of the second."""
     probability_higher: float
+    """Probability that the value of the first material is larger."""
     probability_differs: float
+    """Probability of two materials against one, if both are equally likely in advance, and two materials are a factor
+    of about 2 apart."""
 
     @property
     def words(self) -> str:
@@ -341,40 +316,33 @@ class MaterialRatio(Record):
 
 
 class LawOfGroup(Record):
-    """The evidence of one law for the shots of a group; null where there is none.
-
-    Attributes:
-        log_evidence: sum over the shots of the natural logarithm of p(frames | law).
-        standard_error: standard error of log_evidence.
-        probability: probability of the law among those that have an evidence, if all are equally likely in advance.
-        material: the shots as one material by this law, in a sentence, or why there is none; of a single shot its
-            values.
-        material_log_evidence: log evidence of the law with one material and its scatter; null where a shot has none.
-    """
+    """The evidence of one law for the shots of a group; null where there is none."""
 
     log_evidence: Finite = None
+    """Sum over the shots of the natural logarithm of p(frames | law)."""
     standard_error: Finite = None
+    """Standard error of log_evidence."""
     probability: Finite = None
+    """Probability of the law among those that have an evidence, if all are equally likely in advance."""
     material: str = ""
+    """The shots as one material by this law, in a sentence, or why there is none; of a single shot its values."""
     material_log_evidence: Finite = None
+    """Log evidence of the law with one material and its scatter; null where a shot has none."""
 
 
 class LawsOfGroup(Record):
-    """The laws that were compared for the shots of a group.
-
-    Attributes:
-        shots: number of shots over which the evidence is summed: those for which all laws have one.
-        chosen: simplest law that the evidence does not reject; null where no law has an evidence.
-        contenders: laws that the evidence does not reject, the simplest first.
-        laws: the laws by name.
-        pairs: comparisons of each law with each worse one.
-    """
+    """The laws that were compared for the shots of a group."""
 
     shots: int
+    """Number of shots over which the evidence is summed: those for which all laws have one."""
     chosen: str | None
+    """Simplest law that the evidence does not reject; null where no law has an evidence."""
     contenders: list[str]
+    """Laws that the evidence does not reject, the simplest first."""
     laws: dict[str, LawOfGroup]
+    """The laws by name."""
     pairs: list[Pair] = []
+    """Comparisons of each law with each worse one."""
 
     @property
     def rows(self) -> list[list[str]]:
@@ -405,13 +373,10 @@ class LawsOfGroup(Record):
 
 
 class PublishedValue(Spread):
-    """The value of a parameter by another method.
-
-    Attributes:
-        source: publication of the value; left out where it is not known.
-    """
+    """The value of a parameter by another method."""
 
     source: str = ""
+    """Publication of the value; left out where it is not known."""
     _omitted_if_empty = ("source",)
 
     @property
@@ -425,35 +390,32 @@ Published = Mapping[str, Mapping[str, PublishedValue]]  # by method and paramete
 
 
 class GroupRecord(Record):
-    """The shots of one file or folder, and the answer for their material.
-
-    Attributes:
-        name: name of the file or folder.
-        n: number of shots with an answer.
-        n_counted: number of shots that count in the answer.
-        n_failed: number of shots without an answer.
-        population: the answer for the material; of a single shot that counts, its own answer. Its values are null where
-            there is none.
-        systematic: what errors that all shots share do to it; empty where that is not known.
-        verdict: "ok", or what is wrong (docs/method/verdicts.md).
-        messages: reasons for the verdict first, then remarks.
-        verdicts: number of curves by verdict.
-        published: values of other methods, by method and parameter, SI; left out unless they were given. The parameter
-            viscosity_at_1_rad_per_s is the viscosity by a rheometer at this angular frequency.
-        laws: the laws that were compared by their evidence; left out unless they were (`which-law`).
-    """
+    """The shots of one file or folder, and the answer for their material."""
 
     name: str
+    """Name of the file or folder."""
     n: int
+    """Number of shots with an answer."""
     n_counted: int
+    """Number of shots that count in the answer."""
     n_failed: int
+    """Number of shots without an answer."""
     population: PopulationRecord = PopulationRecord()
+    """The answer for the material; of a single shot that counts, its own answer. Its values are null where there is
+    none."""
     systematic: Systematic = Systematic()
+    """What errors that all shots share do to it; empty where that is not known."""
     verdict: Verdict
+    """"ok", or what is wrong (docs/method/verdicts.md)."""
     messages: list[Sentence] = []
+    """Reasons for the verdict first, then remarks."""
     verdicts: dict[str, int]
+    """Number of curves by verdict."""
     published: dict[str, dict[str, PublishedValue]] = {}
+    """Values of other methods, by method and parameter, SI; left out unless they were given. The parameter
+    viscosity_at_1_rad_per_s is the viscosity by a rheometer at this angular frequency."""
     laws: LawsOfGroup | None = None
+    """The laws that were compared by their evidence; left out unless they were (`which-law`)."""
     _omitted_if_empty = ("published", "laws")
 
     def value(self, name: str) -> Quantity:
@@ -477,20 +439,17 @@ class GroupRecord(Record):
 
 
 class Result(Document):
-    """The answers of a run.
-
-    Attributes:
-        curves: the answer for each curve.
-        groups: the shots of each file or folder, with the answer for their material. A group of published values
-            without recordings has no shots.
-        differences: ratios of each parameter of each two of the first 6 groups that have a material, where both have
-            the same model and determine it; left out where there is none.
-    """
+    """The answers of a run."""
 
     kind: Literal["result"] = "result"
     curves: list[CurveRecord]
+    """The answer for each curve."""
     groups: list[GroupRecord]
+    """The shots of each file or folder, with the answer for their material. A group of published values without
+    recordings has no shots."""
     differences: list[MaterialRatio] = []
+    """Ratios of each parameter of each two of the first 6 groups that have a material, where both have the same model
+    and determine it; left out where there is none."""
     _omitted_if_empty = ("differences",)
 
     @model_validator(mode="after")

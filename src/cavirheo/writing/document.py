@@ -71,42 +71,36 @@ class Record(BaseModel):
 
 
 class Document(Record):
-    """The head of a document.
-
-    Attributes:
-        kind: kind of the document, which is also the usual name of its file: "result", "laws", ...
-        schema_version: number of the schema; its key in the file is `schema`.
-        version: version of cavirheo that wrote the document.
-        command: command that was run.
-        date: date and time of the run, with the time zone; null where they are not known.
-        notes: remarks on the run as a whole, such as pictures that could not be drawn.
-    """
+    """The head of a document."""
 
     kind: str
+    """Kind of the document, which is also the usual name of its file: "result", "laws", ..."""
     schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
+    """Number of the schema; its key in the file is `schema`."""
     version: str = Field(default_factory=lambda: version("cavirheo"))
+    """Version of cavirheo that wrote the document."""
     command: str
+    """Command that was run."""
     date: str | None = None
+    """Date and time of the run, with the time zone; null where they are not known."""
     notes: list[str] = []
+    """Remarks on the run as a whole, such as pictures that could not be drawn."""
 
 
 class Quantity(Record):
-    """A value with its interval, in the unit of its field.
-
-    Attributes:
-        median: median of the posterior, or the value of a point answer; null for a bound, and where there is none.
-        q05: lower end of the central 90 % interval; null for a point answer.
-        q95: upper end of the central 90 % interval; null for a point answer.
-        bound: what is known of the value if its interval reaches an end of the range of the prior or the search.
-            "upper": it is below q95 (95 %); "lower": it is above q05 (95 %); "undetermined": nothing is known. "wide":
-            the interval of G or of a viscosity lies inside the range, but its ends are a factor of more than 10 apart.
-            Null for a value, and for a point answer.
-    """
+    """A value with its interval, in the unit of its field."""
 
     median: float | None = None
+    """Median of the posterior, or the value of a point answer; null for a bound, and where there is none."""
     q05: float | None = None
+    """Lower end of the central 90 % interval; null for a point answer."""
     q95: float | None = None
+    """Upper end of the central 90 % interval; null for a point answer."""
     bound: Bound | None = None
+    """What is known of the value if its interval reaches an end of the range of the prior or the search. "upper": it is
+    below q95 (95 %); "lower": it is above q05 (95 %); "undetermined": nothing is known. "wide": the interval of G or of
+    a viscosity lies inside the range, but its ends are a factor of more than 10 apart. Null for a value, and for a
+    point answer."""
 
     @classmethod
     def from_interval(
@@ -156,15 +150,12 @@ class Quantity(Record):
 
 
 class Spread(Record):
-    """Statistics of several values, in the unit of their field; null where there is no value.
-
-    Attributes:
-        mean: mean of the values.
-        std: standard deviation of n values, with the divisor n - 1; null for n < 2, and where it is not known.
-    """
+    """Statistics of several values, in the unit of their field; null where there is no value."""
 
     mean: float | None = None
+    """Mean of the values."""
     std: float | None = None
+    """Standard deviation of n values, with the divisor n - 1; null for n < 2, and where it is not known."""
 
 
 def spread_of(values: list[float | None]) -> Spread:
