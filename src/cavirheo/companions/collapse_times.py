@@ -40,47 +40,41 @@ VOCABULARY = Vocabulary(
 
 
 class CollapseShot(Record):
-    """One shot.
-
-    Attributes:
-        name: name of the shot.
-        max_radius_m: R_max, m.
-        stretch: lambda = R_max/R_0.
-        collapse_time_s: t_1, time from R_max to the first minimum of the radius, s.
-        measured: measured t_1 over the Rayleigh collapse time t_RC; null without an estimate.
-        model: t_1/t_RC of the model; null without an estimate.
-        message: reason why the shot cannot be used; empty if it can.
-    """
+    """One shot."""
 
     name: str
+    """Name of the shot."""
     max_radius_m: Finite = None
+    """R_max, m."""
     stretch: Finite = None
+    """R_max/R_0."""
     collapse_time_s: Finite = None
+    """t_1, time from R_max to the first minimum of the radius, s."""
     measured: Finite = None
+    """Measured t_1 over the Rayleigh collapse time t_RC; null without an estimate."""
     model: Finite = None
+    """t_1/t_RC of the model; null without an estimate."""
     message: str = ""
+    """Reason why the shot cannot be used; empty if it can."""
 
 
 class CollapseGroup(Record):
-    """The shots of one material, and the estimate from their collapse times.
-
-    Attributes:
-        name: name of the table.
-        source: path of its file.
-        source_sha256: SHA-256 of the file.
-        notes: remarks on the group as a whole.
-        estimate: estimate of G and mu; null without a usable shot.
-        model: model of the collapse times: "analytic" or "exact" (simulated).
-        shots: R_max, lambda, t_1 and t_1/t_RC of each shot.
-    """
+    """The shots of one material, and the estimate from their collapse times."""
 
     name: str
+    """Name of the table."""
     source: str
+    """Path of its file."""
     source_sha256: str
+    """SHA-256 of the file."""
     notes: list[str] = []
+    """Remarks on the group as a whole."""
     estimate: CollapseEstimate | None = None
+    """Estimate of G and mu; null without a usable shot."""
     model: Literal["analytic", "exact"] = "analytic"
+    """Model of the collapse times: "analytic" or "exact" (simulated)."""
     shots: list[CollapseShot]
+    """R_max, lambda, t_1 and t_1/t_RC of each shot."""
 
     @property
     def usable(self) -> list[CollapseShot]:
@@ -113,18 +107,15 @@ class CollapseGroup(Record):
 
 
 class CollapseTimes(Document):
-    """G and mu of each material from collapse times.
-
-    Attributes:
-        material: name of the law: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
-        medium: constants of the medium, SI.
-        groups: a group for each table.
-    """
+    """G and mu of each material from collapse times."""
 
     kind: Literal["collapse-time"] = "collapse-time"
     material: str
+    """Name of the law: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0)."""
     medium: dict[str, Any]
+    """Constants of the medium, SI."""
     groups: list[CollapseGroup]
+    """A group for each table."""
 
 
 def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = None) -> CollapseGroup:

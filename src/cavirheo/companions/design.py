@@ -107,27 +107,24 @@ class Rig:
 
 
 class DesignedSetting(Record):
-    """The expected result of a shot at one setting, over draws of the parameters from what is known.
-
-    Attributes:
-        max_radius_m: R_max, m.
-        frame_rate_hz: frame rate, 1/s.
-        frames: number of frames in a recording.
-        noise_m: standard deviation of the radius of a frame, m.
-        readable: share of the simulated recordings that can be read, 0 to 1.
-        half_width_percent: half of the 90 % interval of one shot, % of the value, by parameter; median over the draws.
-        shots: number of shots that bring all parameters to the wanted interval; null: more than 10,000.
-        gain_nats: expected information gain of one shot about the law's parameters, nats; mean over the draws.
-    """
+    """The expected result of a shot at one setting, over draws of the parameters from what is known."""
 
     max_radius_m: float
+    """R_max, m."""
     frame_rate_hz: float
+    """Frame rate, 1/s."""
     frames: int
+    """Number of frames in a recording."""
     noise_m: float
+    """Standard deviation of the radius of a frame, m."""
     readable: float
+    """Share of the simulated recordings that can be read, 0 to 1."""
     half_width_percent: dict[str, Finite]
+    """Half of the 90 % interval of one shot, % of the value, by parameter; median over the draws."""
     shots: int | None
+    """Number of shots that bring all parameters to the wanted interval; null: more than 10,000."""
     gain_nats: float
+    """Expected information gain of one shot about the law's parameters, nats; mean over the draws."""
 
     @property
     def words(self) -> str:
@@ -136,32 +133,28 @@ class DesignedSetting(Record):
 
 
 class Design(Document):
-    """The settings that a rig can film, and the setting and number of the next shots.
-
-    Attributes:
-        material: name of the law.
-        bubble: model of the bubble.
-        medium: constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older
-            version.
-        wanted_percent: wanted half of the 90 % interval, % of the value.
-        spreads_decades: standard deviation from shot to shot in each parameter, decades (log10).
-        known: quantiles of the parameters and the stretch before the next shot, SI.
-        shots_before: number of answers of the result.json on which this is based.
-        settings: expected result at each frame rate and R_max.
-        next: index, from 0, of the setting to take next: it reaches the wanted interval with the fewest shots or, if
-            none reaches it, has the largest gain.
-    """
+    """The settings that a rig can film, and the setting and number of the next shots."""
 
     kind: Literal["design"] = "design"
     material: str
+    """Name of the law."""
     bubble: Bubble = FIELD
+    """Model of the bubble."""
     medium: StoredMedium | None = None
+    """Constants of the surrounding medium and of the bubble's contents, SI; null in a document of an older version."""
     wanted_percent: float
+    """Wanted half of the 90 % interval, % of the value."""
     spreads_decades: dict[str, float] = {}
+    """Standard deviation from shot to shot in each parameter, decades (log10)."""
     known: dict[str, Quantity]
+    """Quantiles of the parameters and the stretch before the next shot, SI."""
     shots_before: int = 0
+    """Number of answers of the result.json on which this is based."""
     settings: list[DesignedSetting]
+    """Expected result at each frame rate and R_max."""
     next: int
+    """Index, from 0, of the setting to take next: it reaches the wanted interval with the fewest shots or, if none
+    reaches it, has the largest gain."""
 
     @property
     def sentences(self) -> list[str]:

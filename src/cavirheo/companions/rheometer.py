@@ -78,38 +78,35 @@ VOCABULARY = Vocabulary(
 
 
 class Sweep(Record):
-    """What moduli over x tell: over the strain (1 is 100 %) in a strain sweep, or the angular frequency in rad/s.
-
-    Attributes:
-        kind: kind of the sweep, and of its x: "strain" or "frequency".
-        name: name of the sweep.
-        source: file of the sweep, as it was given.
-        source_sha256: SHA-256 of the file.
-        held: median of the quantity that is held: the angular frequency of a strain sweep, rad/s, or the strain of a
-            frequency sweep; null where it is not known.
-        x_from: smallest x.
-        x_to: largest x.
-        plateau_from: first x of the plateau, which is the linear range in a strain sweep; null without one.
-        plateau_to: last x of the plateau; in a strain sweep the x at which G' leaves its band, if it does.
-        plateau_storage_Pa: G' of the plateau, Pa; null without one, and in a strain sweep in which it is below G''.
-        viscosity_Pa_s: G''/omega at the angular frequency of the document, Pa s; null in a strain sweep.
-        notes: what was recognised, converted or left out.
-        message: reason why a value is missing; else empty.
-    """
+    """What moduli over x tell: over the strain (1 is 100 %) in a strain sweep, or the angular frequency in rad/s."""
 
     kind: Literal["strain", "frequency"]
+    """Kind of the sweep, and of its x: "strain" or "frequency"."""
     name: str = ""
+    """Name of the sweep."""
     source: str = ""
+    """File of the sweep, as it was given."""
     source_sha256: str = ""
+    """SHA-256 of the file."""
     held: Finite = None
+    """Median of the quantity that is held: the angular frequency of a strain sweep, rad/s, or the strain of a frequency
+    sweep; null where it is not known."""
     x_from: Finite = None
+    """Smallest x."""
     x_to: Finite = None
+    """Largest x."""
     plateau_from: Finite = None
+    """First x of the plateau, which is the linear range in a strain sweep; null without one."""
     plateau_to: Finite = None
+    """Last x of the plateau; in a strain sweep the x at which G' leaves its band, if it does."""
     plateau_storage_Pa: Finite = None
+    """G' of the plateau, Pa; null without one, and in a strain sweep in which it is below G''."""
     viscosity_Pa_s: Finite = None
+    """G''/omega at the angular frequency of the document, Pa s; null in a strain sweep."""
     notes: list[str] = []
+    """What was recognised, converted or left out."""
     message: str = ""
+    """Reason why a value is missing; else empty."""
 
     @property
     def ends_flat(self) -> bool:
@@ -273,25 +270,21 @@ def _settings(table: Table) -> tuple[Column, Column | None]:
 
 
 class Rheometry(Document):
-    """All sweeps of one material, and their results.
-
-    Attributes:
-        material: name of the material.
-        at_rad_per_s: angular frequency at which mu is taken, rad/s.
-        shear_modulus_Pa: G, Pa, over the plateaus of the frequency sweeps; without one, over those of the strain
-            sweeps.
-        shear_modulus_from: origin of G, or "no plateau".
-        viscosity_Pa_s: G''/omega at this frequency, Pa s, over the frequency sweeps.
-        sweeps: the strain sweeps, then the frequency sweeps.
-    """
+    """All sweeps of one material, and their results."""
 
     kind: Literal["rheometer"] = "rheometer"
     material: str
+    """Name of the material."""
     at_rad_per_s: float
+    """Angular frequency at which mu is taken, rad/s."""
     shear_modulus_Pa: Spread
+    """G, Pa, over the plateaus of the frequency sweeps; without one, over those of the strain sweeps."""
     shear_modulus_from: str
+    """Origin of G, or "no plateau"."""
     viscosity_Pa_s: Spread
+    """G''/omega at this frequency, Pa s, over the frequency sweeps."""
     sweeps: list[Sweep]
+    """The strain sweeps, then the frequency sweeps."""
 
     @property
     def published(self) -> dict[str, dict[str, PublishedValue]]:

@@ -36,7 +36,8 @@ def answer_lines(
             lines.append((symbol, [*line, f"({'; '.join(notes)})"] if notes else line))
     lines.append(("use", [refusal or _use(group, shots)]))
     said = refusal or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
-    facts = [message.text for message in group.facts if not (said and message.code == "group.left_out")]
+    known = {message.code for message in group.doubts} | ({"group.left_out"} if said else set())
+    facts = [message.text for message in group.messages if message.code not in known]
     if facts:
         lines.append(("check", ["; ".join(facts)]))
     if group.has_answer and group.population.switches:

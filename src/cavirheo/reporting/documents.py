@@ -46,7 +46,7 @@ from cavirheo.reporting.record import (
     members_of,
 )
 from cavirheo.writing import digits
-from cavirheo.writing.document import Quantity, finite
+from cavirheo.writing.document import Quantity, Record, finite
 
 if TYPE_CHECKING:
     from cavirheo.inference.population import CommonErrors, Population
@@ -82,13 +82,16 @@ def result(
         errors: relative standard deviations of the errors that all shots of a group share; default: those of
             `population`.
     """
+    from cavirheo.inference.population import with_slope_if_any
+
     rows = [curve_record(curve, answer) for curve, answer in pairs]
     title = _column_title(rows)
-    materials = []
+    materials: list[Population | None] = []
     for indices in members_of(rows).values():
         answers, names = [pairs[i][1] for i in indices], [rows[i].name for i in indices]
         along = [rows[i].column.get(title, np.nan) for i in indices] if title else None
-        materials.append(material_of(answers, names, along, errors))
+        several = len(answers) > 1 and any(len(answer.theta) > 1 for answer in answers)
+        materials.append(with_slope_if_any(answers, names, along, errors=errors) if several else None)
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return result_of(rows, command, materials, date=date, notes=notes, errors=errors)
 
@@ -149,8 +152,6 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
     if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
-    owners = (curve, posterior, checks)
-    same = {name: getattr(owner, name) for owner in owners for name in CurveRecord.model_fields if hasattr(owner, name)}
     differing: dict[str, Any] = {
         "name": curve.name,
         "max_radius_m": _value_or_none(curve, "max_radius"),
@@ -164,7 +165,12 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         "diagnostics": json_data(posterior.diagnostics),
         "provenance": json_data(posterior.provenance),
     }
-    return CurveRecord(**{**same, **differing, **CurveRecord.fields_of(values)})
+    return CurveRecord(**same_fields(CurveRecord, curve, posterior, checks) | differing | CurveRecord.fields_of(values))
+
+
+def same_fields(kind: type[Record], *owners: Any) -> dict[str, Any]:
+    """The values of a record's fields that these objects have under the same names; those of a later one count."""
+    return {name: getattr(owner, name) for owner in owners for name in kind.model_fields if hasattr(owner, name)}
 
 
 def sentences(messages: Iterable[Message]) -> list[Sentence]:
@@ -305,13 +311,10 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
     bounded = any(value.bound and not value.is_zero for value in values)
     if len(shots) == 1:
         return "bound" if bounded and shots[0].verdict == "ok" else shots[0].verdict
-    codes = {message.code for message in doubts}
-    wrong_law = {"group.doubt.bubble", "group.doubt.misfits", "group.doubt.switches"}
-    if codes - wrong_law - {"group.doubt.trend"}:
-        return "check_input"
-    if codes & wrong_law:
+    codes = {message.code for message in doubts} - {"group.doubt.trend"}
+    if codes and codes <= {"group.doubt.bubble", "group.doubt.misfits", "group.doubt.switches"}:
         return "does_not_fit"
-    if codes:
+    if doubts:
         return "check_input"
     if not population.has_material:
         return Counter(record.verdict for record in shots).most_common(1)[0][0]
@@ -361,28 +364,12 @@ def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
     return trends
 
 
-def material_of(
-    answers: Sequence[Posterior],
-    names: Sequence[str],
-    along: Sequence[float] | None = None,
-    errors: CommonErrors | None = None,
-) -> Population | None:
-    """The population of a group by `with_slope_if_any`, with these common errors; None for a single shot, or if no shot
-    has an interval."""
-    if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
-        return None
-    from cavirheo.inference.population import with_slope_if_any
-
-    return with_slope_if_any(answers, names, along, errors=errors)
-
-
 def population_record(population: Population | None, column: str = "") -> PopulationRecord:
     """The record of a population for a document. column: title of the column along which it has a slope."""
     if population is None:
         return PopulationRecord()
-    fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "outliers", "left_out")}
+    fields = same_fields(PopulationRecord, population)
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
-    fields |= {"switches": dict(population.switches), "heaps": dict(population.heaps)}
     if not len(population.centre):
         return PopulationRecord(**fields)
 
@@ -399,7 +386,6 @@ def population_record(population: Population | None, column: str = "") -> Popula
         spreads_decades=each(population.scatter),
         log_evidence=evidence.log if evidence else None,
         log_evidence_error=evidence.error if evidence else None,
-        agree=population.agree,
     )
 
 

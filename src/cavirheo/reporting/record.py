@@ -90,13 +90,6 @@ class Compared(Record):
     t_star_end: Finite = None
     """End of the window, as time after R_max over t_c = R_max sqrt(density/pressure); null without an answer."""
 
-    @property
-    def words(self) -> str:
-        """The window in words: '3 collapses, t* ≤ 3.1'."""
-        words = [] if self.collapses is None else [digits.counted(self.collapses, "collapse")]
-        words += [] if self.t_star_end is None else [f"t* ≤ {digits.significant(self.t_star_end, 2)}"]
-        return ", ".join(words) or digits.MISSING
-
 
 def _read_medium(value: Any) -> Any:
     """The medium in a document, where null is an infinite speed of sound; fields of a later version are left out."""
@@ -200,7 +193,7 @@ class CurveRecord(ParameterValues):
         if self.verdict == "bound":
             values = {symbol: self.main(name) for name, symbol in SYMBOLS.items()}
             subjects = [symbol for symbol, value in values.items() if value.bound and not value.is_zero]
-        words = digits.VERDICT_WORDS[self.verdict]
+        words = digits.VERDICT_STYLES[self.verdict].words
         return f"{words}: {', '.join(subjects)}" if subjects else words
 
     @property
@@ -431,11 +424,6 @@ class GroupRecord(Record):
     def doubts(self) -> list[Sentence]:
         """The messages because of which no line of this group is to be used without a second look."""
         return [message for message in self.messages if message.code.startswith("group.doubt.")]
-
-    @property
-    def facts(self) -> list[Sentence]:
-        """The messages on what could be wrong."""
-        return [message for message in self.messages if message not in self.doubts]
 
 
 class Result(Document):

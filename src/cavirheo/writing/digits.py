@@ -31,7 +31,6 @@ VERDICT_STYLES = {
     "failed": VerdictStyle("failed", "#b00020", "red"),
     "unverified": VerdictStyle("unverified", "#8a3068", "magenta"),
 }
-VERDICT_WORDS = {verdict: look.words for verdict, look in VERDICT_STYLES.items()}
 MATERIAL_TITLES = {
     "auto": "a neo-Hookean spring that may stiffen or be absent, beside a dashpot",
     "nhkv": "neo-Hookean Kelvin-Voigt",

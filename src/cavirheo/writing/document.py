@@ -104,7 +104,7 @@ class Quantity(Record):
 
     @classmethod
     def from_interval(
-        cls, low: float | None, median: float | None, high: float | None, bound: Bound | None = None
+        cls, low: float | None, median: float, high: float | None, bound: Bound | None = None
     ) -> Quantity:
         """The quantity with this interval (5 %, 50 %, 95 %)."""
         return cls(median=median, q05=low, q95=high, bound=bound)
