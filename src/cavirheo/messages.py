@@ -268,9 +268,7 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
         f"{count} of {total} recordings {'does' if count == 1 else 'do'} not follow the law"
     ),
     "group.doubt.switches": lambda count, total: f"{count} of {total} shots exclude the model of the others",
-    "group.doubt.trend": lambda trends: (
-        f"{', '.join(trends)} with R_max, as no constant does: wrong law or bubble? --column R_max gives the slope"
-    ),
+    "group.doubt.trend": lambda trends: f"{', '.join(trends)} with R_max, as no constant does: wrong law or bubble?",
     "group.left_out": _left_out,
     "group.outliers": _outliers,
     "group.scale": lambda change: f"1 % in scale or frame rate moves G by {digits.significant(change, 2)} %",

@@ -39,11 +39,17 @@ def answer_lines(
     known = {message.code for message in group.doubts} | ({"group.left_out"} if said else set())
     facts = [message.text for message in group.messages if message.code not in known]
     if facts:
-        lines.append(("check", ["; ".join(facts)]))
+        lines.append(("check", facts))
     if group.has_answer and group.population.switches:
         lines.append(("model", [model_in_words(group.population.switches)]))
     lines.append(("next", [next_step(result, group, shots, out)]))
     return lines
+
+
+def badge_of(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
+    """The verdict of a group in words; 'with care' of one with a doubt that may be used."""
+    doubted = group.verdict in ("check_input", "does_not_fit") and not _refusal(group, shots)
+    return "with care" if doubted else digits.VERDICT_STYLES[group.verdict].words
 
 
 def group_facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
@@ -78,17 +84,20 @@ def _value_line(
     middle, interval = digits.value_parts(value, factor)
     if value.bound == "undetermined":
         return [interval], []
+    scatter = group.population.wide_scatters.get(name, 0.0)
+    if scatter >= _NO_VALUE:
+        return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], []
     notes = list[str]()
     if not middle:
         if value.bound and not value.is_zero:
             notes.append(f"{digits.SURE}, too wide for one value" if value.bound == "wide" else "95 % sure")
         return [f"{interval} {unit}"], [*notes, *(["a liquid, if scale and rate are right"] if liquid else [])]
-    if scatter := group.population.wide_scatters.get(name):
+    if scatter:
         notes.append(f"shots scatter by {digits.percent(scatter)} %")
     if name == "shear_modulus" and group.population.switches.get("stiffening", 0.0) >= 0.5:
         secants = [shot.diagnostics.secant_modulus for shot in shots if shot.trusted or len(shots) == 1]
         if ends := digits.ends([secant[1] for secant in secants if secant], factor, 2):
-            notes.append(f"at small strain; at R_max {ends} {unit}")
+            notes.append(f"at small strain; stiffened at R_max like {ends} {unit}")
     statistics = group.systematic.statistics.get(name)
     if not notes and statistics and value.width > _COMMON_SHARE * statistics.width:
         notes.append(f"{digits.value_parts(statistics, factor)[1]}, were scale and rate exact")
@@ -184,7 +193,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         return f"cavirheo infer {_first_heap(group, shots)}   (then the others by themselves)"
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
     if group.verdict == "does_not_fit" or (misfits and codes) or not {*codes}.isdisjoint(_OF_MODEL):
-        return f"cavirheo which-law {_files(misfits or shots, 2)}"
+        return f"cavirheo which-law {_files(misfits or shots, 2)}   (whether another law follows them)"
     if codes:
         return f"look at {out / 'report.html'}   (which shots lie apart)"
     if group.verdict == "unverified":

@@ -58,6 +58,7 @@ LEAST_RANGES = 0.1, 1e-6  # of ln R_max, over which its own error shows no trend
 MATERIAL_CONSTANTS = ("viscosity", VISCOSITY_AT_RATE, "shear_modulus")
 CHANCE = 0.01  # probability of a trend by chance
 DECIDING_SHARE = 0.5  # share of the shots of a group, above which they decide its verdict
+LEAST_CHANGE = 1.0  # % of G by 1 % in scale or frame rate, from which on it is said
 MISFIT_SHARE = 0.15  # share of shots that do not fit, above which the others are a choice of those that the law suits
 _MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
 _TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
@@ -331,7 +332,7 @@ def _facts(
         words = slopes_in_words(population.column, population.column_at or 0.0, population.slopes_decades)
         messages.append(Message("group.slope", {"text": words}))
     change = systematic.slopes.get("shear_modulus", {}).get("scale")
-    if change is not None:
+    if change is not None and abs(change) >= LEAST_CHANGE:
         messages.append(Message("group.scale", {"change": change}))
     shots = [record for record in members if record.has_answer]
     values = {name: value for record in shots for name, value in record.provenance.get("assumed", {}).items()}

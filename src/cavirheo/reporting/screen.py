@@ -19,6 +19,7 @@ WIDTH = 80  # columns of a terminal that is not wider
 MOST_NOTES = 3  # notes on the run; the report has all
 _NAME = 28  # most characters of the name of a shot; in a table that is too wide SHORT_NAME
 _LABEL = 6  # columns before the text of a line below the shots
+_MOST_LINES = 3  # of the terminal, for each label below the shots
 
 
 def print_result(
@@ -104,7 +105,7 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collecti
         hidden = [shot for shot in shots if shot not in visible]
         verdicts = Counter(shot.verdict_in_words for shot in hidden).most_common()
         words = ", ".join(f"{count} {verdict}" for verdict, count in verdicts)
-        _say("", f"{digits.counted(len(hidden), 'more shot')}: {words} (--all shows them)")
+        _say("", f"{digits.counted(len(hidden), 'more shot')}: {words} (--all shows them)", most=2)
         ranges = []
         for name in SYMBOLS:
             shown = result.shown(name)
@@ -142,10 +143,19 @@ def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecor
     for label, parts in answer_lines(result, group, shots, out):
         if label in ("use", "check", "model"):
             style = digits.VERDICT_STYLES[group.verdict].terminal if label == "use" else ""
-            _say(label, parts[0], style=style, most=3)
+            _say(label, _fitting(parts), style=style, most=_MOST_LINES)
         else:
             value = label in SYMBOLS.values()
             _say(label, "   ".join(parts), style="bold" if value else "", most=2 if value else 1)
+
+
+def _fitting(clauses: Sequence[str]) -> str:
+    """The first of these clauses, as many as fit in the lines of a label; a first one that is too long is cut."""
+    for count in range(len(clauses), 1, -1):
+        text = "; ".join(clauses[:count]) + ("" if count == len(clauses) else "; more in the report")
+        if len(terminal.lines_of(text, _width() - _LABEL)) <= _MOST_LINES:
+            return text
+    return clauses[0]
 
 
 def _say(label: str, text: str, *, style: str = "", most: int = 1) -> None:

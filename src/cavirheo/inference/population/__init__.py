@@ -241,7 +241,7 @@ def _warnings(shots: Sequence[str], likelihoods: Sequence[Likelihood], effective
     sizes = zip(digits.distinct_names(shots), likelihoods, strict=True)
     rough = [name for name, shot in sizes if shot.effective < FEW]
     if rough:
-        yield f"the answer is rough: it rests on fewer than {FEW:.0f} independent draws of {', '.join(rough)}"
+        yield f"rough: fewer than {FEW:.0f} independent draws of {', '.join(rough)} are of this model"
     if effective < _LEAST_EFFECTIVE:
         yield f"the intervals of the material are rough: they rest on {effective:.0f} independent draws"
 
