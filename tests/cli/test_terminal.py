@@ -81,24 +81,6 @@ def test_the_line_of_a_single_shot_has_the_errors_of_scale_rate_density_and_pres
         assert abs(np.log(common / exact.median)) == pytest.approx(of_both, rel=1e-3)
 
 
-def test_it_is_said_what_is_bounded_and_what_the_shots_span(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "80")
-    pairs = one_group(14)
-    for k in range(3):
-        curve, made = pairs[k]
-        theta = made.theta.copy()
-        theta[:, 1] = np.random.default_rng(k).uniform(-4.0, -1.7, len(theta))  # to the end of the range of µ
-        pairs[k] = curve, with_verdict(replace(made, theta=theta), "bound")
-    document = result(pairs, "")
-    screen.print_result(document)
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 80
-    printed = " ".join(" ".join(lines).split())
-    assert "3 bound: µ" in printed
-    ranges = r"G [\d.]+ to [\d.]+ kPa; µ [\d.]+ to [\d.]+ Pa s"
-    assert re.search(f"values of those that count: {ranges}", printed)
-
-
 def clean(text: str) -> bool:
     return not re.search("[\0-\x08\x0b-\x1f\x7f-\x9f\u202e\ud800-\udfff]", text)
 

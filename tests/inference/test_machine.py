@@ -45,14 +45,13 @@ def usual(law: str, count: int, rng: np.random.Generator) -> tuple[Family, np.nd
 
 
 def test_the_emulator_is_the_same_on_any_number_of_threads():
-    alone, on_all = [], []
-    for threads, found in ((1, alone), (None, on_all)):
+    made = []
+    for threads in (1, None):
         emulator.cache_clear()
         with threadpool_limits(threads):
-            made = emulator()
-        with threadpool_limits(1):
-            found.append(made.trajectories(np.zeros((1, INPUTS))))
-    assert np.array_equal(alone, on_all)
+            made.append(emulator())
+    with threadpool_limits(1):
+        assert np.array_equal(*(one.trajectories(np.zeros((1, INPUTS))) for one in made))
 
 
 @pytest.mark.parametrize("law", ELASTIC)
