@@ -269,8 +269,9 @@ class Posterior:
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Central credible interval with the probability `level`, in natural units; None for a point or failed answer,
-        which has no width. The high end of an upper bound of the law's parameters is by `upper_limit`. Raises
-        InputError: as `draws`, or the level is not between 0 and 1."""
+        which has no width. The high end of an upper bound of the law's parameters is by `upper_limit`. Errors that all
+        shots of a camera share (scale, frame rate, density, pressure) are in the interval of a `population`, and in the
+        line that the command prints. Raises InputError: as `draws`, or the level is not between 0 and 1."""
         check_level(level)
         values = self.draws(name)
         if len(values) < 2:
