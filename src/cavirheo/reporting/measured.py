@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,11 +14,6 @@ from cavirheo.video.measurement import Measurement, StatedNumber
 from cavirheo.video.track import FLAGS, USED
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, write_rows
-
-_COLUMNS = (  # of measured.csv
-    *("time_us", "radius_um", "radius_std_um", "systematic_um", "x_px", "y_px"),
-    *("asphericity", "edge_width_px", "arc", "flag", "frame"),
-)
 
 
 class Measured(Document):
@@ -80,14 +76,25 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
 
 def write_csv(path: Path, measurement: Measurement) -> None:
     """Write one row per frame (docs/how-to/measure.md); lengths are in pixels (radius_px, ...) if there is no scale."""
-    track, scale, (left, top) = measurement.track, measurement.um_per_px.value, measurement.corner
-    names = [*_COLUMNS] if scale else [name.replace("_um", "_px") for name in _COLUMNS]
-    lengths = [(scale or 1.0) * values for values in (track.radius, track.sigma, track.systematic)]
-    columns = (*lengths, track.x + left, track.y + top, track.asphericity, track.width, track.arc)
-    numbers = ([f"{value:.6g}" if np.isfinite(value) else "" for value in values] for values in columns)
-    times = [f"{time:.10g}" for time in 1e6 * measurement.time]
-    rows = zip(times, *numbers, track.flags, range(measurement.first, measurement.first + len(times)), strict=True)
-    write_rows(path, names, (dict(zip(names, row, strict=True)) for row in rows))
+    track, (left, top), scale = measurement.track, measurement.corner, measurement.um_per_px.value
+    unit, factor = ("um", scale) if scale else ("px", 1.0)
+    numbers = {
+        f"radius_{unit}": factor * track.radius,
+        f"radius_std_{unit}": factor * track.sigma,
+        f"systematic_{unit}": factor * track.systematic,
+        "x_px": track.x + left,
+        "y_px": track.y + top,
+        "asphericity": track.asphericity,
+        "edge_width_px": track.width,
+        "arc": track.arc,
+    }
+    first = measurement.first
+    columns: dict[str, Sequence[Any]] = {"time_us": [f"{time:.10g}" for time in 1e6 * measurement.time]}
+    for name, values in numbers.items():
+        columns[name] = [f"{value:.6g}" if np.isfinite(value) else "" for value in values]
+    columns |= {"flag": track.flags.tolist(), "frame": range(first, first + len(measurement.time))}
+    rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+    write_rows(path, [*columns], rows)
 
 
 def print_table(record: Measured) -> None:
