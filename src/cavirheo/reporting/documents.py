@@ -271,9 +271,11 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
     total = len(shots)
     most = max(DECIDING_SHARE * total, 1)
     doubted = [record for record in shots if record.verdict == "check_input"]
-    if len(doubted) > most:
-        counts = {"count": len(doubted), "total": total}
-        messages.append(Message("group.doubt.input", {**counts, "reason": _reason(doubted)}))
+    late = [record for record in doubted if "check_input.late_start" in [one.code for one in record.warnings]]
+    suspects = late if 1 < len(late) > MISFIT_SHARE * total else doubted  # the others are cut alike, and show it less
+    if suspects is late or len(doubted) > most:
+        counts = {"count": len(suspects), "total": total}
+        messages.append(Message("group.doubt.input", {**counts, "reason": _reason(suspects)}))
     for code, names in (("group.doubt.ends", CAMERA), ("group.doubt.bubble", tuple(BUBBLE))):
         ends = [{*names} & {*record.diagnostics.at_bound} for record in shots]
         pulled = sum(map(bool, ends))
