@@ -73,12 +73,11 @@ def test_the_line_of_a_single_shot_has_the_errors_of_scale_rate_density_and_pres
     """ln G changes by 20 times that of the scale, so that 1 % of the scale gives it a deviation of 20 %."""
     ((curve, made),) = one_group(1)
     made = replace(made, diagnostics=replace(made.diagnostics, modulus_over_scale=20.0))
-    errors = CommonErrors(0.0, 0.0, 0.0, 0.0), CommonErrors(0.01, 0.0, 0.0, 0.0)
-    exact, usual = (result([(curve, made)], "", errors=each).groups[0].population.shear_modulus_Pa for each in errors)
+    made_with = (result([(curve, made)], "", errors=CommonErrors(scale, 0.0, 0.0, 0.0)) for scale in (0.0, 0.01))
+    exact, usual = (one.groups[0].population.shear_modulus_Pa for one in made_with)
     assert (exact.q05, exact.q95) == pytest.approx(made.interval("G"))
-    for alone, common in ((exact.q05, usual.q05), (exact.q95, usual.q95)):
-        of_both = np.hypot(np.log(alone / exact.median), 1.645 * 0.2)
-        assert abs(np.log(common / exact.median)) == pytest.approx(of_both, rel=1e-3)
+    alone, common = np.abs(np.log([[one.q05, one.q95] for one in (exact, usual)]) - np.log(exact.median))
+    assert common == pytest.approx(np.hypot(alone, 1.645 * 0.2), rel=1e-3)
 
 
 def clean(text: str) -> bool:

@@ -331,8 +331,7 @@ def test_a_doubtful_shot_has_no_vote_in_the_switches():
     assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True).answers} == {"newtonian"}
     plain = seen(CENTRE, 0.05)  # by another law
     assert share_switches([plain], only_trusted=True).answers == [plain]
-    others = [switched(k, field=1.0) for k in range(4)]
-    assert population([*others, gel]).left_out == {"other_switches": 1}
+    assert population([*(switched(k, field=1.0) for k in range(4)), gel]).left_out == {"other_switches": 1}
     real = replace(plain, switches={"field_bubble": 0.2})  # another law has the switch of its bubble alone
     assert share_switches([real, real], only_trusted=True).answers == [real, real]
 
