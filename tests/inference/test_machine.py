@@ -93,8 +93,7 @@ def test_the_emulator_follows_the_solver():
         shot = {"max_radius": float(radius[i]), "stretch": float(stretch[i]), "time": times, "bubble": bubble}
         simulated = simulate(family.material(x[i]), **shot).radius / radius[i]
         errors.append(np.sqrt(np.mean((emulated[i] - simulated) ** 2)))
-    assert np.median(errors) < 0.01
-    assert np.quantile(errors, 0.95) < 0.05
+    assert (np.quantile(errors, [0.5, 0.95]) < [0.0015, 0.05]).all()
 
 
 def test_an_atom_of_a_prior_has_its_probability_and_its_place():
@@ -307,7 +306,8 @@ def test_a_ridge_is_followed_from_its_maximum():
         held = u[:, 1] + 0.2 * u[:, 0] ** 2
         return np.column_stack([np.full(len(u), 0.01 * (-1.0) ** i) for i in range(30)]) - held[:, None]
 
-    maximum = climb(residuals, noise, np.array([[0.1, 0.1]]))
+    maximum = climb(residuals, noise, np.array([[0.5, 0.1]]))
+    assert maximum.u == pytest.approx(np.zeros((1, 2)), abs=1e-3)
     assert len(maximum.apart(3, 10.0, peaks=True)) == 1
     both = maximum.and_of(Maxima(maximum.u + 1e-5, maximum.value - 1.0, maximum.curvature))
     assert both.apart(3, 10.0, peaks=True) == [0]
