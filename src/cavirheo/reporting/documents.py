@@ -243,7 +243,7 @@ def group_record(
 
 def _of_one_shot(row: CurveRecord, errors: CommonErrors | None) -> tuple[PopulationRecord, Systematic]:
     """The answer of a single shot as that of its group, whose common errors it has, too."""
-    from cavirheo.inference.population.systematic import CommonErrors, hidden_modulus, slopes, widened
+    from cavirheo.inference.population.systematic import CommonErrors, slopes, widened, widened_limit
 
     errors = errors or CommonErrors()
     over = {"shear_modulus": row.diagnostics.modulus_over_scale, "viscosity": row.diagnostics.viscosity_over_scale}
@@ -259,8 +259,8 @@ def _of_one_shot(row: CurveRecord, errors: CommonErrors | None) -> tuple[Populat
             values[name] = Quantity.from_interval(low, value.median, high, wide_bound(name, low, high))
     modulus = values["shear_modulus"]
     if modulus.bound == "upper" and row.medium and row.stretch.median:
-        hidden = hidden_modulus(errors, row.medium.pressure, row.stretch.median)
-        values["shear_modulus"] = modulus.model_copy(update={"q95": float(np.hypot(modulus.q95 or 0.0, hidden))})
+        limit = widened_limit(modulus.q95 or 0.0, errors, row.medium.pressure, row.stretch.median)
+        values["shear_modulus"] = modulus.model_copy(update={"q95": limit})
     fields = PopulationRecord.fields_of(values)
     return PopulationRecord(line="a single shot", model=row.model, n=1, switches=row.switches, **fields), systematic
 
@@ -272,8 +272,10 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
     most = max(DECIDING_SHARE * total, 1)
     doubted = [record for record in shots if record.verdict == "check_input"]
     late = [record for record in doubted if "check_input.late_start" in [one.code for one in record.warnings]]
-    suspects = late if 1 < len(late) > MISFIT_SHARE * total else doubted  # the others are cut alike, and show it less
-    if suspects is late or len(doubted) > most:
+    suspects = doubted if len(doubted) > most else []
+    if len(late) > max(MISFIT_SHARE * total, 1):  # the others are cut alike, and show it less
+        suspects = late
+    if suspects:
         counts = {"count": len(suspects), "total": total}
         messages.append(Message("group.doubt.input", {**counts, "reason": _reason(suspects)}))
     for code, names in (("group.doubt.ends", CAMERA), ("group.doubt.bubble", tuple(BUBBLE))):
@@ -299,11 +301,14 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
 
 def _reason(doubted: Sequence[CurveRecord]) -> str:
     """The input warning that most of these shots have; of the first of them, if its numbers differ."""
-    warnings = [message for record in doubted for message in record.warnings or record.messages]
+    names = digits.distinct_names([record.name for record in doubted])
+    shots = zip(names, doubted, strict=True)
+    warnings = [(name, message) for name, record in shots for message in record.warnings or record.messages]
     if not warnings:
         return "see each shot"
-    code = Counter(message.code for message in warnings).most_common(1)[0][0]
-    return next(message.text for message in warnings if message.code == code)
+    code = Counter(message.code for _, message in warnings).most_common(1)[0][0]
+    name, text = next((name, message.text) for name, message in warnings if message.code == code)
+    return text if len({message.text for _, message in warnings if message.code == code}) == 1 else f"{name}: {text}"
 
 
 def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord) -> Verdict:

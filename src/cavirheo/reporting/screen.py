@@ -151,7 +151,7 @@ def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecor
 
 def _fitting(clauses: Sequence[str]) -> str:
     """The first of these clauses, as many as fit in the lines of a label; a first one that is too long is cut."""
-    for count in range(len(clauses), 1, -1):
+    for count in range(len(clauses), 0, -1):
         text = "; ".join(clauses[:count]) + ("" if count == len(clauses) else "; more in the report")
         if len(terminal.lines_of(text, _width() - _LABEL)) <= _MOST_LINES:
             return text

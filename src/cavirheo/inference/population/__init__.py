@@ -21,7 +21,7 @@ from cavirheo.inference.population.hierarchy import MaterialPosterior
 from cavirheo.inference.population.likelihood import Likelihood, likelihood
 from cavirheo.inference.population.material import Difference, Population, quantiles
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.inference.population.systematic import CommonErrors, hidden_modulus, shifts
+from cavirheo.inference.population.systematic import CommonErrors, shifts, widened_limit
 from cavirheo.inference.sample import Draws, effective_size
 from cavirheo.parameters import (
     DECIDING,
@@ -174,8 +174,7 @@ def _modulus_limit(answers: Sequence[Posterior], by_statistics: float | None, er
     """95 % limit of G, Pa, of a material that may be a liquid, with the errors that all shots share; None: it is 0."""
     pressure = np.median([(answer.medium or WATER).pressure for answer in answers])
     stretch = np.median([answer.stretch or USUAL_STRETCH[0] for answer in answers])
-    limit = float(np.hypot(by_statistics or 0.0, hidden_modulus(errors, float(pressure), float(stretch))))
-    return limit or None
+    return widened_limit(by_statistics or 0.0, errors, float(pressure), float(stretch)) or None
 
 
 def _with_material(

@@ -63,6 +63,11 @@ def hidden_modulus(errors: CommonErrors, pressure: float, stretch: float) -> flo
     return NORMAL_90 * 2.0 * ratio * pressure / float(elastic_number(stretch))
 
 
+def widened_limit(limit: float, errors: CommonErrors, pressure: float, stretch: float) -> float:
+    """A 95 % limit of G, Pa, that statistics give, with these errors."""
+    return float(np.hypot(limit, hidden_modulus(errors, pressure, stretch)))
+
+
 def slopes(name: str, over_scale: float) -> dict[str, float]:
     """Relative change of a parameter, by its natural name, per relative change of what `CommonErrors` names, from that
     per relative change of R_max."""
