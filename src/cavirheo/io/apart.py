@@ -13,8 +13,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from threading import Timer
-from time import monotonic
+from threading import Event, Timer
 from typing import Any
 
 from cavirheo.errors import InputError
@@ -50,9 +49,14 @@ def call(
         program = _CHILD.format(path=path, module=module, name=function.__name__, memory=memory)
         command = [sys.executable, "-P", "-c", program]
         child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    timer = Timer(seconds, child.kill)
+    expired = Event()
+
+    def end() -> None:
+        expired.set()
+        child.kill()
+
+    timer = Timer(seconds, end)
     timer.start()
-    start = monotonic()
     try:
         request = encode(arguments)
         child.stdin.write(len(request).to_bytes(_SIZE) + request)
@@ -61,7 +65,7 @@ def call(
         if kept:
             _children[key] = child
     except (EOFError, OSError):  # the child has ended
-        if monotonic() - start >= seconds:
+        if expired.is_set():
             message = f"reading {name} took more than {seconds:g} s: is it damaged, or too long?"
             raise InputError(message, "limits.time") from None
         message = f"reading {name} ended its process: the file is badly damaged, or too large; save a table as CSV"
