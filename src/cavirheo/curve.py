@@ -78,9 +78,9 @@ class RadiusCurve:
         radius_std: (n,) m, standard deviation of the radius; NaN where unknown.
         meta: facts about the recording. Every key is optional, and these are attributes of the curve too: name, group
             and group_source; source (the file as given) and source_sha256; notes (what was recognised, converted or
-            left out); hints (remarks on scale and constants); column (title and value in the user's table); stretch
-            (R_max/R_0 as stated) and stretch_std; medium (constants of the medium as stated, SI, by field of `Medium`);
-            frame_rate, 1/s (key frame_rate_hz); exposure, s (key exposure_s).
+            left out); hints (remarks on scale and constants); stretch (R_max/R_0 as stated) and stretch_std; medium
+            (constants of the medium as stated, SI, by field of `Medium`); frame_rate, 1/s (key frame_rate_hz);
+            exposure, s (key exposure_s).
         maximum: (time in s, R_max in m); if None, it is fitted to the samples (landmarks.py).
         stated_time_of_max: time of R_max that the file states, s; used where the recording does not show the growth.
         unscaled: reason why the radii have no scale; `max_radius` raises it until `with_max_radius` sets the scale.
@@ -110,7 +110,6 @@ class RadiusCurve:
     unusable: str = ""
 
     name: ClassVar[_MetaEntry[str]] = _MetaEntry("name", "curve")
-    column: ClassVar[_MetaEntry[Mapping[str, float]]] = _MetaEntry("column", {})
     notes: ClassVar[_MetaEntry[tuple[str, ...]]] = _MetaEntry("notes", ())
     hints: ClassVar[_MetaEntry[tuple[str, ...]]] = _MetaEntry("hints", ())
     source: ClassVar[_MetaEntry[str]] = _MetaEntry("source", "")

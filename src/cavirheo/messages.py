@@ -217,7 +217,6 @@ _UNCOUNTED = {  # what is said of one shot that does not count, and of several
     "unverified": ("is by a network alone", "are by a network alone"),
     "no_interval": ("has no interval", "have no interval"),
     "other_switches": ("excludes the model of the others", "exclude the model of the others"),
-    "no_column_value": ("has no value along the column", "have no value along the column"),
     "other_model": ("is of another model", "are of another model"),
     "copy": ("is a copy of another", "are copies of others"),
 }

@@ -92,7 +92,6 @@ _WALL = "um to one rigid wall, instead of --confinement-inertia"
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
 Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
-COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
 ExposureUs = Annotated[Any, number(_EXPOSURE, INPUT)]
 _CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"

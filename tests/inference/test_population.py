@@ -4,18 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import CENTRE, FLAT, NAMES, answer, bubble, empty, seen, shots
+from answers import CENTRE, FLAT, NAMES, answer, bubble, seen, shots
 from conftest import FIELD, REAL, code_of, slow
 from scipy.stats import norm
 
-from cavirheo import CommonErrors, Posterior, load, population
-from cavirheo.column import LOG_R_MAX, with_column
+from cavirheo import CommonErrors, Posterior, population
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import hidden_modulus
 from cavirheo.physics.collapse import analytic_time
 from cavirheo.posterior import Checks, Evidence
-from cavirheo.reporting import result, write_report
+from cavirheo.reporting import result
 
 EXACT = CommonErrors(0.0, 0.0, 0.0, 0.0)
 
@@ -193,8 +192,6 @@ def test_a_value_that_a_single_shot_gives_is_not_that_of_the_material():
         ([], {}, "none"),
         (shots(2), {}, "no_draws"),
         (shots(3), {"names": ["a"]}, "names"),
-        (shots(3), {"along": [1.0, 2.0]}, "along"),
-        (shots(3), {"along": [1.0, 1.0, 1.0]}, "along"),
     ],
 )
 def test_what_cannot_be_is_refused(answers, how, code):
@@ -212,68 +209,6 @@ def test_groups_of_a_document_are_told_apart():
     apart = {one.parameter: one for one in document.differences}["shear_modulus"]
     assert (apart.first, apart.second) == ("stiff", "soft")
     assert apart.probability_higher > 0.99
-
-
-TABLE = "shot,concentration\n" + "".join(f"shot {i},{0.5 * (i // 3)}\n" for i in range(12))
-
-
-def declared(path, text=TABLE, names=12, group="gel"):
-    """Curves of one group, with what a table says of them."""
-    path.write_text(text)
-    return with_column([bubble(f"shot {i}", group.format(i)) for i in range(names)], path)
-
-
-def with_slopes(curves, slopes, *, seed=3) -> list[Posterior]:
-    """Shots whose log10 of G and mu have these slopes along the curves' column."""
-    rng = np.random.default_rng(seed)
-    along = np.array([one.column.get("concentration", one.column.get(LOG_R_MAX)) for one in curves])
-    truths = CENTRE + np.outer(along - along.mean(), slopes) + 0.03 * rng.standard_normal((len(along), 2))
-    return [seen(truth, 0.04, seed=i) for i, truth in enumerate(truths)]
-
-
-def test_a_declared_column_gives_the_group_its_slope(tmp_path):
-    curves = declared(tmp_path / "c.csv")
-    answers = with_slopes(curves, [0.3, 0.0])
-    made = result(list(zip(curves, answers, strict=True)), "x")
-    found = made.groups[0].population
-    slope = found.slopes_decades
-    assert slope["shear_modulus"].q05 < 0.3 < slope["shear_modulus"].q95 < slope["shear_modulus"].q05 + 0.15
-    assert slope["viscosity"].q05 < 0.0 < slope["viscosity"].q95
-    assert (found.column, found.column_at) == ("concentration", pytest.approx(0.75))
-    assert np.log10(found.shear_modulus_Pa.median) == pytest.approx(CENTRE[0], abs=0.04)
-    assert found.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
-    without = population(answers)
-    assert without.scatter("shear_modulus")[1] > 0.13
-    assert code_of(without.trend, "viscosity") == "population.along"
-    assert [one.column["c"] for one in declared(tmp_path / "d.csv", "shot,c\ngel,1\nshot 2,5\n", 4)] == [1, 1, 5, 1]
-    write_report(tmp_path, list(zip(curves, answers, strict=True)), made, draw=False)
-    assert load(tmp_path).curves[4].column == {"concentration": 0.5}
-
-
-def test_the_word_R_max_gives_the_slope_over_the_size():
-    """Truth: the viscosity rises as the square root of R_max."""
-    curves = [bubble(f"shot {i}", "gel", top=size) for i, size in enumerate(np.geomspace(1e-4, 4e-4, 12))]
-    found = with_column([*curves, empty()], "R_max")
-    assert [one.column.get(LOG_R_MAX) for one in found] == [*(np.log10(1e6 * one.max_radius) for one in curves), None]
-    pairs = list(zip(found[:12], with_slopes(found[:12], [0.0, 0.5]), strict=True))
-    about = result(pairs, "x").groups[0].population
-    assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
-    assert about.column == LOG_R_MAX
-
-
-@pytest.mark.parametrize(
-    ("code", "text", "group"),
-    [
-        ("unknown", TABLE + "shoe,3\n", "gel"),
-        ("missing", TABLE.replace("shot 7,1.0\n", ""), "gel"),
-        ("constant", TABLE, "gel {}"),
-        ("number", TABLE.replace("shot 7,1.0", "shot 7,much"), "gel"),
-        ("twice", TABLE + "shot 7,3\n", "gel"),
-        ("head", "shot,c,d\nshot 1,1,2\n", "gel"),
-    ],
-)
-def test_a_column_that_is_not_theirs_is_refused(tmp_path, code, text, group):
-    assert code_of(declared, tmp_path / "c.csv", text, group=group) == f"column.{code}"
 
 
 def switched(seed, liquid=0.0, stiffening=0.0, field=0.0, *, mu=0.03, draws=400) -> Posterior:

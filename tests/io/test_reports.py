@@ -14,8 +14,9 @@ from answers import COMMAND, NAMES, Page, answer, bubble, empty, unanswered, wit
 from conftest import ANSWER, refused, rows_of
 
 from cavirheo import Bubble, infer_many, load, population
-from cavirheo.column import read_column
 from cavirheo.inference.which_law import ranked
+from cavirheo.io.files import guarded
+from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.posterior import Diagnostics, Evidence
 from cavirheo.reporting import html, result, write_report
 from cavirheo.reporting.documents import laws_by_curve
@@ -190,7 +191,9 @@ def test_no_cell_of_a_table_is_a_formula(tmp_path):
     assert not any(cell.startswith(tuple("=+@＝")) for cell in (*head, *(row[0] for row in rows)))
     assert [row[0] for row in rows if row[0].startswith("-")] == ["-1.5"]
     assert {row[1] for row in rows} == {"-1.5"}
-    assert list(read_column(tmp_path / "a.csv")[1]) == names
+    with guarded(tmp_path / "a.csv") as source:
+        (table,) = read_columns(source, Vocabulary({"shot": Term("shot")}, "", ["shot"]))
+    assert list(table.columns[0].text) == names
 
 
 MEDIUM = ANSWER.replace("answer", "medium_for")

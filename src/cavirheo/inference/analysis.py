@@ -45,7 +45,7 @@ from cavirheo.writing.packing import content_hash
 _log = logging.getLogger(__name__)
 DEFAULT = "posterior"  # the model of `infer` that is no network: draws of the emulator, weighed by simulations
 _METHODS = {"infer": "inferring", "bdt": "reading", "fit": "fitting"}
-_LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints", "source", "source_sha256"}
+_LABELS = {"name", "label", "group", "group_source", "notes", "hints", "source", "source_sha256"}
 _LABELS |= {"flags", "contact_sheet"}  # keys of `RadiusCurve.meta` on which no answer depends
 
 

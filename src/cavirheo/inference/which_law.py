@@ -21,7 +21,7 @@ from cavirheo.errors import require
 from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.population import Population, with_slope_if_any
+from cavirheo.inference.population import Population, population
 from cavirheo.physics.bubble import Requested, bubbles_of
 from cavirheo.posterior import Evidence, Pair, Posterior
 
@@ -100,17 +100,15 @@ class Ranking:
 
     @cached_property
     def populations(self) -> dict[str, Population]:
-        """One material with its scatter by law, for the summed shots of a group, with its slope along the column if
-        this has several values. Their `evidence` is that of the law for the whole group."""
+        """One material with its scatter by law, for the summed shots of a group. Their `evidence` is that of the law
+        for the whole group."""
         if len(self.curves) < 2:
             return {}
         summed = np.flatnonzero(self._summed).tolist()
         names = [self.curves[k].name for k in summed]
-        title = next((title for curve in self.curves for title in curve.column), "")
-        along = [self.curves[k].column.get(title, np.nan) for k in summed] if title else None
         laws = [law for law, evidence in self.evidence.items() if evidence]
         answers = {law: [self.answers[law][k] for k in summed] for law in laws}
-        return {law: with_slope_if_any(answers[law], names, along, only_trusted=False) for law in laws}
+        return {law: population(answers[law], names=names, only_trusted=False) for law in laws}
 
 
 def plans(laws: Sequence[str], bubble: Requested = "real", **options: Any) -> dict[str, Analysis]:

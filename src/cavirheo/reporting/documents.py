@@ -4,7 +4,7 @@ material, its verdict, which obeys the rows, and what a user must know of it."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
@@ -60,8 +60,6 @@ CHANCE = 0.01  # probability of a trend by chance
 DECIDING_SHARE = 0.5  # share of the shots of a group, above which they decide its verdict
 LEAST_CHANGE = 1.0  # % of G by 1 % in scale or frame rate, from which on it is said
 MISFIT_SHARE = 0.15  # share of shots that do not fit, above which the others are a choice of those that the law suits
-_MAX_FLAT_POWER = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
-_TREND_VERBS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
 _MAX_COMPARED = 6  # most groups that are compared, each with each
 
 
@@ -83,16 +81,14 @@ def result(
         errors: relative standard deviations of the errors that all shots of a group share; default: those of
             `population`.
     """
-    from cavirheo.inference.population import with_slope_if_any
+    from cavirheo.inference.population import population
 
     rows = [curve_record(curve, answer) for curve, answer in pairs]
-    title = _column_title(rows)
     materials: list[Population | None] = []
     for indices in members_of(rows).values():
         answers, names = [pairs[i][1] for i in indices], [rows[i].name for i in indices]
-        along = [rows[i].column.get(title, np.nan) for i in indices] if title else None
         several = len(answers) > 1 and any(len(answer.theta) > 1 for answer in answers)
-        materials.append(with_slope_if_any(answers, names, along, errors=errors) if several else None)
+        materials.append(population(answers, names=names, errors=errors) if several else None)
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return result_of(rows, command, materials, date=date, notes=notes, errors=errors)
 
@@ -108,10 +104,10 @@ def result_of(
 ) -> Result:
     """The result of these records of curves, and of their groups. materials: those of the groups; default: none.
     errors: as of `result`."""
-    members, names, title = members_of(rows), group_names(rows), _column_title(rows)
+    members, names = members_of(rows), group_names(rows)
     materials = materials or [None] * len(members)
     groups = [
-        group_record(name, [rows[i] for i in indices], material, title, errors)
+        group_record(name, [rows[i] for i in indices], material, errors)
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
     differing = differences(dict(zip(names, materials, strict=True)))
@@ -213,13 +209,12 @@ def group_record(
     name: str,
     members: Sequence[CurveRecord],
     material: Population | None = None,
-    column: str = "",
     errors: CommonErrors | None = None,
 ) -> GroupRecord:
-    """The record of a group, from the records of its curves and from its material. column: title of the column along
-    which the material may change. errors: of a single shot, as of `result`."""
+    """The record of a group, from the records of its curves and from its material. errors: of a single shot, as of
+    `result`."""
     shots = [record for record in members if record.has_answer]
-    population, systematic = population_record(material, column), systematic_of(material)
+    population, systematic = population_record(material), systematic_of(material)
     if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
         population, systematic = _of_one_shot(members[0], errors)
     elif not population.has_material:
@@ -332,12 +327,9 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
 def _facts(
     members: Sequence[CurveRecord], population: PopulationRecord, systematic: Systematic, warnings: Iterable[str]
 ) -> list[Message]:
-    """Messages on the slope along a column, on what 1 % of scale or rate does to G, on constants that nobody gave, on
-    shots that do not count or are unlike the others, and on what is rough in the answer."""
+    """Messages on what 1 % of scale or rate does to G, on constants that nobody gave, on shots that do not count or are
+    unlike the others, and on what is rough in the answer."""
     messages = list[Message]()
-    if population.slopes_decades:
-        words = slopes_in_words(population.column, population.column_at or 0.0, population.slopes_decades)
-        messages.append(Message("group.slope", {"text": words}))
     change = systematic.slopes.get("shear_modulus", {}).get("scale")
     if change is not None and abs(change) >= LEAST_CHANGE:
         messages.append(Message("group.scale", {"change": change}))
@@ -372,26 +364,19 @@ def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
     return trends
 
 
-def population_record(population: Population | None, column: str = "") -> PopulationRecord:
-    """The record of a population for a document. column: title of the column along which it has a slope."""
+def population_record(population: Population | None) -> PopulationRecord:
+    """The record of a population for a document."""
     if population is None:
         return PopulationRecord()
     fields = same_fields(PopulationRecord, population)
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
     if not len(population.centre):
         return PopulationRecord(**fields)
-
-    def each(of: Callable[[str], tuple[float, float, float]]) -> dict[str, Quantity]:
-        return {name: Quantity.from_interval(*of(name)) for name in population.names}
-
     evidence = population.evidence
-    if population.slope is not None:
-        slopes = each(population.trend)
-        fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
     return PopulationRecord(
         **fields,
         **PopulationRecord.fields_of({name: population.quantity(name) for name in population.quantities}),
-        spreads_decades=each(population.scatter),
+        spreads_decades={name: Quantity.from_interval(*population.scatter(name)) for name in population.names},
         log_evidence=evidence.log if evidence else None,
         log_evidence_error=evidence.error if evidence else None,
     )
@@ -415,23 +400,6 @@ def systematic_of(population: Population | None) -> Systematic:
     )
 
 
-def slopes_in_words(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
-    """The slopes in words: 'along concentration, decades per unit: G rises 0.20 (0.15 to 0.25); the material is that at
-    concentration = 3'. Along R_max they are powers of it."""
-    from cavirheo.column import LOG_R_MAX
-
-    along, place = f"along {column}, decades per unit", f"{column} = {digits.significant(at)}"
-    if column == LOG_R_MAX:
-        along, place = "over R_max, as a power of it", f"R_max = {digits.micrometres(1e-6 * 10.0**at)} µm"
-    clauses = []
-    for name, slope in slopes.items():
-        verb = _TREND_VERBS[slope.sign]
-        if column == LOG_R_MAX and not slope.sign and max(-(slope.q05 or 0.0), slope.q95 or 0.0) < _MAX_FLAT_POWER:
-            verb = "shows no change"
-        clauses.append(f"{digits.shown(name).symbol} {verb}, {digits.quantity(slope)}")
-    return f"{along}: {'; '.join(clauses)}; the material is that at {place}"
-
-
 def differences(materials: Mapping[str, Population | None]) -> list[MaterialRatio]:
     """Ratios of each two of the first _MAX_COMPARED materials with the same model."""
     whole = [(name, population) for name, population in materials.items() if population and len(population.centre)]
@@ -442,11 +410,6 @@ def differences(materials: Mapping[str, Population | None]) -> list[MaterialRati
                 ratio = {**difference._asdict(), "ratio": Quantity.from_interval(*difference.ratio)}
                 records.append(MaterialRatio(first=later, second=earlier, parameter=name, **ratio))
     return records
-
-
-def _column_title(rows: Iterable[CurveRecord]) -> str:
-    """The title of the column that the user declared; "" if there is none."""
-    return next((title for row in rows for title in row.column), "")
 
 
 def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:

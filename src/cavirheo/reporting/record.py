@@ -158,13 +158,11 @@ class CurveRecord(ParameterValues):
     seconds: float
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
-    column: dict[str, float] = {}
-    """Title and value of the column declared by the user; left out where there is none."""
     stretch_prior: dict[str, float] = {}
     """"mean" and "std" of the normal prior of the stretch, from the file or the late plateau; left out where there is
     no such prior."""
     provenance: dict[str, Any]
-    _omitted_if_empty = ("switches", "column", "stretch_prior")
+    _omitted_if_empty = ("switches", "stretch_prior")
     _keys = MAIN_FIELDS | {"stretch": "stretch"}
 
     @property
@@ -254,22 +252,15 @@ class PopulationRecord(ParameterValues):
     outliers: dict[str, float] = {}
     """Probability that a shot is of another material, by the name of the shot; for shots above 0.5."""
     left_out: dict[str, int] = {}
-    """Number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value", "other_switches"
-    (it excludes those of the group), "other_model" or "copy"."""
+    """Number of shots that do not count, by reason: their verdict, "no_interval", "other_switches" (it excludes those
+    of the group), "other_model" or "copy"."""
     log_evidence: Finite = None
     """Log evidence of the law for all these shots, with one material and its scatter; null where a shot has none."""
     log_evidence_error: Finite = None
     """Standard error of log_evidence."""
     agree: bool = False
     """Whether the shots differ by no more than their intervals."""
-    column: str = ""
-    """Title of the declared column with which the material may change; left out where there is none."""
-    column_at: Finite = None
-    """Value of the column at which the parameters are given; left out where there is no column."""
-    slopes_decades: dict[str, Quantity] = {}
-    """Slope of each parameter along the column, decades per unit of the column, by natural name; left out where there
-    is no column."""
-    _omitted_if_empty = ("switches", "heaps", "column", "column_at", "slopes_decades")
+    _omitted_if_empty = ("switches", "heaps")
 
     @property
     def has_material(self) -> bool:

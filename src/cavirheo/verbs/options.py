@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import BadParameter
 
 from cavirheo.errors import InputError
-from cavirheo.settings import CLUSTER, COLUMN, INPUT, INTERVAL, OUTPUT, Exclude, Settings, argument, option
+from cavirheo.settings import CLUSTER, INTERVAL, OUTPUT, Exclude, Settings, argument, option
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -109,21 +109,16 @@ class MeasuredFiles(AnsweringVerb):
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
-    column: Annotated[Path | None, option(COLUMN, INPUT, readable=False)] = None
     scheduler: Scheduler = None
     slurm: Slurm = None
 
     def read_curves(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
-        """Return all curves of the files, with their values of --column, and load the solver. Raises InputError: no
-        curve, or a column that does not match the curves."""
-        from cavirheo.column import with_column
+        """Return all curves of the files, and load the solver. Raises InputError: no curve."""
         from cavirheo.physics.simulate import load_solver
 
         curves, problems, remarks, hints = self.read_recordings(files, self.exclude)
         run.note_unreadable(problems)
         run.notes += remarks + hints
         run.require_any(curves, "curve")
-        if self.column is not None:
-            curves = with_column(curves, self.column)
         load_solver()
         return curves

@@ -143,11 +143,6 @@ class Quantity(Record):
         low, high = self.limits
         return high - low
 
-    @property
-    def sign(self) -> int:
-        """1 or -1 where the interval excludes zero, else 0."""
-        return ((self.q05 or 0.0) > 0) - ((self.q95 or 0.0) < 0)
-
 
 class Spread(Record):
     """Statistics of several values, in the unit of their field; null where there is no value."""

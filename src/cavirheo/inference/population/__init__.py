@@ -5,15 +5,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats, at_levels
-from cavirheo.errors import InputError, expect, expect_whole, require
+from cavirheo.errors import expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.answer import sensitivity_to_scale
 from cavirheo.inference.population.heaps import two_heaps
@@ -50,7 +47,6 @@ def population(
     answers: Sequence[Posterior],
     *,
     names: Sequence[str] | None = None,
-    along: ArrayLike | None = None,
     only_trusted: bool = True,
     errors: CommonErrors | None = None,
     seed: int = 0,
@@ -63,8 +59,6 @@ def population(
             are those without an interval, with an untrusted verdict, of another model than most, or of equal draws.
             Answers by the default family share its switches (switches.py).
         names: of the shots; default: those of their curves if they differ, else "shot 1", ...
-        along: (n,) a column on which the centre may depend, such as log10 of R_max or a concentration: the population
-            then has a slope, in decades of each parameter per unit of the column.
         only_trusted: False: answers count with any verdict, as the evidence of a law needs it.
         errors: that all shots share; default: 1 % of scale, density and pressure, 0.1 % of the frame rate.
         seed: random seed of the draws.
@@ -73,7 +67,7 @@ def population(
         The material, log10 of SI. If fewer than 3 shots count, it has no draws, and its `warnings` say why.
 
     Raises:
-        InputError: no answers, names or a column of another length, or a column with one value for all shots.
+        InputError: no answers, or names of another length.
     """
     own = list(answers)
     for answer in own:
@@ -81,12 +75,9 @@ def population(
     require(bool(own), "a population needs answers of shots, got none", "population.none")
     expect_whole(seed, "seed", 0, "option.seed")
     shots = _shot_names(own) if names is None else list(names)
-    column = np.zeros(len(own)) if along is None else np.asarray(along, dtype=float)
-    for argument, values in (("names", shots), ("along", column)):
-        message = f"{argument} must have one entry for each of the {len(own)} answers"
-        require(np.shape(values) == (len(own),), message, f"population.{argument}")
+    require(len(shots) == len(own), f"names must have one entry for each of the {len(own)} answers", "population.names")
     shared = share_switches(own, only_trusted=only_trusted)
-    likelihoods, left_out = _select_likelihoods(own, shared.answers, column, only_trusted)
+    likelihoods, left_out = _select_likelihoods(own, shared.answers, only_trusted)
     counted = [shared.answers[i] for i in likelihoods]
     first = counted[0] if counted else shared.answers[0]
     empty = Population(
@@ -103,21 +94,7 @@ def population(
     if len(counted) < MIN_SHOTS:
         count = digits.counted_shots(len(counted), len(own))
         return replace(empty, warnings=(f"{count}, and a common G and µ need {MIN_SHOTS}",))
-    along_counted = None if along is None else column[[*likelihoods]]
-    return _with_material(empty, [own[i] for i in likelihoods], counted, [*likelihoods.values()], along_counted, seed)
-
-
-def with_slope_if_any(
-    answers: Sequence[Posterior], names: Sequence[str], along: Sequence[float] | None, **options: Any
-) -> Population:
-    """As `population`, with a slope along the column if enough shots count and their values of the column differ.
-    options: those of `population`."""
-    if along is not None:
-        with suppress(InputError):
-            sloped = population(answers, names=names, along=along, **options)
-            if len(sloped.centre):
-                return sloped
-    return population(answers, names=names, **options)
+    return _with_material(empty, [own[i] for i in likelihoods], counted, [*likelihoods.values()], seed)
 
 
 def _shot_names(answers: Sequence[Posterior]) -> list[str]:
@@ -127,7 +104,7 @@ def _shot_names(answers: Sequence[Posterior]) -> list[str]:
 
 
 def _select_likelihoods(
-    own: Sequence[Posterior], answers: Sequence[Posterior], column: Floats, only_trusted: bool
+    own: Sequence[Posterior], answers: Sequence[Posterior], only_trusted: bool
 ) -> tuple[dict[int, Likelihood], dict[str, int]]:
     """(likelihoods of the answers that count, by index; number of those that do not, by reason). own: the answers
     before their switches were those of the group."""
@@ -140,8 +117,6 @@ def _select_likelihoods(
             why[i] = "no_interval"
         elif len(answer.theta) < 2:
             why[i] = "other_switches"
-        elif not np.isfinite(column[i]):
-            why[i] = "no_column_value"
     usable = [i for i in range(len(answers)) if i not in why]
     counts = Counter(map(model_of, (answers[i] for i in usable)))
     most = max(counts, key=lambda model: counts[model], default=None)
@@ -182,20 +157,14 @@ def _with_material(
     alone: Sequence[Posterior],
     answers: Sequence[Posterior],
     likelihoods: Sequence[Likelihood],
-    column: Floats | None,
     seed: int,
 ) -> Population:
     """The population with its draws, from the shots that count: each by itself, and in the state of the switches that
-    all share. column: (n,) values of the shots, or None."""
-    middle, unit = 0.0, 1.0
-    if column is not None:
-        middle, unit = float(np.mean(column)), float(np.std(column))
-        require(unit > 0, "along must not be one value for all shots", "population.along")
-        column = (column - middle) / unit
-    posterior = MaterialPosterior(likelihoods, column)
+    all share."""
+    posterior = MaterialPosterior(likelihoods)
     draws = posterior.sample(seed)
     u = _resampled(draws, seed)
-    centre, spread, slope = posterior.parts(u)
+    centre, spread = posterior.parts(u)
     over = {name: change for name in empty.names if (change := sensitivity_to_scale(answers, name)) is not None}
     with_errors = centre + shifts(empty.names, over, empty.errors, _DRAWS, seed)
     heaps, bounds = dict[str, tuple[Heap, Heap]](), dict[str, Bound | None]()
@@ -209,8 +178,6 @@ def _with_material(
         centre=with_errors,
         statistical=centre,
         spread=spread,
-        slope=None if column is None else slope / unit,
-        along_at=None if column is None else middle,
         outlier_probability=posterior.outliers(u[:: _DRAWS // 1000]),
         evidence=_evidence(posterior.evidence(draws), answers),
         heaps=heaps,

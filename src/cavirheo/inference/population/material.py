@@ -52,14 +52,12 @@ class Population:
         material: the law.
         bubble: the model of the bubble.
         shots: names of those that count.
-        left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
-            "other_switches" (it excludes those of the group), "other_model" or "copy".
+        left_out: number of shots that do not count, by reason: their verdict, "no_interval", "other_switches" (it
+            excludes those of the group), "other_model" or "copy".
         warnings: what a user must know before using it.
         centre: (draws, d) log10 of the material's parameters, SI, with the errors that all shots share.
         statistical: (draws, d) the same without these errors.
         spread: (draws, d) standard deviation of the shots about the centre, decades.
-        slope: (draws, d) decades per unit of the column, or None.
-        along_at: value of the column to which the centre belongs, if there is a slope.
         outlier_probability: (n,) probability that a shot is an outlier.
         evidence: of the law with one material and its scatter; None if a shot has no evidence.
         bounds: what is known of each parameter, if the shots do not determine it.
@@ -79,8 +77,6 @@ class Population:
     centre: Floats = field(default_factory=lambda: _EMPTY)
     statistical: Floats = field(default_factory=lambda: _EMPTY)
     spread: Floats = field(default_factory=lambda: _EMPTY)
-    slope: Floats | None = None
-    along_at: float | None = None
     outlier_probability: Floats = field(default_factory=lambda: np.empty(0))
     evidence: Evidence | None = None
     bounds: Mapping[str, Bound | None] = field(default_factory=dict)
@@ -164,12 +160,6 @@ class Population:
         InputError: as `draws`."""
         return quantiles(self.spread[:, self._column(name)], level)
 
-    def trend(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
-        """(low, median, high) of the slope along the column, decades per unit. Raises InputError: as `draws`, or no
-        column."""
-        require(self.slope is not None, "the population was made without a column (along)", "population.along")
-        return quantiles(np.asarray(self.slope)[:, self._column(name)], level)
-
     @property
     def outliers(self) -> dict[str, float]:
         """Shots that are more probably outliers than not, and that probability."""
@@ -244,16 +234,14 @@ class Population:
         return differences
 
     def to_dataframe(self) -> Any:
-        """The draws as a pandas.DataFrame: of the material ("shear_modulus_Pa"), of the scatter about it
-        ("shear_modulus_spread_decades") and of the slopes along the column ("shear_modulus_slope_decades").
+        """The draws as a pandas.DataFrame: of the material ("shear_modulus_Pa"), and of the scatter about it
+        ("shear_modulus_spread_decades").
 
         Raises InputError: no draws, or pandas is missing."""
         columns = {}
         for k, (name, values) in enumerate(self._draws.items()):
             columns[column_name(name, parameter_of(name).unit)] = values
             columns[f"{name}_spread_decades"] = self.spread[:, k]
-            if self.slope is not None:
-                columns[f"{name}_slope_decades"] = self.slope[:, k]
         return export.dataframe(columns, self._metadata)
 
     def to_arviz(self) -> Any:
