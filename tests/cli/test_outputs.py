@@ -28,7 +28,6 @@ VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": "infer shot.csv --model bdt-viscoelastic",
     "result.json": "fit shot.csv",
     "report.html": "which-law shot.csv",
-    "comparison.csv": "infer shot.csv --references references.csv",
     "shots.csv": "collapse-time shot.csv",
     "rheometer.json": f"rheometer {ROOT / 'examples' / 'soft_gel_strain_sweep.csv'}",
     "simulation.csv": "simulate --material newtonian(0.1) --rmax-um 100 --stretch 5 --duration-us 5",
@@ -41,9 +40,8 @@ def stopped(*_: object, **__: object) -> None:
 
 @pytest.fixture
 def inputs(tmp_path, monkeypatch):
-    """shot.csv and references.csv; nothing may be computed."""
+    """shot.csv; nothing may be computed."""
     write_curve(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
-    (tmp_path / "references.csv").write_text("set,files\ngel,shot.csv\n")
     monkeypatch.setattr(simulate, "load_solver", lambda *_, **__: pytest.fail("the outputs were not tried before"))
     return tmp_path
 

@@ -4,23 +4,24 @@ from pathlib import Path
 
 import pytest
 from answers import answer as answer_of
-from conftest import ANSWER, EXAMPLE, ROOT, done, refusal, refused, rows_of
+from conftest import ANSWER, EXAMPLE, ROOT, done, refusal, refused
 from files import write_curve
 
 from cavirheo import load, read_curves
 from cavirheo.companions.published_values import read_references
+from cavirheo.reporting.comparison import comparison_table
+from cavirheo.writing import digits
 
-HEAD = "set,files,method,quantity,mean,std"
+HEAD = "set,method,quantity,mean,std"
 REFERENCES = f"""# by hand
 {HEAD}
-gel a,gel_a,IMR,G_kPa,8,1.5
+gel_a,IMR,G_kPa,8,1.5
 
-gel a,,IMR,mu_Pa_s,0.020,0.009
-gel a,,BDT,G_kPa,6,
-gel a,,BDT,mu_mPa_s,35,10
-gel a,,rheometer,G_Pa,2000,
-gone,nowhere/*.mat,IMR,G_kPa,5,1
-bare.csv,,,,,
+gel_a,IMR,mu_Pa_s,0.020,0.009
+gel_a,BDT,G_kPa,6,
+gel_a,BDT,mu_mPa_s,35,10
+gel_a,rheometer,G_Pa,2000,
+gone,IMR,G_kPa,5,1
 """
 ANSWERS = {"shot0": (6e3, 0.025), "shot1": (7e3, 0.03), "shot2": (8e3, 0.035)}
 
@@ -49,89 +50,74 @@ def sets(folder: Path, *rows: str, head: str = HEAD) -> Path:
 
 
 INFER = ("infer", "data/gel_a", "data/bare.csv", "--no-pictures", "--quiet")
-EXPECTED = {  # of gel a, by quantity and method: value, standard deviation, errors to IMR and to the rheometer
-    ("shear_modulus_Pa", "IMR"): (8e3, 1.5e3, "", 3.0),
-    ("shear_modulus_Pa", "BDT"): (6e3, "", 0.25, 2.0),
-    ("shear_modulus_Pa", "rheometer"): (2e3, "", 0.75, ""),
-    ("viscosity_Pa_s", "BDT"): (0.035, 0.010, 0.75, ""),  # given in mPa s
+EXPECTED = {  # of gel_a, by quantity and method: value, our 7 kPa or 0.03 Pa s over it
+    ("G, kPa", "IMR"): ("8.0 ± 1.5", 0.875),
+    ("G, kPa", "BDT"): ("6.00", 7 / 6),
+    ("G, kPa", "rheometer"): ("2.00", 3.5),
+    ("µ, Pa s", "BDT"): ("0.035 ± 0.010", 6 / 7),  # given in mPa s
 }
 
 
-def test_relative_errors_are_exact_and_no_set_is_dropped(run, folder, tmp_path):
+def test_values_stand_beside_the_group_of_their_name_and_others_are_named(run, folder, tmp_path):
     done(run(*INFER, "--references", "published.csv", "-o", "c"))
     made = load(tmp_path / "c")
-    assert {group.name: group.n for group in made.groups} == {"gel a": 3, "gone": 0, "bare.csv": 1}
-    rows = {(row["set"], row["quantity"], row["method"]): row for row in rows_of(tmp_path / "c" / "comparison.csv")}
-    columns = ("value", "std", "error_to_IMR", "error_to_rheometer")
-    for (quantity, method), expected in EXPECTED.items():
-        cells = [rows["gel a", quantity, method][column] for column in columns]
-        assert [cell == "" for cell in cells] == [value == "" for value in expected]
-        numbers = [value for value in expected if value != ""]
-        assert [float(cell) for cell in cells if cell] == pytest.approx(numbers)
-    ours = rows["gel a", "shear_modulus_Pa", "cavirheo"]
-    value = float(ours["value"])
-    assert 6e3 < value < 8e3  # of the population of three shots
-    assert float(ours["q05"]) < value < float(ours["q95"])
-    assert float(ours["error_to_IMR"]) == pytest.approx(abs(value / 8e3 - 1.0))
-    assert float(ours["error_to_rheometer"]) == pytest.approx(value / 2e3 - 1.0)
-    assert rows["gel a", "viscosity_Pa_s", "cavirheo"]["error_to_rheometer"] == ""
-    assert ("gone", "shear_modulus_Pa", "IMR") in rows
-    assert ("gone", "shear_modulus_Pa", "cavirheo") not in rows
+    assert {group.name: (group.n, [*group.published]) for group in made.groups} == {
+        "gel_a": (3, ["IMR", "BDT", "rheometer"]),
+        "bare": (1, []),
+    }
+    assert any("gone" in note for note in made.notes)
+    rows = {
+        (quantity, method): cells for name, quantity, method, *cells in comparison_table(made)[1] if name == "gel_a"
+    }
+    for place, (value, ratio) in EXPECTED.items():
+        assert rows[place][0] == value
+        assert float(rows[place][1]) == pytest.approx(ratio, rel=0.03)
+    assert rows["G, kPa", "cavirheo"][0] == digits.quantity(made.groups[0].value("shear_modulus"), 1e-3)
+    assert ("µ, Pa s", "rheometer") not in rows
 
 
 def test_answers_that_exist_are_compared_alike(run, folder, tmp_path):
     done(run(*INFER, "--references", "published.csv", "-o", "c"))
-    for files, out in (("data/gel_a", "gel"), ("data/bare.csv", "bare")):
-        done(run("infer", files, "--no-pictures", "--quiet", "--references", "published.csv", "-o", out))
-    done(run("compare", "gel", "bare", "--references", "published.csv", "-o", "d"))
+    done(run(*INFER, "-o", "i"))
+    done(run("compare", "i", "--references", "published.csv", "-o", "d"))
     one, other = (load(tmp_path / name) for name in ("c", "d"))
-    assert {group.name: group.published for group in one.groups} == {one.name: one.published for one in other.groups}
-    refusal(run("compare", "gel", "gel/result.json", "--references", "published.csv", "-o", "e"), "'gel a'")
-    alone = sets(tmp_path, "other name,,IMR,G_kPa,8,")
-    done(run("infer", "data/bare.csv", "--no-pictures", "--quiet", "-o", "i"))
+    assert [group.published for group in one.groups] == [group.published for group in other.groups]
+    alone = sets(tmp_path, "other name,IMR,G_kPa,8,")
     done(run("compare", "i", "--references", alone, "-o", "e"))  # the only set is that of all groups
-    assert load(tmp_path / "e").groups[0].published["IMR"]["shear_modulus"].mean == 8e3
-    two = sets(tmp_path, "this,,IMR,G_kPa,8,", "that,,IMR,G_kPa,9,")
-    refusal(run("compare", "i", "--references", two, "-o", "f"), "this, that", "bare", "files")
-
-
-def test_a_recording_belongs_to_one_set(run, folder, tmp_path):
-    both = sets(tmp_path, "gel,gel_a,IMR,G_kPa,8,", "soft,gel_?/shot0.csv,IMR,G_kPa,8,")
-    refusal(run(*INFER, "--references", both, "-o", "c"), "shot0.csv", "gel, soft")
+    assert load(tmp_path / "e").groups[1].published["IMR"]["shear_modulus"].mean == 8e3
+    two = sets(tmp_path, "this,IMR,G_kPa,8,", "that,IMR,G_kPa,9,")
+    refusal(run("compare", "i", "--references", two, "-o", "f"), "this, that", "gel_a, bare")
 
 
 def test_sweeps_of_a_rheometer_stand_beside_the_answers(run, folder, tmp_path):
     sweeps = [ROOT / "examples" / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
     done(run(*INFER[:2], *INFER[3:], "--references", sweeps[0], "--references", sweeps[1], "-o", "c"))
-    rows = {(row["quantity"], row["method"].partition(" ")[0]): row["value"] for row in rows_of("c/comparison.csv")}
-    assert float(rows["shear_modulus_Pa", "rheometer,"]) == pytest.approx(1500, rel=0.01)
-    assert ("viscosity_at_1_rad_per_s", "rheometer,") in rows  # another frequency is another quantity
-    assert {method for quantity, method in rows if quantity == "viscosity_Pa_s"} == {"cavirheo"}
+    ((method, values),) = load("c").groups[0].published.items()
+    assert method.startswith("rheometer, ")
+    assert values["shear_modulus"].mean == pytest.approx(1500, rel=0.01)
+    assert values.keys() == {"shear_modulus", "viscosity_at_1_rad_per_s"}  # another frequency is another quantity
 
 
 def test_published_values_can_be_read(tmp_path):
-    by_name = {about.name: about for about in read_references(ROOT / "examples" / "published_values.csv")}
+    by_name = read_references(ROOT / "examples" / "published_values.csv")
     assert len(by_name) == 13
-    assert by_name["PAAm-alginate 0.3 %"].values["IMR"]["shear_modulus"].mean == 6440.0
-    (about,) = read_references(sets(tmp_path, '"gel, 1";IMR;G_kPa;6,44', head="set;method;quantity;mean"))
-    assert (about.name, about.values["IMR"]["shear_modulus"].mean) == ("gel, 1", 6440.0)
-    names = [about.name for about in read_references(sets(tmp_path, "gel 1 %", "gel 2 %", head="set"))]
-    assert names == ["gel 1 %", "gel 2 %"]
+    assert by_name["paam_alginate_0p3"]["IMR"]["shear_modulus"].mean == 6440.0
+    (written,) = read_references(sets(tmp_path, '"gel, 1";IMR;G_kPa;6,44', head="set;method;quantity;mean")).items()
+    assert (written[0], written[1]["IMR"]["shear_modulus"].mean) == ("gel, 1", 6440.0)
 
 
 BAD = {  # text: (where, code, what is named)
     "": ("", "no_set_column", "no rows"),
     HEAD: ("", "no_set", ""),
-    "set,density\na,1": ("line 1", "head", "density"),
-    f"{HEAD}\n,x,IMR,G_Pa,1,": ("line 2, column set", "set", ""),
-    f"{HEAD}\n# a comment\n\na,,IMR,G,1,": ("line 4, column quantity", "quantity", "'G'"),
-    f"{HEAD}\na,,,G_Pa,1,": ("line 2, column method", "method", "''"),
-    f"{HEAD}\na,,cavirheo,G_Pa,1,": ("line 2, column method", "method", "'cavirheo'"),
-    f"{HEAD}\na,,IMR,G_Pa,6.4 kPa,": ("line 2, column mean", "mean", "'6.4 kPa'"),
-    f"{HEAD}\na,,IMR,G_Pa,1,-1": ("line 2, column std", "std", "'-1'"),
-    f"{HEAD}\na,,IMR,G_Pa,1,2,Bu, 2025": ("", "cells", "row 2 has 8 cells"),
-    f"{HEAD}\na,,IMR,G_Pa,1,\na,,IMR,G_kPa,1,": ("line 3, column quantity", "quantity", "shear_modulus of 'a'"),
-    f"{HEAD}\na,a.csv,IMR,G_Pa,1,\na,b.csv,,,,": ("line 3, column files", "files", "a.csv"),
+    "set,files\na,1": ("line 1", "head", "files"),
+    f"{HEAD}\n,IMR,G_Pa,1,": ("line 2, column set", "set", ""),
+    f"{HEAD}\n# a comment\n\na,IMR,G,1,": ("line 4, column quantity", "quantity", "'G'"),
+    f"{HEAD}\na,,G_Pa,1,": ("line 2, column method", "method", "''"),
+    f"{HEAD}\na,cavirheo,G_Pa,1,": ("line 2, column method", "method", "'cavirheo'"),
+    f"{HEAD}\na,IMR,G_Pa,6.4 kPa,": ("line 2, column mean", "mean", "'6.4 kPa'"),
+    f"{HEAD}\na,IMR,G_Pa,1,-1": ("line 2, column std", "std", "'-1'"),
+    f"{HEAD}\na,IMR,G_Pa,1,2,Bu, 2025": ("", "cells", "row 2 has 7 cells"),
+    f"{HEAD}\na,IMR,G_Pa,1,\na,IMR,G_kPa,1,": ("line 3, column quantity", "quantity", "shear_modulus of 'a'"),
 }
 
 

@@ -102,7 +102,6 @@ add(
     csv_of_html=("a.csv", "<!DOCTYPE html><html><body>404 not found</body></html>\n"),
     json_deep=("a.json", "[" * 100_000 + "]" * 100_000),
     toml_deep=("a.toml", "a = " + "[" * 20_000 + "]" * 20_000),
-    references_names=("a.csv", "set\ncomparison.json\n..\n.\n/\nCON\n" + "s" * 300 + "\n"),
     references_huge=("a.csv", "set,method,quantity,mean,std\nx,IMR,G_kPa,1e308,1e308\nx,a,G_kPa,5e-324,0\n"),
 )
 add(**{f"bomb_{name}": (f"bomb.{name.partition('_')[0]}", make) for name, (_, make) in BOMBS.items()})

@@ -33,8 +33,8 @@ TEXTS = {
     "frequency.csv": "Angular frequency (rad/s),G' (Pa),G'' (Pa),Strain (%)\n" + rows(",", OMEGA, STORAGE, LOSS, ONE),
     "intervals.txt": "[step]\nStep\tomega\tG'\tG''\n\trad/s\tPa\tPa\n" + rows("\t", ONE, OMEGA, STORAGE, LOSS),
     "times.csv": "name,rmax_um,stretch,t1_us\n" + "".join(f"s{k},{240 + k},7.{k},{22 + 0.1 * k}\n" for k in range(8)),
-    "published.csv": "set,files,method,quantity,mean,std,source\n# by hand\n"
-    "gel,curve.csv,IMR,G_kPa,6.4,1.6,doi:1\ngel,,IMR,mu_Pa_s,0.02,0.009,\nother,*.mat,rheometer,G_kPa,1.3,,\n",
+    "published.csv": "set,method,quantity,mean,std,source\n# by hand\n"
+    "gel,IMR,G_kPa,6.4,1.6,doi:1\ngel,IMR,mu_Pa_s,0.02,0.009,\nother,rheometer,G_kPa,1.3,,\n",
     "recipe.toml": RIGHT,
 }
 BDT = {"RmaxList": np.full((1, 3), 250e-6), "lambda_max_mean": 7.1, "lambda_max_std": 0.3, "rho": 1000.0}

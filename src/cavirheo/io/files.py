@@ -36,7 +36,6 @@ _KINDS: dict[bytes, Kind] = {  # by the first bytes
 }
 _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is then in the same folder
     "result.csv": "result.json",
-    "comparison.csv": "result.json",
     "shots.csv": "collapse-time.json",
 }
 

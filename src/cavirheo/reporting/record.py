@@ -19,6 +19,7 @@ from pydantic_core import to_jsonable_python
 
 from cavirheo.arrays import Floats, relative_scatter
 from cavirheo.curve import RadiusCurve
+from cavirheo.errors import listed
 from cavirheo.messages import is_input_warning
 from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.physics.bubble import FIELD, Bubble
@@ -428,8 +429,7 @@ class Result(Document):
     curves: list[CurveRecord]
     """The answer for each curve."""
     groups: list[GroupRecord]
-    """The shots of each file or folder, with the answer for their material. A group of published values without
-    recordings has no shots."""
+    """The shots of each file or folder, with the answer for their material."""
     differences: list[MaterialRatio] = []
     """Ratios of each parameter of each two of the first 6 groups that have a material, where both have the same model
     and determine it; left out where there is none."""
@@ -437,7 +437,7 @@ class Result(Document):
 
     @model_validator(mode="after")
     def _each_curve_in_a_group(self) -> Result:
-        if sum(group.n + group.n_failed > 0 for group in self.groups) != len(members_of(self.curves)):
+        if len(self.groups) != len(members_of(self.curves)):
             raise ValueError("its groups are not those of its curves")
         return self
 
@@ -460,8 +460,7 @@ class Result(Document):
 
     def indices_by_group(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""
-        members = iter(members_of(self.curves).values())
-        return [(group, next(members) if group.n + group.n_failed else []) for group in self.groups]
+        return list(zip(self.groups, members_of(self.curves).values(), strict=True))
 
     def rows_by_group(self) -> list[tuple[GroupRecord, list[CurveRecord]]]:
         """Each group with its rows."""
@@ -470,15 +469,12 @@ class Result(Document):
     def add_laws(self, laws: Mapping[int, LawsOfGroup]) -> None:
         """Add the laws that were compared to the groups whose first curve has this index."""
         for group, indices in self.indices_by_group():
-            group.laws = laws.get(indices[0]) if indices else None
+            group.laws = laws.get(indices[0])
 
     def add_published(self, published: Mapping[str, Published]) -> None:
-        """Add published values to the groups with these names. Any other name becomes a group without shots, in the
-        order of the names."""
-        for k, name in enumerate(published):
-            if name not in [group.name for group in self.groups]:
-                empty = GroupRecord(name=name, n=0, n_counted=0, n_failed=0, verdict="failed", verdicts={})
-                self.groups.insert(k, empty)
+        """Add published values to the groups with these names, and a note on those with other names."""
+        if others := [name for name in published if name not in [group.name for group in self.groups]]:
+            self.notes.append(f"published values of {listed(others)}: no group here has this name")
         for group in self.groups:
             group.published |= {method: dict(values) for method, values in published.get(group.name, {}).items()}
 

@@ -18,7 +18,7 @@ SEARCH = "Search"
 _Range = tuple[float, float]
 _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
-_RESULT = "result.json, or the folder that holds one; of several all groups are compared"
+_RESULT = "result.json, or the folder that holds one"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder"
 _TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat); a folder"
 _STRETCH = "R_max/R_0 of tables without it"
@@ -26,30 +26,30 @@ _STRETCH = "R_max/R_0 of tables without it"
 
 @dataclass(frozen=True, kw_only=True)
 class Compare(options.PrintingVerb):
-    """Answers that exist beside published values, with relative errors; `infer --references` answers and compares."""
+    """Answers that exist beside published values, with ratios; `infer --references` answers and compares."""
 
-    results: Annotated[list[Path], argument("RESULT...", _RESULT, readable=False)]
+    result: Annotated[Path, argument("RESULT", _RESULT, readable=False)]
     references: Annotated[list[Path], option(options.REFERENCES)]
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.published_values import TABLE, by_group, joined, read_sets, write_comparison
+        from cavirheo.companions.published_values import by_group, read_sets
         from cavirheo.loading import load
         from cavirheo.reporting import DOCUMENTS, comparison, write_report
         from cavirheo.reporting.record import Result
         from cavirheo.writing.document import Outputs
 
         sets = read_sets(self.references)
-        answers = [load(path, Result) for path in self.results]
-        inputs = [path / "result.json" if path.is_dir() else path for path in self.results] + self.references
-        Outputs(self.out, *DOCUMENTS, inputs=inputs)
-        document = joined(answers, **run.document_fields)
+        answers = load(self.result, Result)
+        path = self.result / "result.json" if self.result.is_dir() else self.result
+        Outputs(self.out, *DOCUMENTS, inputs=[path, *self.references])
+        head = run.document_fields | {"notes": [*run.notes, *answers.notes]}
+        document = Result(**vars(answers) | head)
         document.add_published(by_group([group.name for group in document.groups], sets))
         write_report(self.out, [], document, draw=False)
-        write_comparison(self.out, document, inputs)
         run.show(document, comparison.print_comparison)
-        counts = f"{digits.counted(len(document.groups), 'set')}, {digits.counted(len(document.curves), 'shot')}"
-        run.end(counts, has_problems(document), f"; table: {self.out / TABLE}")
+        counts = f"{digits.counted(len(document.groups), 'group')}, {digits.counted(len(document.curves), 'shot')}"
+        run.end(counts, has_problems(document), f"; report: {self.out / 'report.html'}")
 
 
 @dataclass(frozen=True, kw_only=True)

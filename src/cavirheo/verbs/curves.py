@@ -46,7 +46,7 @@ class _ReportVerb(options.MeasuredFiles):
         return answers[""], {}
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.published_values import TABLE, by_group, in_sets, read_sets, write_comparison
+        from cavirheo.companions.published_values import by_group, read_sets
         from cavirheo.reporting import DOCUMENTS, write_report
         from cavirheo.reporting.documents import result
         from cavirheo.reporting.record import group_names
@@ -59,13 +59,11 @@ class _ReportVerb(options.MeasuredFiles):
         references = self.references or []
         analyses = self.analyses
         sets = read_sets(references)
-        inputs = [*files, *references]
-        folder = Outputs(self.out, *DOCUMENTS, inputs=inputs)
-        if references:
-            Outputs(self.out, TABLE, inputs=inputs)
+        folder = Outputs(self.out, *DOCUMENTS, inputs=[*files, *references])
         store = Store(self.out / UNFINISHED)
         with connected(self.scheduler, self.slurm, run.say) as executor:
-            curves = in_sets(self.read_curves(run, files), sets)
+            curves = self.read_curves(run, files)
+            published = by_group(group_names(curves), sets)
             for analysis in analyses.values():
                 analysis.check(curves)
             found = analyse_all(curves, analyses, store, executor, visible=not run.quiet)
@@ -83,13 +81,11 @@ class _ReportVerb(options.MeasuredFiles):
             run.notes.insert(0, note)
         document = result(pairs, errors=self.errors, **run.document_fields)
         document.add_laws(laws)
-        document.add_published(by_group(group_names(curves), sets))
+        document.add_published(published)
         write_report(self.out, pairs, document, complete=not interrupted, draw=self.pictures)
         if interrupted:
             run.end_interrupted(note, self.out / "result.json")
         store.remove_used()
-        if references:
-            write_comparison(self.out, document, inputs)
         rows = partial(print_result, every_shot=self.every_shot, printed_notes=run.printed_notes)
         run.show(document, partial(print_all if laws else rows, out=self.out))
         undecided = any(not compared.chosen for compared in laws.values())

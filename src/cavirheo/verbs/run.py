@@ -37,7 +37,7 @@ _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CL
 def has_problems(result: Result) -> bool:
     """Whether a curve or a group of the result failed, or is doubted."""
     verdicts = {record.verdict for record in result.curves}
-    verdicts |= {group.verdict for group in result.groups if group.n}
+    verdicts |= {group.verdict for group in result.groups}
     return not verdicts.isdisjoint(("failed", "check_input"))
 
 
