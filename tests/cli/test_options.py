@@ -53,7 +53,7 @@ infer shot.csv --windo 3
 infer nowhere.csv
 infer shot.csv --bubble real,field
 which-law shot.csv --bubble auto,moon
-fit shot.csv --scale-percent 200
+fit shot.csv --free clock
 compare . --references refs.csv
 simulate -o o
 show

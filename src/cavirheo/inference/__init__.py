@@ -98,8 +98,6 @@ def fit(curve: RadiusCurve, material: str = "nhkv", **settings: Unpack[FitSettin
             - free: which of these are fitted: "t0" (clock: true time of R_max minus fitted one), "scale" (radius
               calibration: true radius over measured one) and "rmax" (R_max of the motion over that of the curve, at the
               right scale). Default: t0 and rmax.
-            - t0_bound: largest |t0|, s; default: all times of R_max that the frames near it allow.
-            - scale_bound: largest deviation of scale and rmax from 1; that of rmax is larger if the noise requires it.
 
     Returns:
         The answer in SI units. If the fit failed, it has no draws, and its checks.messages say why.

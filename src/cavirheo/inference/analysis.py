@@ -18,7 +18,7 @@ import numpy as np
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference.answer import sampled_answer
-from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, SCALE_BOUND, Family, Options, check_stretch
+from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
 from cavirheo.inference.cards import network_name
 from cavirheo.inference.emulator import emulator
@@ -72,8 +72,6 @@ class FitSettings(_Settings, total=False):
     window: int | str | None
     end: float | None
     free: Sequence[str] | str | None
-    t0_bound: float | None
-    scale_bound: float
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ class Analysis:
         model: "posterior", or the network of bdt, as in `infer`.
         material, medium, stretch, window, trust_input, discrepancy, seed: as in `infer`.
         bubble: as in `infer`; stored as a `Bubble`.
-        end, free, t0_bound, scale_bound: as in `fit`.
+        end, free: as in `fit`.
         given: names of the constants of `medium` that the user gave, which those of a file do not replace; default: all
             if a medium is given.
 
@@ -106,8 +104,6 @@ class Analysis:
     seed: int = 0
     end: float | None = None
     free: Sequence[str] | str | None = None
-    t0_bound: float | None = None
-    scale_bound: float = SCALE_BOUND
     given: Collection[str] | None = None
 
     def __post_init__(self) -> None:
@@ -166,8 +162,7 @@ class Analysis:
     @property
     def options(self) -> Options:
         """Options of the experiment. Raises InputError: a setting outside its domain."""
-        camera = self.free, self.t0_bound, self.scale_bound
-        return Options(self.window, self.end, self.stretch, *camera, self._bubble)  # type: ignore[arg-type]
+        return Options(self.window, self.end, self.stretch, self.free, self._bubble)  # type: ignore[arg-type]
 
     @property
     def network(self) -> Network:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from numbers import Integral, Real
 from typing import Any
 
@@ -17,7 +17,7 @@ from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
 FREE_BY_DEFAULT = ("t0", "rmax")  # free by default
-SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
+SCALE_BOUND = 0.015  # largest error of scale and R_max: a radius calibration is known to 1-1.5 %
 
 _STRETCHES = ("plateau", "free")
 _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
@@ -28,8 +28,6 @@ _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "end": (lambda time: time is None or 0 < time < np.inf, "a positive time in s"),
     "stretch": (lambda x: not isinstance(x, str) or x in _STRETCHES, "R_max/R_0, 'plateau', 'free' or left out"),
     "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
-    "t0_bound": (lambda time: time is None or 0 < time < np.inf, "a positive time in s"),
-    "scale_bound": (lambda bound: 0 < bound < 0.2, "between 0 and 0.2"),
 }
 
 
@@ -41,9 +39,9 @@ class Options:
     end: float | None = None
     stretch: float | str | None = None
     free: Sequence[str] | str = FREE_BY_DEFAULT  # or a text with commas; stored as a tuple
-    t0_bound: float | None = None
-    scale_bound: float = SCALE_BOUND
     bubble: Bubble = FIELD
+    clock_bound: float | None = None  # largest |t0|, s; default: all times of R_max that the frames near it allow
+    scale_bound: float = SCALE_BOUND
 
     def __post_init__(self) -> None:
         if isinstance(self.free, str):
@@ -85,14 +83,6 @@ def _parameters(law: str) -> list[Field[Any]]:
     return [f for f in fields(LAWS[law]) if f.init]  # type: ignore[arg-type]
 
 
-def _unfittable(law: str) -> list[str]:
-    """Parameters of a law that have neither a range nor a default."""
-    return [
-        f.name for f in _parameters(law) if not PARAMETERS[inferred_name(f.name)].search_range and f.default is MISSING
-    ]
-
-
-FITTABLE = [law for law in LAWS if not _unfittable(law)]
 AUTO = "auto"  # the default family: a spring that may stiffen or be absent, beside a dashpot
 _AUTO_LAW = "fung + newtonian"
 LIQUID, PLAIN = 1.0 / 3.0, 0.5  # prior probabilities that G is 0, and that the stiffening is 0
@@ -108,7 +98,7 @@ class Family:
     and the stiffening may each be exactly 0 (`atoms`: the prior probabilities).
 
     Raises:
-        InputError: an unknown law, a parameter with neither range nor default, or laws that exclude each other.
+        InputError: an unknown law, or laws that exclude each other.
     """
 
     name: str
@@ -122,9 +112,8 @@ class Family:
         sum_of_laws = _AUTO_LAW if self.name == AUTO else self.name
         for number, law in enumerate((part.strip() for part in sum_of_laws.split("+")), 1):
             hint = " without parameters (all of them are fitted)" if "(" in law else ""
-            hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
-            message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(FITTABLE)}"
-            require(law in FITTABLE, message, "law.not_fittable")
+            message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(LAWS)}"
+            require(law in LAWS, message, "law.not_fittable")
             searched = [name for f in _parameters(law) if PARAMETERS[name := inferred_name(f.name)].search_range]
             names += [f"{name}_{number}" if name in names else name for name in searched]
             terms.append((law, searched))

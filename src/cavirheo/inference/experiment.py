@@ -178,10 +178,9 @@ class Experiment:
 
     @property
     def _clock(self) -> tuple[float, float]:
-        """Middle and half-width, s, of the prior of the clock; with all times of R_max that the frames near it allow,
-        unless a bound is given."""
-        if self.options.t0_bound:
-            return 0.0, self.options.t0_bound
+        """Middle and half-width, s, of the prior of the clock: all times of R_max that the frames near it allow."""
+        if self.options.clock_bound:
+            return 0.0, self.options.clock_bound
         usual = self.usual_half_widths[0] * self.time_scale
         earliest, latest = (time - self.curve.time_of_max for time in self.curve.time_of_max_span)
         low, high = min(earliest, -usual), max(latest, usual)

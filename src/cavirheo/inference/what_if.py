@@ -128,7 +128,8 @@ def _experiment(curve: RadiusCurve, bubble: Bubble, material: str, medium: Mediu
     """The experiment of a curve, a model and the compared window, with any inferred clock and scale in its ranges.
     Raises InputError."""
     clock = float(curve.time[-1] - curve.time[0])
-    options = Options(None, end and end * (1.0 + 1e-9), None, tuple(FREE), clock, WIDEST_SCALE, bubble=bubble)
+    end = end and end * (1.0 + 1e-9)
+    options = Options(end=end, free=tuple(FREE), bubble=bubble, clock_bound=clock, scale_bound=WIDEST_SCALE)
     return Experiment(curve, Family(material), medium, options)
 
 

@@ -286,38 +286,6 @@ class ArrudaBoyce(Elastic):
 
 
 @dataclass(frozen=True)
-class Ogden(Elastic):
-    """W = sum_i mu_i/alpha_i (l1^alpha_i + l2^alpha_i + l3^alpha_i - 3), mu_i in Pa; shear modulus sum mu_i alpha_i/2.
-    Each mu_i alpha_i must not be negative (stability). Ogden 1972, doi:10.1098/rspa.1972.0026."""
-
-    moduli: tuple[float, ...]
-    exponents: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        for name in ("moduli", "exponents"):  # lists are accepted, but only tuples can be keys of the cache
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        if not len(self.moduli) == len(self.exponents) > 0:
-            message = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
-            raise InputError(message, "physics.terms")
-        for modulus, exponent in zip(self.moduli, self.exponents, strict=True):
-            check_domain(FINITE, "modulus", modulus)
-            check_domain(FINITE, "exponent", exponent)
-            if exponent == 0 or modulus * exponent < 0:
-                sign = "modulus and exponent must have the same sign, the exponent not be 0; got "
-                raise InputError(f"{sign}{modulus} and {exponent}", "physics.unstable")
-
-    def slope(self, ratio: Floats) -> Floats:
-        log = np.log(ratio)
-        volume = np.expm1(3 * log)  # L^3 - 1
-        safe = np.where(volume == 0, 1.0, volume)
-        total = np.zeros_like(log)
-        for mu, alpha in zip(self.moduli, self.exponents, strict=True):
-            quotient = np.where(volume == 0, alpha, np.expm1(3 * alpha * log) / safe)
-            total -= 2 * mu * ratio ** (-2 * alpha - 1) * quotient
-        return total
-
-
-@dataclass(frozen=True)
 class Newtonian(Viscous):
     """A fluid of constant viscosity in Pa s; S_v = -4 mu g, exactly."""
 

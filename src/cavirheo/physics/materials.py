@@ -200,7 +200,7 @@ def _by_name(*kinds: type[Material]) -> dict[str, Callable[..., Material]]:
 
 KINDS = {
     "elastic": _by_name(
-        Linear, NeoHookean, Quadratic, laws.MooneyRivlin, laws.Yeoh, laws.Fung, laws.Gent, laws.ArrudaBoyce, laws.Ogden
+        Linear, NeoHookean, Quadratic, laws.MooneyRivlin, laws.Yeoh, laws.Fung, laws.Gent, laws.ArrudaBoyce
     ),
     "viscous": _by_name(
         Newtonian, laws.PowerLaw, laws.HerschelBulkley, laws.CarreauYasuda, laws.Cross, laws.PowellEyring
@@ -216,17 +216,13 @@ EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
 _ADVICE = f"write a sum of laws like {EXAMPLE}"
 
 
-def _takes_tuple(parameter: Parameter) -> bool:
-    return str(parameter.annotation).startswith("tuple")
-
-
 def usage(name: str) -> str:
     """How a law is written, with units and defaults: `gent(shear_modulus [Pa], limit [-])`."""
     parameters = []
     for key, parameter in signature(LAWS[name]).parameters.items():
         unit = "-" if PARAMETERS[key].unit == "1" else PARAMETERS[key].unit
         default = "" if parameter.default is Parameter.empty else f" = {parameter.default:g}"
-        parameters.append(f"{key} [({unit}, ...)]" if _takes_tuple(parameter) else f"{key} [{unit}]{default}")
+        parameters.append(f"{key} [{unit}]{default}")
     return f"{name}({', '.join(parameters)})"
 
 
@@ -238,7 +234,7 @@ def summary(name: str) -> str:
 def parse(text: str) -> Material:
     """The material of a sum like "gent(2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", parameters in SI units.
 
-    Only numbers and tuples of numbers are read, nothing is executed. An underscore may replace a hyphen in a name.
+    Only numbers are read, nothing is executed. An underscore may replace a hyphen in a name.
 
     Raises:
         InputError: not a sum of laws, an unknown law, missing, surplus or invalid parameters, two parts of one kind.
@@ -321,20 +317,17 @@ def _law(node: ast.expr) -> Material:
     except TypeError as error:
         raise InputError(f"{name}: {error}; it reads {usage(name)}", "laws.parameters") from None
     try:
-        return LAWS[name](**{key: _value(takes.parameters[key], nodes[key]) for key in nodes})
+        return LAWS[name](**{key: _value(key, nodes[key]) for key in nodes})
     except InputError as error:
         raise error.within(name) from None
 
 
-def _value(parameter: Parameter, node: ast.expr) -> float | tuple[float, ...]:
-    """The number or the tuple of numbers of a parameter; a single number may stand for a tuple of one."""
-    many = _takes_tuple(parameter)
+def _value(name: str, node: ast.expr) -> float:
+    """The number of a parameter."""
     try:
         value = ast.literal_eval(node)
-        numbers = value if many and isinstance(value, tuple) else (value,)
-        if any(type(number) not in (int, float) for number in numbers):
+        if type(value) not in (int, float):
             raise TypeError
-        return tuple(map(float, numbers)) if many else float(value)
+        return float(value)
     except (ValueError, TypeError, OverflowError):
-        expected = "a tuple of numbers" if many else "a number"
-        raise InputError(f"{parameter.name} must be {expected}, got {ast.unparse(node)}", "laws.number") from None
+        raise InputError(f"{name} must be a number, got {ast.unparse(node)}", "laws.number") from None

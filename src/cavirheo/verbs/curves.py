@@ -106,15 +106,12 @@ class Fit(_ReportVerb):
     material: Annotated[str, option(_FITTED)] = "nhkv"
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
     free: Annotated[str | None, option(_FREE, INTERVAL)] = None
-    t0_us: Annotated[float | None, option("largest |t0|, us  [default: what the frames leave open]", INTERVAL)] = None
-    scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
     out: options.Out = Path("cavirheo-fit")
 
     @property
     def analysis_options(self) -> dict[str, Any]:
-        t0_bound, end = (None if us is None else us * 1e-6 for us in (self.t0_us, self.window_us))
-        own = {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
-        return super().analysis_options | own
+        end = None if self.window_us is None else self.window_us * 1e-6
+        return super().analysis_options | {"method": "fit", "end": end}
 
 
 @dataclass(frozen=True, kw_only=True)
