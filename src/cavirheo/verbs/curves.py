@@ -163,12 +163,12 @@ class Watch(settings.InferOptions, options.AnsweringVerb):
         keywords |= {"command": run.command, "date": run.date, "errors": self.errors}
         if not run.quiet:
             keywords["show"] = print_line
-        watched = watch.Watch(self.folder, self.out, self.analysis, self.read_recordings, self.read_options, **keywords)
+        watched = watch.Watch(self.folder, self.out, self.analysis, self.read_recordings, **keywords)
         load_solver()
         report = self.out / "report.html"
-        known = len(watched.write().curves)
+        watched.write()
         end = "" if self.once else "; Ctrl-C ends"
-        run.say(f"watching {self.folder}: {known} answered before; {report} has all{end}")
+        run.say(f"watching {self.folder}: {report} has all answers{end}")
         stopped = False
         try:
             while watched.step() or not self.once:
