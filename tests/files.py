@@ -111,14 +111,13 @@ def saved73(**variables: object) -> Make:
 
 
 def hdf5(named: Mapping[str | bytes, object] | None = None, **data: object) -> Make:
-    """Data sets, and attributes of groups (`group@name`); a dict is what h5py's create_dataset takes."""
+    """Data sets, and attributes of the file (`@name`); a dict is what h5py's create_dataset takes."""
 
     def make(path: Path) -> None:
         with h5py.File(path, "w") as file:
             for name, values in {**(named or {}), **data}.items():
-                group, at, attribute = str(name).partition("@")
-                if at:
-                    file[group].attrs[attribute] = values
+                if str(name).startswith("@"):
+                    file.attrs[str(name)[1:]] = values
                 elif isinstance(values, dict):
                     file.create_dataset(name, **values)
                 elif isinstance(values, h5py.VirtualLayout):

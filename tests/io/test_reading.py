@@ -167,7 +167,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
-    "HDF5 units beside": (hdf5({"t": US, "R": UM, "t@units": "µs", "R@unit": "micrometer", "R@of": 1}), "R@of"),
+    "arrays of numpy": (lambda path: np.savez(path.open("wb"), t_us=US, R_um=UM, about={"gel": 1}), "not used: about"),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
     "no time": (within("inf,100"), "1 of 181 frames without a time"),
     "comments in the data": (within("#7,100\n# focus"), "2 comments left out"),
@@ -238,7 +238,7 @@ SEVERAL = {  # two curves, their names, and what each says
     "German": (f"Zeit_us,Schuss 1 [µm],Schuss 2 [µm]\n{RADII}", "Schuss 1", "Schuss 2", "2 columns of radii"),
     "unit row": (f"Time,shot 1,shot 2\nus,um,um\n{RADII}", "shot 1", "shot 2", "2 columns of radii"),
     "blocks": (BLOCKS, "1", "2", "rows with radius <= 0 left out"),
-    "HDF5 groups": (hdf5(GROUPS | {"first@stretch": 7.0}), "first", "series/second", ""),
+    "HDF5 groups": (hdf5(GROUPS | {"first/stretch": 7.0}), "first", "series/second", ""),
     "sheets": (
         book(one=SHEET, notes=[["gel"]], two=[SHEET[0], *zip(US, 1.5 * UM, strict=True)]),
         "one",
@@ -343,7 +343,6 @@ BAD = {  # content, or what writes it; code; what is named
     "shots.zip": (archive("gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
     "labels of another name.csv": (mixed("variable"), "curve.unusable", 'name the column of their labels "shot"'),
     "A and B.csv": (f"t_us,A (um),B (um)\n{TWO}", "table.twice", "'A (um)' and 'B (um)': two shots, or the half-axes"),
-    "arrays.npz": (lambda path: np.savez(path, t=TIME, R=RADIUS), "tabular.archive", "save one array: numpy.save("),
     "packed.csv.gz": (gzip.compress((HEAD + PLAIN).encode()), "reading.binary", "unpack what is packed"),
     "formulas.xlsx": (book(a=WITHOUT_TIMES), "table.empty", "formulas"),
     "hidden.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "R_um"]]), "table.columns", "raw (hidden)"),
@@ -404,14 +403,14 @@ def test_files_of_laboratories(name):
 
 def test_a_group_states_the_constants_of_its_shots(tmp_path):
     """Those of the group, in any unit, before those around it; what is no constant of a medium is named."""
-    about = {"a@density": 1060.0, "a/c": 2.0, "medium/pressure_kPa": 83.0, "medium/rho": 1010.0, "/@gamma": 1.4}
+    about = {"a/density": 1060.0, "a/c": 2.0, "medium/pressure_kPa": 83.0, "medium/rho": 1010.0, "gamma": 1.4}
     both = {f"{group}/{name}": data for group in "ab" for name, data in (("time", TIME), ("radius", RADIUS))}
-    one, other = read_curves(put(tmp_path / "a.h5", hdf5(both | about | {"b/@units": "x", "a/R_eq": 25e-6})))
+    one, other = read_curves(put(tmp_path / "a.h5", hdf5(both | about | {"a/R_eq": 25e-6})))
     assert dict(one.medium) == {"density": 1060.0, "pressure": 83000.0}
     assert dict(other.medium) == {"density": 1010.0, "pressure": 83000.0}
     assert (one.stretch, other.stretch) == (pytest.approx(8.0, rel=0.01), None)
     (note,) = (note for note in one.notes if note.startswith("not used"))
-    assert {"a/c", "@gamma", "medium/rho"} == {*note.removeprefix("not used: ").split(", ")}
+    assert {"a/c", "gamma", "medium/rho"} == {*note.removeprefix("not used: ").split(", ")}
 
 
 def test_a_radius_at_rest_with_a_number_is_of_the_shot_of_that_number(tmp_path):

@@ -48,7 +48,7 @@ VARIABLES: dict[str, dict[str, object]] = {
 
 
 PACKED = {"chunks": (20,), "compression": "gzip", "shuffle": True, "fletcher32": True}
-GROUP = {"/time_us": TIME, "/radius_um": RADIUS, "/radius_std_um": 0.01 * RADIUS, "@stretch": 7.0}
+GROUP = {"/time_us": TIME, "/radius_um": RADIUS, "/radius_std_um": 0.01 * RADIUS, "/stretch": 7.0}
 GROUPS = {f"gel/shot{k}{name}": values for k in (0, 1) for name, values in GROUP.items()}
 
 
@@ -71,7 +71,7 @@ def shard(path: Path) -> None:
         theta=problem.prior.sample(40, 1),
         radius=rng.random((40, 20)).astype(np.float32),
         status={"data": ["ok"] * 40, "dtype": h5py.string_dtype()},
-        **{f"/@{name}": value for name, value in about.items()},
+        **{f"@{name}": value for name, value in about.items()},
     )(path)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from cavirheo.errors import InputError, SolverError, printable
 from cavirheo.inference.collapse_time import CollapseEstimate, estimate, unusable
-from cavirheo.io.binary import opened
+from cavirheo.io.binary import read_variables
 from cavirheo.io.files import Source, guarded
 from cavirheo.io.shots import Chosen, selected
 from cavirheo.io.tables import Term, Vocabulary, read_columns
@@ -160,15 +160,14 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
 
 def _pimr_columns(source: Source) -> list[Any]:
     """R_max, lambda and t_1 in the variable of pIMR. Raises InputError: there is none of this shape."""
-    with opened(source) as arrays:
-        leaf = arrays.get(VARIABLE)
-        array: Any = leaf.values if leaf and leaf.size else np.empty(0)
+    variables = read_variables(source)
+    array: Any = variables.get(VARIABLE)
     shape = np.shape(array)
     expected = f"expected a table of text, a workbook, or {VARIABLE}, an array (n, 3): R_max in m, lambda, t_1 in s"
     if len(shape) != 2 or shape[1] != 3 or not shape[0]:
-        found = f"got an array of the shape {shape}" if leaf else "curves R(t) are for `infer`"
+        found = f"got an array of the shape {shape}" if VARIABLE in variables else "curves R(t) are for `infer`"
         raise InputError(f"{expected}; {found}", "collapse_time.variable")
-    return list(array.T)
+    return list(array.T.astype(float))
 
 
 def write_csv(path: Path, document: CollapseTimes) -> None:

@@ -8,7 +8,7 @@ and shift_normRnew holds R/R_max in rows over common times, with R_max of each r
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -17,12 +17,11 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed
-from cavirheo.io.binary import Array, Arrays
+from cavirheo.io.binary import Arrays
 from cavirheo.io.curves import FORMS, Camera, read_tables, stated
 from cavirheo.io.names import CURVES, STATED
 from cavirheo.io.tables import Name, Table
 from cavirheo.messages import Message
-from cavirheo.units import unit_of
 
 _BDT = ("R_nondim_All", "t_nondim_All", "RmaxList")
 _ROWS = ("shift_normRnew", "Rmax", "t")
@@ -42,22 +41,17 @@ def read_arrays(arrays: Arrays, camera: Camera, density: float, pressure: float)
     if names.issuperset(_BDT[:2]):
         return _bdt(arrays, camera, density, pressure)
     if names.issuperset(_ROWS):
-        note = "R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew"
-        return read_tables(_tables(_with_radii_of_rows(arrays), [note], _ROWS), camera)
+        arrays = _with_radii_of_rows(arrays)
     return read_tables(_tables(arrays), camera)
 
 
-def _tables(
-    arrays: Arrays, notes: Sequence[str] = (), only: Sequence[str] = ()
-) -> list[tuple[str, Callable[[], Table]]]:
-    """Return for each shot its group and what makes its table: of what is in the group, and what is outside all shots.
-    only: names of the times and radii, if not of any names."""
+def _tables(arrays: Arrays) -> list[tuple[str, Callable[[], Table]]]:
+    """Return for each shot its group and what makes its table: of what is in the group, and what is outside all
+    shots."""
     names = {path: _name(path, array) for path, array in arrays.items()}
     of_frames = {  # a dict keeps their order
         path: None for path, name in names.items() if name.kind in _OF_FRAMES and _has_frames(path, arrays[path])
     }
-    if only:
-        names |= {path: Name() for path in of_frames if _CELL.sub("", path) not in only}
     kinds: dict[str, set[str]] = {}  # of each group
     for path in of_frames:
         kinds.setdefault(_group(path), set()).add(names[path].kind)
@@ -76,13 +70,13 @@ def _tables(
         for path in here.keys() & of_frames.keys():
             if _group(path) != (group_of_times if names[path].kind == "time" else group):
                 here[path] = Name()
-        tables.append((group, partial(_table, group, here, of_frames, arrays, notes)))
+        tables.append((group, partial(_table, group, here, of_frames, arrays)))
     return tables
 
 
 def _group(path: str) -> str:
-    """Return the group of an array or an attribute; "" is the outermost one."""
-    return path[: max(path.rfind("/"), path.rfind("@"), 0)]
+    """Return the group of an array; "" is the outermost one."""
+    return path.rpartition("/")[0]
 
 
 def _nearest(group: str, groups: Iterable[str]) -> str:
@@ -102,31 +96,32 @@ def _group_with_times(group: str, kinds: Mapping[str, set[str]], with_radii: Ite
     return outer
 
 
-def _has_frames(path: str, array: Array) -> bool:
+def _size(array: np.ndarray | str) -> int:
+    """Return how many numbers it holds."""
+    return 0 if isinstance(array, str) else array.size
+
+
+def _has_frames(path: str, array: np.ndarray | str) -> bool:
     """Whether an array may hold a number for each frame; a single number states something, except in a cell."""
-    return array.size != 1 or _CELL.search(path) is not None
+    return _size(array) != 1 or _CELL.search(path) is not None
 
 
-def _name(path: str, array: Array) -> Name:
+def _name(path: str, array: np.ndarray | str) -> Name:
     """Return what an array is: a single number states something of its group, several are of frames."""
     cell = _CELL.search(path)
-    word = _CELL.sub("", re.split("[/@]", path)[-1])
+    word = _CELL.sub("", path.rpartition("/")[2])
     if not _has_frames(path, array):
         number = _AT_REST.search(word)
         kind, unit, _ = STATED.name(_AT_REST.sub("R", word))
-        units = STATED.terms[kind].units if kind else {}
-        return Name(kind, unit or unit_of(array.unit, units) or array.unit or None, number[1] if number else "")
+        return Name(kind, unit, number[1] if number else "")
     kind, unit, shot = CURVES.name(_EXPERIMENT.sub("", word))
-    used = kind in _ESSENTIAL or not array.problem
-    if "@" in path or word.lower() == "curve" or not used or (array.size <= 2 and not (array.problem or cell)):
-        return Name()  # "curve" is rather a fitted one than labels of shots
-    unit = unit or unit_of(array.unit, CURVES.terms["time"].units) or array.unit or None
+    unusable = kind not in _ESSENTIAL if isinstance(array, str) else array.size <= 2 and not cell
+    if unusable or word.lower() == "curve":  # rather a fitted one than labels of shots
+        return Name()
     return Name(kind, unit, f"{shot}[{cell[1]}]" if shot and cell else cell[1] if cell else shot)
 
 
-def _table(
-    group: str, names: dict[str, Name], of_frames: Container[str], arrays: Arrays, notes: Sequence[str]
-) -> Table:
+def _table(group: str, names: dict[str, Name], of_frames: Container[str], arrays: Arrays) -> Table:
     """Return the table of a shot, with a column for each row or column of a matrix."""
     essential = {path: name.kind for path, name in names.items() if name.kind in _ESSENTIAL}
     best: dict[str, int] = {}  # rank of each kind
@@ -135,59 +130,60 @@ def _table(
     names |= {path: Name() for path, kind in essential.items() if _rank(path) > best[kind]}
     form = next(form for form in FORMS if {name.kind for name in names.values()}.issuperset(form.kinds))
     radii = {path: arrays[path] for path, name in names.items() if name.kind in form.kinds}
-    sizes = {array.size for array in radii.values()}
-    path_of_matrix = next((path for path, array in radii.items() if len(array.shape) == 2 and min(array.shape) > 1), "")
-    matrix = radii.get(path_of_matrix)
+    sizes = set(map(_size, radii.values()))
+    shapes = {path: np.shape(array) for path, array in radii.items()}
+    path_of_matrix = next((path for path, shape in shapes.items() if len(shape) == 2 and min(shape) > 1), "")
+    matrix = shapes.get(path_of_matrix)
     times = next((arrays[path] for path, name in names.items() if name.kind == "time"), None)
     in_rows = matrix is not None and _in_rows(path_of_matrix, matrix, times)
     titles: list[str] = []
     columns: list[tuple[Name, Callable[[], Floats]]] = []
     for path, name in names.items():
         array = arrays[path]
-        if path in of_frames and name.kind not in _ESSENTIAL and array.size not in sizes:
+        if path in of_frames and name.kind not in _ESSENTIAL and _size(array) not in sizes:
             name = Name()
-        shape = array.shape
-        if matrix is None or path not in of_frames or sorted(shape) != sorted(matrix.shape):
+        shape = np.shape(array)
+        if matrix is None or path not in of_frames or sorted(shape) != sorted(matrix):
             titles.append(path)
             columns.append((name, partial(_vector, array, path)))
             continue
-        by_row = in_rows == (shape == matrix.shape)
+        by_row = in_rows == (shape == matrix)
         for k in range(shape[0] if by_row else shape[1]):
             titles.append(f"{path}{{{k + 1}}}")
             columns.append((name._replace(number=str(k + 1)), partial(_row, array, k, by_row)))
-    return Table(CURVES, [], [*notes], group, titles, arrays=columns)
+    return Table(CURVES, [], [], group, titles, arrays=columns)
 
 
 def _rank(path: str) -> int:
     """Return 0 for IMR's Rnew, 1 for an array of an experiment, such as R_exp, 2 for any other."""
-    word = _CELL.sub("", re.split("[/@]", path)[-1])
+    word = _CELL.sub("", path.rpartition("/")[2])
     return 0 if word == "Rnew" else 1 if _EXPERIMENT.search(word) else 2
 
 
-def _vector(array: Array, path: str) -> Floats:
+def _vector(array: np.ndarray | str, path: str) -> Floats:
     """Return the numbers of an array. Raises InputError: it holds none."""
-    if array.problem:
-        raise InputError(f"{path} is {array.problem}", array.code)
+    if isinstance(array, str):
+        raise InputError(f"{path} is {array}", "matlab.variables")
     if not array.size:
         raise InputError(f"{path} is empty", "matlab.cells")
-    return array.values.ravel(order="F")
+    return array.ravel(order="F").astype(np.float64)
 
 
-def _row(array: Array, k: int, by_row: bool) -> Floats:
-    return array.values[k] if by_row else array.values[:, k]
+def _row(array: np.ndarray | str, k: int, by_row: bool) -> Floats:
+    rows = np.asarray(array, dtype=np.float64)
+    return rows[k] if by_row else rows[:, k]
 
 
-def _in_rows(path: str, radius: Array, time: Array | None) -> bool:
+def _in_rows(path: str, shape: tuple[int, ...], time: np.ndarray | str | None) -> bool:
     """Whether the shots are the rows of a matrix of radii. Raises InputError: it is not clear."""
-    rows, columns = radius.shape
-    if time is not None and sorted(time.shape) == [min(rows, columns), max(rows, columns)]:
-        numbers = time.values
-        numbers = numbers if time.shape == radius.shape else numbers.T
+    rows, columns = shape
+    if isinstance(time, np.ndarray) and sorted(time.shape) == sorted(shape):
+        numbers = time if time.shape == shape else time.T
         rising = [float(np.mean(np.diff(numbers, axis=axis) > 0)) for axis in (0, 1)]  # padding does not rise
         return (rising[1], columns) > (rising[0], rows)
-    length = max(rows, columns) if time is None else time.size
-    shapes = f"{path} has the shape {radius.shape}" + ("" if time is None else f", and {length} times")
-    if length not in radius.shape:
+    length = max(rows, columns) if time is None else _size(time)
+    shapes = f"{path} has the shape {shape}" + ("" if time is None else f", and {length} times")
+    if length not in shape:
         raise InputError(f"{shapes}: expected as many times as rows or columns", "matlab.cells")
     if rows == columns:
         advice = "give times of the same shape, as repmat(t(:), 1, n) makes them"
@@ -199,7 +195,7 @@ def _no_history(arrays: Arrays) -> InputError:
     if "pIMR_array" in arrays:
         message = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t)"
         return InputError(f"{message}: use cavirheo collapse-time", "matlab.collapse_times")
-    words = [_CELL.sub("", path) + (f" ({array.problem})" if array.problem else "") for path, array in arrays.items()]
+    words = [_CELL.sub("", path) + (f" ({array})" if isinstance(array, str) else "") for path, array in arrays.items()]
     expected = "R and t (m, s), or radius_um and time_us, alone or in a group per shot; MATLAB: save('a.mat', 'R', 't')"
     found = listed(words, _LISTED)
     return InputError(f"no radius history; found: {found}; expected {expected}", "matlab.variables")
@@ -207,42 +203,46 @@ def _no_history(arrays: Arrays) -> InputError:
 
 def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
     """Read BDT's cells of R/R_max and t* = t/(R_max sqrt(rho/p)), with R_max of each in RmaxList."""
-    columns = [(_name(path, array), partial(_vector, array, path)) for path, array in arrays.items()]
-    facts = stated(Table(CURVES, [], [], titles=[*arrays], arrays=columns))
+    others = [path for path in arrays if _CELL.sub("", path) not in _BDT]
+    names = {path: Name() if _has_frames(path, arrays[path]) else _name(path, arrays[path]) for path in others}
+    about = [(name, partial(_vector, arrays[path], path)) for path, name in names.items()]
+    facts = stated(Table(CURVES, [], [], titles=others, arrays=about))
     density = facts["density"][1] if "density" in facts else density
     pressure = facts["pressure"][1] if "pressure" in facts else pressure
-    factors = {_BDT[0]: ("m", 1.0), _BDT[1]: ("s", float(np.sqrt(density / pressure)))}  # of one metre of R_max
-    maxima = arrays[_BDT[2]].values.ravel() if _BDT[2] in arrays and arrays[_BDT[2]].size else np.empty(0)
+    maxima = _vector(arrays[_BDT[2]], _BDT[2]) if _size(arrays.get(_BDT[2], "")) else np.empty(0)
     note = f"seconds from t* with R_max of RmaxList, density {density:.6g} kg/m3, {pressure:.6g} Pa"
     unscaled = ""
     if not len(maxima):
         note = unscaled = "the file has no RmaxList, so radii and times are only known in units of R_max"
-    in_units: dict[str, Array] = {}
-    for path, array in arrays.items():
-        name, cell = _CELL.sub("", path), _CELL.search(path)
-        if name in factors:
-            if not cell:
-                raise InputError(f"{_BDT[0]} and {_BDT[1]} are no cells of arrays", "matlab.cells")
-            largest = _UNIT if unscaled else [*maxima, *[np.nan] * int(cell[1])][int(cell[1]) - 1]
-            if array.size and not largest > 0:
-                array = Array(problem="without a scale: RmaxList has no R_max")
-            elif array.size:
-                unit, factor = factors[name]
-                array = Array(array.shape, partial(_product, array, factor * largest), unit)
-        if path != _BDT[2]:
-            in_units[path] = array
+    count = sum(path.startswith(_BDT[0]) for path in arrays)
+    if _BDT[0] in arrays or count != sum(path.startswith(_BDT[1]) for path in arrays):
+        raise InputError(f"{_BDT[0]} and {_BDT[1]} are no cells of arrays, as many of both", "matlab.cells")
+    tables: list[tuple[str, Callable[[], Table]]] = []
+    for k in range(count):
+        largest = _UNIT if unscaled else maxima[k] if k < len(maxima) else np.nan
+        radius, time = (f"{name}{{{k + 1}}}" for name in _BDT[:2])
+        shot = [
+            (Name("radius", "m"), partial(_scaled, arrays, radius, largest)),
+            (Name("time", "s"), partial(_scaled, arrays, time, largest * np.sqrt(density / pressure))),
+        ]
+        table = Table(CURVES, [], [note], titles=[radius, time, *others], arrays=[*shot, *about])
+        tables.append((str(k + 1), partial(replace, table)))
     curves = []
-    for curve in read_tables(_tables(in_units, [note], _BDT), camera):
+    for curve in read_tables(tables, camera):
         if unscaled and not curve.unusable:  # the user's R_max will scale both time and radius
-            time, radius = curve.time / _UNIT, curve.radius / _UNIT
-            curve = replace(curve, time=time, radius=radius, unscaled=unscaled, time_unscaled=True)
+            times, radii = curve.time / _UNIT, curve.radius / _UNIT
+            curve = replace(curve, time=times, radius=radii, unscaled=unscaled, time_unscaled=True)
         warnings = (*curve.warnings, *_density_warning(curve, density))
         curves.append(replace(curve, stated_time_of_max=0.0, warnings=warnings))
     return curves
 
 
-def _product(array: Array, factor: float | Floats) -> Floats:
-    return array.values * factor
+def _scaled(arrays: Arrays, path: str, factor: float) -> Floats:
+    """Return the numbers of a cell times a factor. Raises InputError: as `_vector`; or there is no factor."""
+    numbers = _vector(arrays.get(path, "missing"), path)
+    if not factor > 0:
+        raise InputError(f"{path} is without a scale: RmaxList has no R_max", "matlab.variables")
+    return numbers * factor
 
 
 def _density_warning(curve: RadiusCurve, density: float) -> list[Message]:
@@ -258,13 +258,12 @@ def _density_warning(curve: RadiusCurve, density: float) -> list[Message]:
     return [Message("check_input.density", {"density": density, "rate": rate, "usual": nearest, "meant": meant})]
 
 
-def _with_radii_of_rows(arrays: Arrays) -> dict[str, Array]:
+def _with_radii_of_rows(arrays: Arrays) -> Arrays:
     """Return the arrays with rows of R/R_max times the Rmax of each; shift_normTnew = t/(R_max sqrt(rho/p)) with
     rho = 1060 is not used."""
     normal, largest = arrays[_ROWS[0]], arrays[_ROWS[1]]
-    if not normal.size or not largest.size:
-        raise InputError(f"{', '.join(_ROWS)} are no arrays of numbers", "matlab.variables")
-    if len(normal.shape) != 2 or normal.shape[0] != largest.size:
-        raise InputError(f"Rmax has {largest.size} values but shift_normRnew the shape {normal.shape}")
-    radii = Array(normal.shape, partial(_product, normal, largest.values.reshape(-1, 1)))
-    return {_ROWS[0]: radii} | {path: array for path, array in arrays.items() if path not in _ROWS[:2]}
+    if np.ndim(normal) != 2 or np.shape(normal)[0] != _size(largest):
+        shapes = f"{np.shape(normal)} and Rmax {np.shape(largest)}"
+        raise InputError(f"{_ROWS[0]} has the shape {shapes}: expected an Rmax of each row", "matlab.variables")
+    others = {path: array for path, array in arrays.items() if path not in _ROWS[:2]}
+    return {_ROWS[0]: np.asarray(normal, float) * np.reshape(largest, (-1, 1)), **others}

@@ -22,7 +22,8 @@ from cavirheo.video.formats import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK
 from cavirheo.writing import digits
 
 _TEXT_ENDINGS = {".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"}
-FILE_ENDINGS = {".mat", ".npy", ".h5", ".hdf5", ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", *_TEXT_ENDINGS, *ENDINGS}
+_ARRAY_ENDINGS = {".mat", ".npy", ".npz", ".h5", ".hdf5"}
+FILE_ENDINGS = {*_ARRAY_ENDINGS, ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", *_TEXT_ENDINGS, *ENDINGS}
 Kind = Literal["empty", "text", "workbook", "numpy", "matlab", "matlab73", "hdf5", "binary"]
 _KINDS: dict[bytes, Kind] = {  # by the first bytes
     b"PK\x03\x04": "workbook",
@@ -64,6 +65,9 @@ class Source:
     def kind(self) -> Kind:
         """What its first bytes show; HDF5 in a file that is called .mat is of MATLAB 7.3."""
         by_start = next((kind for start, kind in _KINDS.items() if self.head.startswith(start)), None)
+        name_within = self.head[30 : 30 + int.from_bytes(self.head[26:28], "little")]  # of the first file of an archive
+        if by_start == "workbook" and name_within.endswith(b".npy"):
+            return "numpy"
         if by_start == "hdf5" and self.path.suffix.lower() == ".mat":
             return "matlab73"
         if by_start is None and self.head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):

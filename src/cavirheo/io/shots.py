@@ -20,7 +20,7 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, parse_number_list, printable, require
 from cavirheo.io.arrays import read_arrays
-from cavirheo.io.binary import opened
+from cavirheo.io.binary import read_variables
 from cavirheo.io.curves import SCALE_TOLERANCE, Camera, read_text
 from cavirheo.io.files import Source, guarded
 from cavirheo.parameters import FRAME_RATE, RADIUS
@@ -104,10 +104,10 @@ def _read(source: Source, density: float, pressure: float, camera: Camera) -> li
         raise InputError(f"binary data of no known format: {advice}; {_EXPECTED}", "reading.binary")
     if source.kind in ("text", "workbook"):
         return read_text(source, density, pressure, camera)
-    with opened(source) as arrays:
-        curves = read_arrays(arrays, camera, density, pressure)
-        note = f"an array of numpy: {', '.join(arrays)}"
-        return [curve.with_notes(note) for curve in curves] if source.kind == "numpy" else curves
+    arrays = read_variables(source)
+    curves = read_arrays(arrays, camera, density, pressure)
+    note = f"an array of numpy: {', '.join(arrays)}"
+    return [curve.with_notes(note) for curve in curves] if source.kind == "numpy" else curves
 
 
 def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:

@@ -42,8 +42,6 @@ def _sheets(path: str) -> str:
         names = archive.namelist()
         if _PARTS.isdisjoint(names):
             advice = "unpack it, and give the files or the folder that holds them"
-            if names and names[0].endswith(".npy"):
-                advice = "save one array: numpy.save('shot.npy', numpy.stack([t, R]))"
             held = f"{len(names)} files, {ascii(', '.join(names[:3])[:100])[1:-1]}"
             raise InputError(f"a zip archive of {held}; no workbook: {advice}", "tabular.archive")
     book = CalamineWorkbook.from_path(path)

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, listed, sha256
 from cavirheo.inference.problem import TrainingProblem
-from cavirheo.io.binary import check_sizes, local_items
+from cavirheo.io.binary import local_items, refusal
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.training import trajectories
@@ -268,7 +268,8 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> tuple[dict[str, Any],
             layout, start = layout_of(_problem_of(json.loads(head["problem"]))), head["start"]
             count = min(PER_FILE, head["total"] - start)
             items = {name: item for name, item in local_items(file).items() if name in layout.columns}
-            check_sizes(items.values())
+            if refused := next(filter(None, map(refusal, items.values())), ""):
+                raise InputError(f"it holds {refused}", "limits.dataset")
             shapes = {name: (item.dtype, item.shape) for name, item in items.items()}
             needed = {name: (np.dtype(kind), (count, *shape)) for name, (kind, shape) in layout.columns.items()}
             if shapes != needed or path.name != _name(start):
