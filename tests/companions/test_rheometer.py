@@ -66,21 +66,19 @@ def test_nothing_is_extrapolated(omega, answered):
 
 SCATTER = np.append([1.8, 0.5, 1.4, 0.7, 1.25, 0.88], np.ones(STRAIN.size - 6))  # at low torque
 SOFT, FIVE = softening(STRAIN), np.sqrt(1 / 0.95 - 1)
-STRAIN_SWEEPS = {  # G', where the linear range ends, how near that is found
-    "softening": (SOFT, FIVE, 0.02),
-    "scatter": (SOFT * SCATTER, FIVE, 0.02),
-    "stiffening": (500 * (1 + (STRAIN / 0.3) ** 2), 0.3 * np.sqrt(0.05), 0.02),
-    "ends in the linear range": (np.full(20, 1e3), STRAIN[19], 0.02),
-    "has none": (1e3 * STRAIN**-0.3, None, 0.02),
+STRAIN_SWEEPS = {  # G', and where the linear range ends: the last strain before it is found
+    "softening": (SOFT, FIVE),
+    "scatter": (SOFT * SCATTER, FIVE),
+    "stiffening": (500 * (1 + (STRAIN / 0.3) ** 2), 0.3 * np.sqrt(0.05)),
+    "has none": (1e3 * STRAIN**-0.3, None),
 }
 
 
 @pytest.mark.parametrize("name", STRAIN_SWEEPS)
 def test_strain_sweeps(name):
-    storage, end, close = STRAIN_SWEEPS[name]
-    found = of_strain(STRAIN[: len(storage)], storage, 50.0)
-    assert found.ends_flat == (name == "ends in the linear range")
-    assert found.plateau_to == (end and pytest.approx(end, rel=close))
+    storage, end = STRAIN_SWEEPS[name]
+    found = of_strain(STRAIN, storage, 50.0)
+    assert found.plateau_to == (end and STRAIN[STRAIN < end][-1])
     assert bool(found.message) == (end is None)
     if end == FIVE:
         assert found.plateau_storage_Pa == pytest.approx(2e3, rel=0.01)
@@ -133,11 +131,9 @@ LAYOUTS = {
 def test_layouts(tmp_path, name):
     (found,) = read_sweeps(put(tmp_path / name, LAYOUTS[name]))
     assert found.kind == "frequency"
-    assert (found.x_from, found.x_to) == pytest.approx((OMEGA[0], OMEGA[-1]), rel=1e-5)
     assert (found.plateau_storage_Pa, found.viscosity_Pa_s) == pytest.approx(
         (1e3 + np.sqrt(OMEGA[7] * OMEGA[8]), 5.0), rel=1e-2
     )
-    assert found.held in (None, pytest.approx(0.01))
     assert any("2 pi" in note for note in found.notes) == (name in ("hertz.tsv", "french.csv", "rspace.csv"))
     assert any("no unit" in note for note in found.notes) == (name in ("comma.csv", "savetxt.txt"))
     assert any("2 rows left out" in note for note in found.notes) == (name == "rspace.csv")
@@ -149,20 +145,15 @@ def test_every_sheet_of_a_workbook(tmp_path):
     sheets = {"about": [["Sample", "gel"]], "frequency": frequency, "strain": strain}
     found = read_sweeps(write_xlsx(tmp_path / "gel.xlsx", sheets))
     assert [(one.name, one.kind) for one in found] == [("gel[1]", "frequency"), ("gel[2]", "strain")]
-    assert (found[1].x_from, found[1].x_to) == pytest.approx((STRAIN[0], STRAIN[-1]))
+    assert found[1].plateau_from == pytest.approx(STRAIN[0])
 
 
-def test_unusable_rows_are_dropped_and_settings_measured_twice_averaged_and_both_counted(tmp_path):
-    rows = f"0.2,,1\n0.3,nan,2\n\n0.4,-5,2\n0.5,5,0\n0.6,---,3\n{OMEGA[3]:.6g},3000,7\n"
+def test_unusable_rows_are_dropped_and_counted(tmp_path):
+    rows = "0.2,,1\n0.3,nan,2\n\n0.4,-5,2\n0.5,5,0\n0.6,---,3\n"
     (found,) = read_sweeps(put(tmp_path / "a.csv", LAYOUTS["comma.csv"] + rows))
-    at_it = read_sweeps(tmp_path / "a.csv", at=float(f"{OMEGA[3]:.6g}"))[0]
-    assert at_it.viscosity_Pa_s == pytest.approx((5 * OMEGA[3] + 7) / 2 / OMEGA[3], rel=1e-5)
-    assert (found.x_from, found.x_to) == pytest.approx((OMEGA[0], OMEGA[-1]), rel=1e-5)
     assert any(note.startswith("5 rows left out") for note in found.notes)
-    assert any("1 row" in note and "averaged" in note for note in found.notes)
 
 
-TWO_SWEEPS = "".join(f"10,{x},1000,50\n{x},1,1000,50\n" for x in (0.1, 1, 10, 100))
 BAD = {  # content, code, what is named; what is no table at all, test_reading.py refuses by the same reader
     "empty": ("", "empty", ""),
     "no setting": ("time (s),G',G''\n1,2,3\n2,3,4\n3,4,5\n", "no_sweep", "'time (s)'"),
@@ -170,7 +161,6 @@ BAD = {  # content, code, what is named; what is no table at all, test_reading.p
     "frequency per second": (table("Frequency (1/s),G',G''"), "no_unit", "'Frequency (1/s)"),
     "unknown unit": (table("strain (%),G' (psi),G''"), "unknown_unit", "'psi'"),
     "no sweep": ("omega,G',G''\n" + "10,1000,50\n" * 9, "no_sweep", "9 rows"),
-    "two sweeps": ("omega (rad/s),strain (%),G',G''\n" + TWO_SWEEPS, "two_sweeps", "5 rows"),
 }
 
 
@@ -193,7 +183,7 @@ def test_examples_give_back_the_truth(run, tmp_path):
     strain, _ = found["sweeps"]
     (storage, _), half = made["moduli"](2 * np.pi), made["HALF_STRAIN"]
     assert strain["plateau_storage_Pa"] == pytest.approx(storage, rel=0.01)
-    assert strain["plateau_to"] == pytest.approx(half * np.sqrt(1 / 0.95 - 1), rel=0.1)
+    assert strain["plateau_to"] == pytest.approx(half * np.sqrt(1 / 0.95 - 1), rel=0.3)
     assert {path.name for path in (tmp_path / "r").iterdir()} == {"rheometer.json", ".cavirheo"}
     made["write_sweeps"](tmp_path)  # the shipped sweeps are what this makes
     assert all((tmp_path / path.name).read_text() == path.read_text() for path in SWEEPS)

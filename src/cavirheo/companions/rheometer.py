@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -28,10 +28,8 @@ from cavirheo.writing.document import Document, Finite, Record, Spread, spread_o
 _LINEAR = 0.05  # largest relative deviation of G' from its plateau in a strain sweep
 _FLAT = 0.12  # the same in a frequency sweep: a power of 0.1 over a decade
 _LEAST_STRAINS, _LEAST_FREQUENCIES = 4.0, 9.9  # smallest ratio of the ends of a plateau; instruments are off by 1 %
-_OUTLIER_SHARE = 0.2  # largest share of outliers among the points of a plateau
 _WIDEST_GAP = 10.0  # ratio of two frequencies between which nothing is interpolated
 _SWEPT_RATIO = 2.0  # largest over smallest value from which a column counts as swept
-_RESOLUTION = 0.02  # relative difference below which two settings of the instrument count as one
 _FREQUENCIES, _STRAINS = ("omega", "frequency"), ("strain", "shear strain")  # kinds of columns, the surer one first
 _NO_SWEEP = "rheometer.no_sweep"  # error code of a table of moduli that is no sweep: one frequency, one strain
 _PASCAL = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "pa": 1.0, "KPa": 1e3, "kpa": 1e3, "dyncm2": 0.1}
@@ -88,17 +86,10 @@ class Sweep(Record):
     """File of the sweep, as it was given."""
     source_sha256: str = ""
     """SHA-256 of the file."""
-    held: Finite = None
-    """Median of the quantity that is held: the angular frequency of a strain sweep, rad/s, or the strain of a frequency
-    sweep; null where it is not known."""
-    x_from: Finite = None
-    """Smallest x."""
-    x_to: Finite = None
-    """Largest x."""
     plateau_from: Finite = None
     """First x of the plateau, which is the linear range in a strain sweep; null without one."""
     plateau_to: Finite = None
-    """Last x of the plateau; in a strain sweep the x at which G' leaves its band, if it does."""
+    """Last x of the plateau."""
     plateau_storage_Pa: Finite = None
     """G' of the plateau, Pa; null without one, and in a strain sweep in which it is below G''."""
     viscosity_Pa_s: Finite = None
@@ -108,43 +99,32 @@ class Sweep(Record):
     message: str = ""
     """Reason why a value is missing; else empty."""
 
-    @property
-    def ends_flat(self) -> bool:
-        """Whether the sweep ends before its plateau does."""
-        return self.plateau_to == self.x_to
-
 
 def strain_sweep(strain: Floats, storage: Floats, loss: Floats) -> Sweep:
     """The linear range of G' and G'' (n,), Pa, over ascending strains (n,): the longest range (at least a factor of 4
     in strain) in which G' stays within 5 % of its median. It may begin above the smallest strain, where the torque is
-    low, and ends where G', interpolated between two points, leaves the band, if it does."""
-    ends = {"x_from": strain[0], "x_to": strain[-1]}
+    low."""
     flat = _plateau(strain, storage, _LINEAR, _LEAST_STRAINS)
     if flat is None:
         band = f"within {100 * _LINEAR:g} % over a factor of {_LEAST_STRAINS:g} in strain"
-        return Sweep(kind="strain", **ends, message=f"no linear range: nowhere does G' stay {band}")
+        return Sweep(kind="strain", message=f"no linear range: nowhere does G' stay {band}")
     first, last, level = flat
-    notes, end = list[str](), strain[last]
-    if last + 1 < len(strain):
-        softens = storage[last + 1] < level
-        edge = level * (1 - _LINEAR if softens else 1 + _LINEAR)
-        pair = [last + 1, last] if softens else [last, last + 1]
-        end = math.exp(np.interp(math.log(edge), np.log(storage[pair]), np.log(strain[pair])))
+    notes = list[str]()
     viscous = float(np.median(loss[first : last + 1]))
     if viscous >= level:
         notes.append(f"no modulus: G'' ({viscous:.3g} Pa) is above G' ({level:.3g} Pa), as in a liquid")
     if first:
         notes.append(f"{counted(first, 'point')} below the linear range left out of it")
     modulus = level if viscous < level else None
-    linear: Any = {"plateau_from": strain[first], "plateau_to": end, "plateau_storage_Pa": modulus}
-    return Sweep(kind="strain", **ends, **linear, notes=notes)
+    linear: Any = {"plateau_from": strain[first], "plateau_to": strain[last], "plateau_storage_Pa": modulus}
+    return Sweep(kind="strain", **linear, notes=notes)
 
 
 def frequency_sweep(omega: Floats, storage: Floats, loss: Floats, at: float = 1.0) -> Sweep:
     """The plateau of G' (n,), Pa, over ascending angular frequencies (n,), rad/s: the longest range of at least a
     decade in which it stays within 12 % of its median; and the viscosity G''/omega at the angular frequency `at`,
     between two points interpolated linearly in their logarithms."""
-    sweep = Sweep(kind="frequency", x_from=omega[0], x_to=omega[-1])
+    sweep = Sweep(kind="frequency")
     if flat := _plateau(omega, storage, _FLAT, _LEAST_FREQUENCIES):
         first, last, sweep.plateau_storage_Pa = flat
         sweep.plateau_from, sweep.plateau_to = omega[first], omega[last]
@@ -164,53 +144,49 @@ def frequency_sweep(omega: Floats, storage: Floats, loss: Floats, at: float = 1.
 
 def _plateau(x: Floats, storage: Floats, tolerance: float, least: float) -> tuple[int, int, float] | None:
     """First and last point of the longest range, by at least the factor `least` in x, in which G' stays within
-    `tolerance` of its median, and the median of the points that do. One outlier does not end it, two in succession do.
-    None: there is none."""
+    `tolerance` of its median, and this median. None: there is none."""
     first, last = np.triu_indices(len(x), 2)
     for k in np.lexsort((first, x[first] / x[last])):  # the longest, then the one at smaller x
         i, j = int(first[k]), int(last[k])
         if x[j] < least * x[i]:
             break
         part = storage[i : j + 1]
-        outside = np.abs(part / np.median(part) - 1) > tolerance
-        ends = outside[0] or outside[-1]
-        if not (ends or np.any(outside[1:] & outside[:-1]) or outside.mean() > _OUTLIER_SHARE):
-            return i, j, float(np.median(part[~outside]))
+        level = float(np.median(part))
+        if np.all(np.abs(part / level - 1) <= tolerance):
+            return i, j, level
     return None
 
 
 def read_sweeps(path: str | Path, at: float = 1.0) -> list[Sweep]:
-    """Read the strain and frequency sweeps of a file, one of each table. Unusable rows are counted in `notes`; rows of
-    one frequency or strain are averaged. at: as of `frequency_sweep`.
+    """Read the strain and frequency sweeps of a file, one of each table; other tables are left out. Unusable rows are
+    counted in `notes`. at: as of `frequency_sweep`.
 
     Raises:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
     """
     path = Path(path)
-    found: dict[int, Sweep] = {}
-    refused: dict[str, None] = {}
+    sweeps, refused = list[Sweep](), list[InputError]()
     with guarded(path) as source:
-        for number, table in enumerate(read_columns(source, VOCABULARY), 1):
+        for table in read_columns(source, VOCABULARY):
             try:
-                found[number] = _sweep(table, at)
+                sweeps.append(_sweep(table, at))
             except InputError as error:
                 if error.code != _NO_SWEEP:
                     raise
-                refused[str(error)] = None
-        if not found:
-            raise InputError("; ".join(refused), _NO_SWEEP)
-        for number, sweep in found.items():
-            sweep.name = printable(path.stem) + (f"[{number}]" if len(found) > 1 else "")
+                refused.append(error)
+        if not sweeps:
+            raise refused[0]
+        for number, sweep in enumerate(sweeps, 1):
+            sweep.name = printable(path.stem) + (f"[{number}]" if len(sweeps) > 1 else "")
             sweep.source, sweep.source_sha256 = printable(str(path)), source.sha256
-            sweep.notes += [f"left out of the file: {'; '.join(refused)}"] if refused else []
-    return list(found.values())
+    return sweeps
 
 
 def _sweep(table: Table, at: float) -> Sweep:
-    """The sweep that a table holds. Raises InputError: it holds none, or two."""
+    """The sweep that a table holds. Raises InputError: it holds none."""
     rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
     total, table = len(table.rows), replace(table, rows=rows)
-    swept, second = _settings(table)
+    swept = _swept(table)
     columns = [swept, table.column("storage"), table.column("loss")]
     numbers = np.stack([column.numbers for column in columns])  # in units of the file
     usable = np.flatnonzero(np.all(np.isfinite(numbers) & (numbers > 0), axis=0))
@@ -226,35 +202,15 @@ def _sweep(table: Table, at: float) -> Sweep:
     if swept.unit in _HERTZ:
         notes.append(f"{swept.title!r} is in {swept.unit}: converted to rad/s by 2 pi")
     order = usable[np.argsort(numbers[0, usable], kind="stable")]
-    data = np.stack([column.si[order] for column in columns])
-    new = data[0, 1:] > (1.0 + _RESOLUTION) * data[0, :-1]  # the instrument was set anew
-    first = np.flatnonzero(np.append(True, new))
-    count = np.diff(np.append(first, len(order)))
-    if len(first) < len(order):
-        notes.append(f"{counted(len(order) - len(first), 'row')} at the {swept.name.kind} of another averaged with it")
-    x, storage, loss = np.add.reduceat(data, first, axis=1) / count
-    if swept.name.kind in _FREQUENCIES:
-        sweep = frequency_sweep(x, storage, loss, at)
-        strains = np.ones(len(order)) if second is None else second.numbers[order]
-        ratio = np.maximum.reduceat(strains, first) / np.minimum.reduceat(strains, first)
-        for rows_of_one in count[(count > 2) & (ratio > _SWEPT_RATIO)]:
-            both = (
-                f"{rows_of_one} rows of one frequency, whose strains differ by more than a factor of {_SWEPT_RATIO:g}"
-            )
-            raise InputError(f"{both}: two sweeps in one table; give them as two files", "rheometer.two_sweeps")
-    else:
-        sweep = strain_sweep(x, storage, loss)
-    if second and np.isfinite(second.numbers[order]).any():
-        try:
-            sweep.held = float(np.nanmedian(second.si[order]))
-        except InputError:
-            notes.append(f"{second.title!r} is not used: its unit is missing or not known")
+    x, storage, loss = (column.si[order] for column in columns)
+    of_frequency = swept.name.kind in _FREQUENCIES
+    sweep = frequency_sweep(x, storage, loss, at) if of_frequency else strain_sweep(x, storage, loss)
     sweep.notes = notes + sweep.notes
     return sweep
 
 
-def _settings(table: Table) -> tuple[Column, Column | None]:
-    """The columns of what is swept, and of what is held. Raises InputError: nothing is swept."""
+def _swept(table: Table) -> Column:
+    """The column of what is swept. Raises InputError: nothing is."""
     columns = [next(iter(table.all(first) + table.all(other)), None) for first, other in (_FREQUENCIES, _STRAINS)]
     settings = [column for column in columns if column]  # at a constant stress, strains vary with the frequency
     if not settings:
@@ -264,7 +220,7 @@ def _settings(table: Table) -> tuple[Column, Column | None]:
     for column in settings:
         values = column.numbers[measured & (column.numbers > 0)]
         if len(values) and values.max() >= _SWEPT_RATIO * values.min():
-            return column, next((other for other in settings if other is not column), None)
+            return column
     titles = " and ".join(repr(column.title) for column in settings)
     raise InputError(f"no sweep of {titles} in the {np.sum(measured)} rows with moduli", _NO_SWEEP)
 
@@ -288,15 +244,16 @@ class Rheometry(Document):
 
     @property
     def published(self) -> dict[str, dict[str, PublishedValue]]:
-        """Values of a method whose name states the regime; this viscosity is not compared with that of a bubble."""
-        strain, frequency = ([s for s in self.sweeps if s.kind == kind] for kind in ("strain", "frequency"))
-        omegas = [end for s in frequency for end in (s.x_from, s.x_to)] or [s.held for s in strain]
-        strains = _present(s.held for s in frequency) or _present(s.plateau_to for s in strain)
-        deformation = f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain"
-        viscosity = f"viscosity_at_{self.at_rad_per_s:g}_rad_per_s"
-        values = {"shear_modulus": self.shear_modulus_Pa, viscosity: self.viscosity_Pa_s}
+        """Values of a method whose name states the regime of G. This viscosity is not compared with a bubble's."""
+        frequency = [end for s in self.sweeps if s.kind == "frequency" for end in (s.plateau_from, s.plateau_to)]
+        if regime := digits.ends(frequency, count=2):
+            regime += " rad/s"
+        elif strains := [s.plateau_to for s in self.sweeps if s.kind == "strain" and s.plateau_to]:
+            regime = f"strain ≤ {digits.percent(max(strains))} %"
+        values = {"shear_modulus": self.shear_modulus_Pa}
+        values[f"viscosity_at_{self.at_rad_per_s:g}_rad_per_s"] = self.viscosity_Pa_s
         published = {name: PublishedValue(**dict(value)) for name, value in values.items() if value.mean is not None}
-        return {f"rheometer, {digits.ends(omegas, count=2)} rad/s, {deformation}": published}
+        return {f"rheometer, {regime}" if regime else "rheometer": published}
 
 
 def rheometry(sweeps: Sequence[Sweep], material: str, at: float = 1.0, **head: Any) -> Rheometry:
@@ -304,10 +261,8 @@ def rheometry(sweeps: Sequence[Sweep], material: str, at: float = 1.0, **head: A
     strain, frequency = ([sweep for sweep in sweeps if sweep.kind == kind] for kind in ("strain", "frequency"))
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
     if modulus.mean is None:
-        modulus = spread_of([s.plateau_storage_Pa for s in strain])
-        held = _present(s.held for s in strain if s.plateau_storage_Pa)
-        origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
-    document = Rheometry(
+        modulus, origin = spread_of([s.plateau_storage_Pa for s in strain]), "plateau of the strain sweep"
+    return Rheometry(
         material=material,
         at_rad_per_s=at,
         shear_modulus_Pa=modulus,
@@ -316,18 +271,6 @@ def rheometry(sweeps: Sequence[Sweep], material: str, at: float = 1.0, **head: A
         sweeps=[*strain, *frequency],
         **head,
     )
-    limit = min(_present(sweep.plateau_to for sweep in strain if not sweep.ends_flat), default=math.inf)
-    document.notes += [
-        f"{sweep.name} was run at a strain of {digits.percent(sweep.held)} %, beyond the linear range "
-        f"(to {digits.percent(limit)} %): its moduli are not those of the linear range"
-        for sweep in frequency
-        if (sweep.held or 0.0) > limit
-    ]
-    return document
-
-
-def _present(values: Iterable[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
 
 
 def shared_name(files: Sequence[Path]) -> str:
@@ -357,10 +300,7 @@ def print_rheometry(document: Rheometry) -> None:
 
 
 def _range(sweep: Sweep) -> str:
-    """'0.10 to 7.9 %' of strain, where the sweep ends before G' changes '≥ 7.9 %'; '0.10 to 100 rad/s'."""
-    if sweep.plateau_to is None:
-        return digits.MISSING
-    if sweep.kind == "frequency":
-        return f"{digits.ends([sweep.plateau_from, sweep.plateau_to])} rad/s"
-    to = "to ≥" if sweep.ends_flat else "to"
-    return f"{digits.percent(sweep.plateau_from)} {to} {digits.percent(sweep.plateau_to)} %"
+    """'0.10 to 7.9 %' of strain, '0.10 to 100 rad/s'."""
+    factor, unit = (1.0, "rad/s") if sweep.kind == "frequency" else (100.0, "%")
+    ends = digits.ends([sweep.plateau_from, sweep.plateau_to], factor, 2)
+    return f"{ends} {unit}" if ends else digits.MISSING
