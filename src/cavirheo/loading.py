@@ -1,4 +1,4 @@
-"""Load what cavirheo wrote: documents, recognised by the kind that they state, and training sets."""
+"""Load what cavirheo wrote: documents, recognised by the kind that they state."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from cavirheo.writing.document import MAX_BYTES, Document, read_json
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
-    from cavirheo.training.dataset import Dataset
 
-Loaded = TypeVar("Loaded", bound="Document | Dataset")
+Loaded = TypeVar("Loaded", bound=Document)
 # by `kind` (the usual file name is KIND.json): the class of the document, and the function that prints its table
 KINDS = {
     "result": ("cavirheo.reporting.record.Result", "cavirheo.reporting.screen.print_all"),
@@ -37,10 +36,10 @@ def load(path: str | Path, kind: type[Loaded]) -> Loaded: ...
 
 
 def load(path: str | Path, kind: type[Any] | None = None) -> Any:
-    """Load a document (`Result`, `Measured`, ...: docs/file-formats.md) or a training set; values are SI.
+    """Load a document (`Result`, `Measured`, ...: docs/file-formats.md); values are SI.
 
     Args:
-        path: a document with any file name, a folder with one document, or a folder of `cavirheo generate`.
+        path: a document with any file name, or a folder with one document.
         kind: the class that the file must hold, and that is chosen in a folder with several documents; default: any
             class (type checkers see a `Result`).
 
@@ -61,17 +60,13 @@ def documents_in(folder: Path) -> list[Path]:
     return [folder / name for name in NAMES if (folder / name).is_file()]
 
 
-def _load(path: str | Path, kind: type[Any]) -> Document | Dataset:
+def _load(path: str | Path, kind: type[Any]) -> Document:
     path = as_path(path)
     if path.is_dir():
-        if any(path.glob("shard-*.h5")):
-            from cavirheo.training import dataset
-
-            return dataset.load(path)
         documents = documents_in(path)
         documents = [file for file in documents if issubclass(resolve_name(KINDS[file.stem][0]), kind)] or documents
         if len(documents) != 1:
-            held = ", ".join(file.name for file in documents) or f"none of {', '.join(NAMES)}, and no training set"
+            held = ", ".join(file.name for file in documents) or f"none of {', '.join(NAMES)}"
             raise InputError(f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents
     try:

@@ -12,7 +12,6 @@ from conftest import ROOT
 import cavirheo
 from cavirheo import verbs
 from cavirheo.reporting.citation import references
-from cavirheo.verbs import documents
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
@@ -39,17 +38,6 @@ def test_the_hosted_space_installs_what_the_app_and_recordings_need():
     extras = PROJECT["optional-dependencies"]
     listed = (ROOT / "packaging" / "space" / "requirements.txt").read_text("utf-8").split()
     assert {*listed} == {*PROJECT["dependencies"], *extras["app"], *extras["video"]}
-
-
-def test_a_bug_report_has_versions(run, monkeypatch):
-    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
-    status, out, err = run("--version", "--verbose")
-    assert (status, err) == (0, "")
-    wanted = [cavirheo.__version__, sys.version.split()[0], "NUMBA_NUM_THREADS=1"]
-    wanted += [f" {one.partition('>')[0]} " for one in PROJECT["dependencies"]]
-    assert [text for text in wanted if text not in out] == []
-    monkeypatch.setattr(documents, "requires", lambda _: ["numpy>=2", 'nonesuch>=1; extra == "plot"'])
-    assert "nonesuch absent\n" in documents.installation_report()
 
 
 def test_shells_complete(monkeypatch, capsys):

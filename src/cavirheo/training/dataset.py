@@ -56,7 +56,6 @@ class Layout:
     problem: str  # as JSON
     columns: Mapping[str, tuple[Any, tuple[int, ...]]]  # dtype and shape of a row; texts in "status"
     simulate: Callable[[int, range], Columns]  # from (seed, block)
-    summary: Sequence[str]  # lines that describe what is simulated
 
     def write(self, path: Path, attributes: Mapping[str, Any], columns: Columns) -> None:
         """Write a file, completely or not at all.
@@ -79,17 +78,10 @@ def layout_of(problem: Problem) -> Layout:
     or of the trajectories for an emulator, 2.2 kB each."""
     if isinstance(problem, TrainingProblem):
         prior, frames = problem.prior, problem.frames
-        ranges = zip(prior.names, prior.low, prior.high, strict=True)
-        summary = [f"curves of {frames} frames: {problem.material_name} in {problem.medium.name}"]
-        summary += [f"{name}: {low:g} to {high:g}" for name, low, high in ranges]
         radius = (np.float32, (frames,))
         columns = {"theta": (np.float64, (len(prior.names),)), "radius": radius, "status": (object, ())}
-        return Layout(json.dumps(problem.to_dict()), columns, partial(_simulated, problem), summary)
-    summary = [f"trajectories for an emulator, at {problem['nodes']} nodes each"]
-    for kind in ("elastic", "viscous"):
-        shares = ", ".join(f"{law or 'none'} {share:.0%}" for law, share in problem[kind].items())
-        summary.append(f"{kind} part: {shares}")
-    return Layout(json.dumps(problem, sort_keys=True), trajectories.COLUMNS, trajectories.simulated, summary)
+        return Layout(json.dumps(problem.to_dict()), columns, partial(_simulated, problem))
+    return Layout(json.dumps(problem, sort_keys=True), trajectories.COLUMNS, trajectories.simulated)
 
 
 def _problem_of(content: Any) -> Problem:

@@ -46,13 +46,10 @@ for _module, _names in _VERBS:
 def _options(
     context: typer.Context,
     version: Annotated[bool, option("show the version and exit", None, "--version")] = False,
-    verbose: Annotated[bool, option("with --version: all that a bug report needs", None, "--verbose")] = False,
 ) -> None:
     """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
-    if verbose and not version:
-        raise typer.BadParameter("--verbose goes with --version")
     if version:
-        write(documents.installation_report() if verbose else f"cavirheo {cavirheo.__version__}")
+        write(f"cavirheo {cavirheo.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         context.fail("Missing command.")

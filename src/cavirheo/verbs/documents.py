@@ -1,27 +1,18 @@
-"""`cavirheo show`, `cite` and `models`: content of a file, methods and references of a result, summaries of networks;
-and the installation for a bug report (`cavirheo --version --verbose`)."""
+"""`cavirheo show`, `cite` and `models`: content of a file, methods and references of a result, the shipped networks."""
 
 from __future__ import annotations
 
-import os
-import platform
-import re
-import sys
-from importlib.metadata import distributions, requires
-from os.path import exists  # returns False for a name that is too long
 from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Exit
 
 from cavirheo import settings
-from cavirheo.errors import InputError, sha256
-from cavirheo.parallel import cores
+from cavirheo.errors import InputError
 from cavirheo.settings import argument, option
 from cavirheo.writing import digits, terminal
 
-_FILE = "a document, a folder of results, a training set, weights (.npz), a measurement; or a shipped network's name"
-_VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # prefixes of variables that change speed or answers
+_FILE = "a document, a folder of results, a measurement"
 
 
 def show(
@@ -31,33 +22,19 @@ def show(
     um_per_px: settings.UmPerPx = None,
     json: Annotated[bool, option("print the document as it is in its file", None, "--json")] = False,
 ) -> None:
-    """What a file is: when and by which command it was made, and its table; of measured curves, what would be read.
-
-    Of a network: what it answers, for which recordings, how well, and where its card is.
-    """
-    from cavirheo.inference.cards import shipped
+    """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
     from cavirheo.loading import documents_in
 
-    if str(file) in shipped() and not exists(file):
-        file = shipped()[str(file)]
     if file.suffix.lower() in (".html", ".htm"):
         raise InputError(f"{file} is a report for a browser: give its folder, {file.parent}", "show.report")
-    models = [path for path in file.glob("*.npz") if path.with_suffix(".json").is_file()]
-    file = models[0] if len(models) == 1 else file  # the folder of a run of `train`
-    network = file.suffix.lower() == ".npz" or (file.suffix == ".json" and file.with_suffix(".npz").is_file())
-    training_set = any(file.glob("shard-*.h5"))
-    document = not network and (file.suffix.lower() == ".json" or training_set or bool(documents_in(file)))
+    document = file.suffix.lower() == ".json" or bool(documents_in(file))
     measurement = {"shots": shots, "fps": fps, "um-per-px": um_per_px}
     given = [name for name, value in measurement.items() if value is not None]
-    if given and (network or document):
+    if given and document:
         raise InputError(f"--{given[0]} is for measurements, and {file} is none: leave it out", "show.measurement")
     if json and not document:
         raise InputError(f"--json is for documents, and {file} is none: leave it out", "show.json")
-    if network:
-        _show_network(file.with_suffix(".npz"))
-    elif training_set:
-        _show_training_set(file)
-    elif document:
+    if document:
         _show_document(file, json)
     else:
         _show_curves(file, shots=shots, frame_rate_hz=fps, um_per_px=um_per_px)
@@ -74,16 +51,6 @@ def _show_document(path: Path, json: bool) -> None:
     date = f", {document.date}" if document.date else ""
     terminal.write(f"{path}: {document.kind}, written by cavirheo {document.version}{date}\n{document.command}\n")
     print_table(document, path if path.is_dir() else path.parent)
-
-
-def _show_training_set(path: Path) -> None:
-    from cavirheo.training import dataset
-
-    data = dataset.load(path)
-    lines = [f"{path}: training set of {len(data)} curves, written by cavirheo {data.made_by}, seed {data.seed}"]
-    lines += [*dataset.layout_of(data.problem).summary, f"checksum {data.sha256}"]
-    lines += [f"{count} {status}" for status, count in data.origin["failures"].items()]
-    terminal.write("\n  ".join(lines))
 
 
 def _show_curves(path: Path, **keywords: Any) -> None:
@@ -131,8 +98,7 @@ def models() -> None:
 
 
 def summary(name: str, content: dict[str, Any]) -> list[str]:
-    """Return lines on what a model answers, for which recordings, and how well, from its card. Raises KeyError,
-    TypeError, ValueError: the card is incomplete or invalid."""
+    """Return lines on what a model answers, for which recordings, and how well, from its card."""
     training, data = content["training"], content["data"]
     tested = f"{data['test']} test curves"
     if content["kind"] == "emulator":
@@ -151,36 +117,3 @@ def summary(name: str, content: dict[str, Any]) -> list[str]:
             lines.append(f"  {values:40s} {error} ({output['scale']} scale, {tested})")
     minutes = f"{training['seconds'] / 60:.0f} min on {training['device']}"
     return [*lines, f"  trained on {data['train']} simulated curves, {minutes}"]
-
-
-def _show_network(path: Path) -> None:
-    """Print a model's summary, files and checksum. Raises InputError: no model, or an incomplete card."""
-    from cavirheo.inference.cards import card
-
-    content = card(path)
-    digest = sha256(path)
-    changed = "" if content["weights"]["sha256"] == digest else ", which is NOT the file that its card describes"
-    try:
-        lines = summary(path.stem, content)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
-    lines.append(f"  file {path}, sha256 {digest}{changed}, made {content.get('date', 'at an unknown date')}")
-    lines.append(f"  card {path.with_suffix('.json')}: priors, training, losses, scores and license in full")
-    terminal.write("\n".join(lines))
-
-
-def installation_report() -> str:
-    """Return lines on versions, machine, libraries and variables of this installation."""
-    import cavirheo
-
-    needed = [re.split(r"[^\w.-]", line)[0] for line in requires("cavirheo") or () if not re.search(r"== .dev\b", line)]
-    versions = {name: next((each.version for each in distributions(name=name)), "absent") for name in needed}
-    variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
-    lines = {
-        "cavirheo": f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}",
-        "python": f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}",
-        "machine": f"{platform.platform()}, {cores()} cores",
-        "libraries": ", ".join(f"{name} {version}" for name, version in versions.items()),
-        "variables": ", ".join(variables) or "none that matter",
-    }
-    return "\n".join(f"{name:<10}{text}" for name, text in lines.items())
