@@ -22,7 +22,6 @@ from cavirheo.inference.design import (
     Draws,
     Expectation,
     Setting,
-    gain,
     material_information,
     shots_wanted,
 )
@@ -34,7 +33,8 @@ from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
 
 STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
-LEAST_GAIN = 0.01  # nats; with less a shot tells nothing
+SIZES = 5  # number of R_max that are tried
+DRAWS = 12  # from what is known, at each setting
 EVEN = np.array([-1.0, 1.0]) * np.sqrt(3.0)  # ends of an even distribution, in standard deviations
 STRETCH_MARGIN = 0.02  # decades beyond the stretches of the shots
 
@@ -45,12 +45,9 @@ class Rig:
 
     Attributes:
         max_radius: (low, high) of the bubbles that the laser makes, m.
-        sizes: number of R_max between both that are tried.
         frame_rate: all frame rates of the camera, 1/s.
         frames: number of frames that it records.
-        noise: standard deviation of the radius of a frame, m.
-        relative_noise: the same over R_max; both add in quadrature.
-        exposure: exposure time, s; reduced to the time between frames if it is longer.
+        noise: standard deviation of the radius of a frame over R_max.
         material: a law of `cavirheo laws`.
         medium: constants of the liquid or gel, or the name of a set of constants.
         bubble: "real", "field" or a `Bubble`, whose free parameters are drawn at random.
@@ -62,13 +59,10 @@ class Rig:
     max_radius: Sequence[float] = (50e-6, 400e-6)
     frame_rate: Sequence[float] = (1e5, 2.5e5, 5e5, 1e6)
     frames: int = 128
-    noise: float = 0.0
-    relative_noise: float = 0.01
-    exposure: float = 0.0
+    noise: float = 0.01
     material: str = "nhkv"
     medium: Medium | str = WATER
     bubble: Requested = "real"
-    sizes: int = 5
 
     def __post_init__(self) -> None:
         Family(self.material)
@@ -87,23 +81,15 @@ class Rig:
         require(len(self.frame_rate) > 0, "give at least one frame rate", "design.frame_rate")
         for rate in self.frame_rate:
             FRAME_RATE.check("the frame rate of the rig", rate, "design.frame_rate")
-        least, largest = min(self.noise, self.relative_noise), self.noise / radii[0] + self.relative_noise
-        if least < 0.0 or not 0 < largest < 0.5:
-            given = f"{self.noise:g} m and {self.relative_noise:g} of R_max"
-            message = f"noise must be from 0 up, in all positive and below half of R_max, got {given}"
-            raise InputError(message, "design.noise")
+        if not 0 < self.noise < 0.5:
+            raise InputError(f"noise must be above 0 and below half of R_max, got {self.noise:g} of it", "design.noise")
         expect_whole(self.frames, "frames", 10, "design.frames")
-        expect_whole(self.sizes, "sizes", 1, "design.sizes")
 
     def settings(self) -> list[Setting]:
-        """Each frame rate with each of the sizes."""
+        """Each frame rate with each R_max."""
         smallest, largest = self.max_radius
-        settings = []
-        for rate in self.frame_rate:
-            for radius in np.geomspace(smallest, largest, self.sizes if largest > smallest else 1).tolist():
-                noise = float(np.hypot(self.noise, self.relative_noise * radius))
-                settings.append(Setting(radius, float(rate), noise, self.frames, min(self.exposure, 1.0 / rate)))
-        return settings
+        radii = np.geomspace(smallest, largest, SIZES if largest > smallest else 1).tolist()
+        return [Setting(R, float(rate), self.noise * R, self.frames) for rate in self.frame_rate for R in radii]
 
 
 class DesignedSetting(Record):
@@ -123,8 +109,6 @@ class DesignedSetting(Record):
     """Half of the 90 % interval of one shot, % of the value, by parameter; median over the draws."""
     shots: int | None
     """Number of shots that bring all parameters to the wanted interval; null: more than 10,000."""
-    gain_nats: float
-    """Expected information gain of one shot about the law's parameters, nats; mean over the draws."""
 
     @property
     def words(self) -> str:
@@ -154,19 +138,16 @@ class Design(Document):
     """Expected result at each frame rate and R_max."""
     next: int
     """Index, from 0, of the setting to take next: it reaches the wanted interval with the fewest shots or, if none
-    reaches it, has the largest gain."""
+    reaches it, has the narrowest intervals."""
 
     @property
     def sentences(self) -> list[str]:
         """Lines of text on the next setting, and the number of shots."""
         setting, goal = self.settings[self.next], f"± {self.wanted_percent:g} % (90 %)"
         law = " and ".join(digits.shown(name).symbol for name in setting.half_width_percent)
-        if setting.gain_nats < LEAST_GAIN:
-            line = f"next: nothing: this rig cannot tell {law}, not even at its best, {setting.words}"
-            return [line, f"{setting.readable:.0%} of the recordings there can be read"]
         if setting.shots is None:
-            line = f"next: {setting.words}, where one shot tells most about {law} ({setting.gain_nats:.2f} nats)"
-            return [line, f"no setting reaches ± {self.wanted_percent:g} % with {MOST_SHOTS:,} shots"]
+            line = f"next: no setting reaches {goal} of {law} with {MOST_SHOTS:,} shots"
+            return [line, f"the narrowest intervals are expected with {setting.words}"]
         if setting.shots == 0:
             by = f" by {digits.counted(self.shots_before, 'shot')}" if self.shots_before else ""
             return [f"next: nothing, {goal} is already reached{by}"]
@@ -186,7 +167,7 @@ def print_table(document: Design) -> None:
     """Print a line per setting, then the recommended setting and the number of shots."""
     names = list(document.settings[0].half_width_percent)
     symbols = [digits.shown(name).symbol for name in names]
-    heads = ["R_max\nµm", "frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots", "gain\nnats"]
+    heads = ["R_max\nµm", "frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
     rows = [
         [
@@ -195,7 +176,6 @@ def print_table(document: Design) -> None:
             *(half_width(setting.half_width_percent[name]) for name in names),
             f"{100 * setting.readable:.0f}",
             digits.MISSING if setting.shots is None else str(setting.shots),
-            f"{setting.gain_nats:.2f}",
         ]
         for setting in document.settings
     ]
@@ -212,8 +192,6 @@ def design(
     group: str | None = None,
     ranges: Mapping[str, Sequence[float]] | None = None,
     wanted: float = 0.1,
-    spread: float | None = None,
-    draws: int = 12,
     seed: int = 0,
     done: Callable[[], None] | None = None,
 ) -> Design:
@@ -228,9 +206,7 @@ def design(
         ranges: {"G": [low, high], "mu": ..., "lambda": ...} in SI; default: those in which searches start, and 4 to 10
             for the stretch. With `known` only the range of the stretch is used.
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
-        spread: standard deviation of the shots of one material, decades; default: 0, or that of the answers of `known`.
-        draws: number of draws from what is known, at each setting.
-        seed: of the draws. done: called after each shot.
+        seed: of the draws from what is known. done: called after each shot.
 
     Raises:
         InputError: no trusted answer of this law, a number out of its domain, or a bubble unknown to the emulator.
@@ -238,17 +214,16 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
     """
-    _check_numbers(wanted, spread, draws)
+    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
     rig = rig or Rig()
     family = Family(rig.material)
     before = _known(known, group, family, _log_ranges(family, ranges or {}))
-    spreads = before.spreads if spread is None else np.full_like(before.spreads, spread)
     low, high = np.transpose(list(before.ends.values()))
-    logs = low + (high - low) * Halton(len(low), seed=seed).random(draws)  # few of its points cover the ranges
+    logs = low + (high - low) * Halton(len(low), seed=seed).random(DRAWS)  # few of its points cover the ranges
     (bubble,) = bubbles_of(rig.bubble)
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
     settings, covariance = rig.settings(), np.diag((high - low)[:-1] ** 2 / 12.0)
-    what = covariance, np.diag(spreads**2), family.parameters, np.log10(1.0 + wanted)
+    what = covariance, np.diag(before.spreads**2), family.parameters, np.log10(1.0 + wanted)
     expectations = shots.expectations(settings, done)
     rows = [_row(setting, expected, *what) for setting, expected in zip(settings, expectations, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
@@ -259,7 +234,7 @@ def design(
         bubble=bubble,
         medium=medium(rig.medium),
         wanted_percent=100.0 * wanted,
-        spreads_decades=dict(zip(family.parameters, spreads.tolist(), strict=True)),
+        spreads_decades=dict(zip(family.parameters, before.spreads.tolist(), strict=True)),
         known={name: Quantity.from_interval(*three) for name, three in zip(before.ends, quantiles.T, strict=True)},
         shots_before=before.shots,
         settings=rows,
@@ -267,16 +242,10 @@ def design(
     )
 
 
-def _check_numbers(wanted: float, spread: float | None, draws: int) -> None:
-    """Raises InputError for numbers of `design` out of their domains."""
-    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
-    expect_whole(draws, "draws", 2, "design.draws")
-
-
 def _best(rows: Sequence[DesignedSetting]) -> int:
-    """The setting that needs the fewest shots; of several the one whose shot tells most."""
-    order = [(np.inf if row.shots is None else row.shots, -row.gain_nats) for row in rows]
+    """The setting that needs the fewest shots; of several the one whose widest interval is the narrowest."""
+    widest = [max(np.inf if x is None else x for x in row.half_width_percent.values()) for row in rows]
+    order = [(np.inf if row.shots is None else row.shots, width) for row, width in zip(rows, widest, strict=True)]
     return order.index(min(order))
 
 
@@ -317,7 +286,6 @@ def _row(
         readable=share,
         half_width_percent=dict(zip(names, 100.0 * (10.0**decades - 1.0), strict=True)),
         shots=int(shots) if np.isfinite(shots) else None,
-        gain_nats=sum(gain(one, covariance) for one in material) / len(expected),
     )
 
 

@@ -39,13 +39,12 @@ LN10 = float(np.log(10.0))
 @dataclass(frozen=True)
 class Setting:
     """The settings of a shot. max_radius: m, the intended R_max. frame_rate: 1/s. noise: m, standard deviation of the
-    radius of a frame. frames: their number. exposure: s."""
+    radius of a frame. frames: their number."""
 
     max_radius: float
     frame_rate: float
     noise: float
     frames: int = 128
-    exposure: float = 0.0
 
 
 class Film(NamedTuple):
@@ -88,7 +87,7 @@ class Draws:
         rng, k, top = np.random.default_rng(self.seed), len(self.law), setting.max_radius
         begin = RECORDED_GROWTH * self.medium.time_scale(top)
         time = np.arange(setting.frames) / setting.frame_rate - begin
-        meta = {"name": "designed", "frame_rate_hz": setting.frame_rate, "exposure_s": setting.exposure}
+        meta = {"name": "designed", "frame_rate_hz": setting.frame_rate}
         frames = RadiusCurve(time, np.full(len(time), top), meta=meta, maximum=(0.0, top))
         stage = self.experiment(frames)
         prior = replace(stage.prior(), zero=np.array(0.0), infinite=np.array(0.0))
@@ -166,11 +165,6 @@ def _half_widths(information: Floats, known: Floats, bounds: Floats) -> Floats:
         ends = np.interp([0.05, 0.95], mass / mass[-1], places)
         widths.append(0.5 * (ends[1] - ends[0]))
     return np.array(widths)
-
-
-def gain(information: Floats, covariance: Floats) -> float:
-    """Information gain of a shot on a material in nats: half log det(1 + covariance information), both (l, l)."""
-    return 0.5 * float(np.linalg.slogdet(np.eye(len(covariance)) + covariance @ information)[1])
 
 
 def material_information(information: Floats, scatter: Floats) -> Floats:

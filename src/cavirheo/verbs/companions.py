@@ -13,8 +13,6 @@ from cavirheo.verbs import options
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
-CAMERA = "Camera"
-SEARCH = "Search"
 _Range = tuple[float, float]
 _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
@@ -137,18 +135,13 @@ class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
     rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
     fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
     frames: Annotated[int, option("of a recording", min=10)] = 128
-    noise_percent: Annotated[float, option("noise of the radius, % of R_max", CAMERA)] = 1.0
-    noise_um: Annotated[float, option("further noise of the radius, um", CAMERA)] = 0.0
-    exposure_us: Annotated[float, option("exposure time of a frame, us", CAMERA, min=0.0)] = 0.0
+    noise_percent: Annotated[float, option("noise of the radius, % of R_max")] = 1.0
     wanted_percent: options.WantedPercent = 10.0
-    spread: Annotated[float | None, option("scatter of shots, decades  [default: of the result.json]", SEARCH)] = None
-    sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
-    draws: Annotated[int, option("recordings for each setting", SEARCH, min=2)] = 12
     seed: settings.Seed = 0
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.design import Rig, design
+        from cavirheo.companions.design import DRAWS, Rig, design
         from cavirheo.writing.document import Outputs
 
         if self.group is not None and self.result is None:
@@ -158,19 +151,15 @@ class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
             max_radius=[1e-6 * end for end in self.rmax_um],
             frame_rate=options.numbers("--fps", self.fps, float, ",", "numbers with commas"),
             frames=self.frames,
-            noise=1e-6 * self.noise_um,
-            relative_noise=0.01 * self.noise_percent,
-            exposure=1e-6 * self.exposure_us,
+            noise=0.01 * self.noise_percent,
             material=self.material,
             medium=self.liquid,
             bubble=self.bubbles or "real",
-            sizes=self.sizes,
         )
         ranges = {name: ends for name in ("shear_modulus", "viscosity", "stretch") if (ends := getattr(self, name))}
-        keywords: dict[str, Any] = {name: getattr(self, name) for name in ("group", "spread", "draws", "seed")}
         outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
-        with run.progress_bar("answering", len(rig.settings()) * self.draws) as advance:
-            wanted = 0.01 * self.wanted_percent
-            document = design(self.result, rig, ranges=ranges, wanted=wanted, done=advance, **keywords)
+        with run.progress_bar("answering", len(rig.settings()) * DRAWS) as advance:
+            how: dict[str, Any] = {"wanted": 0.01 * self.wanted_percent, "seed": self.seed, "done": advance}
+            document = design(self.result, rig, group=self.group, ranges=ranges, **how)
         run.write_document(outputs, document.model_copy(update=run.document_fields))
         run.end(f"written to {self.out}")
