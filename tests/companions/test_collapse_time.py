@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from conftest import WATER, code_of, done, refusal
 from files import text_table
-from scipy.io import savemat
 from scipy.stats import t as student
 
 from cavirheo import Bubble, SolverError
@@ -94,7 +93,6 @@ def test_outliers_do_not_decide_and_bounds_are_told():
     time[[3, 10, 20]] *= 1.2
     found = estimate(radius, stretch, time)
     assert found.shear_modulus_Pa.median == pytest.approx(1e4, rel=0.05)
-    assert found.downweighted == ["4", "11", "21"]
     fluid = estimate(*table(G=0.0, mu=0.1, noise=1e-3))
     assert (fluid.shear_modulus_Pa.bound, fluid.shear_modulus_Pa.q95 < 500) == ("upper", True)
     radius = np.array([1e-4, 1.5e-4, 2e-4, 3e-4])
@@ -106,12 +104,11 @@ def test_one_shot_is_one_relation():
     one = table(1)
     found = estimate(*one)
     assert (values(found), found.complete) == ((None, None), False)
-    for G, mu in found.pairs:
-        assert analytic_time(*one[:2], G, mu) == pytest.approx(one[2], rel=1e-3)
+    assert "--viscosity" in found.message
     assert estimate(*one, viscosity=0.1).shear_modulus_Pa.median == pytest.approx(1e4, rel=1e-3)
     assert estimate(*one, shear_modulus=1e4).viscosity_Pa_s.median == pytest.approx(0.1, rel=1e-3)
     alike = estimate(*(np.repeat(values, 5) for values in one))
-    assert (values(alike), len(alike.pairs) > 3) == ((None, None), True)
+    assert (values(alike), "too alike" in alike.message) == ((None, None), True)
 
 
 SHOT = (R, 7.0, 1.8e-5)
@@ -136,8 +133,7 @@ def test_layouts_agree(tmp_path):
     plain, german = write(tmp_path / "a.csv", columns), tmp_path / "b.csv"
     rows = (f"{r * 1e3:.12g};{s:.12g};{t * 1e3:.12g}".replace(".", ",") for r, s, t in zip(*columns, strict=True))
     german.write_text("R_max (mm);lambda;t_1 (ms)\n" + "\n".join(rows) + "\n")
-    savemat(tmp_path / "c.mat", {"pIMR_array": np.column_stack(columns)})
-    for group in map(read_table, (plain, german, tmp_path / "c.mat")):
+    for group in map(read_table, (plain, german)):
         found = np.array([[s.max_radius_m, s.stretch, s.collapse_time_s] for s in group.usable])
         assert found == pytest.approx(np.column_stack(columns), rel=1e-8)
 

@@ -338,7 +338,6 @@ BAD = {  # content, or what writes it; code; what is named
     "other.mat": (saved(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
     "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "reading.binary", "'-v7'"),
     "object.mat": (mat(OBJECT), "matlab.variables", "table2struct"),
-    "times.mat": (saved(pIMR_array=np.ones((4, 3))), "matlab.collapse_times", "collapse-time"),
     "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "reading.damaged", ""),
     "shots.zip": (archive("gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
     "labels of another name.csv": (mixed("variable"), "curve.unusable", 'name the column of their labels "shot"'),

@@ -43,7 +43,6 @@ VARIABLES: dict[str, dict[str, object]] = {
     "bdt": BDT,
     "imr": {"Rnew": METRES, "t": SECONDS},
     "pixels": {"Rnew": RADIUS / 2, "deltax": 2e-6, "deltat": 1e-6},
-    "times": {"pIMR_array": np.array([[250e-6 + k * 1e-6, 7 + 0.1 * k, 22e-6 + k * 1e-7] for k in range(6)])},
 }
 
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from cavirheo.errors import InputError, SolverError, printable
 from cavirheo.inference.collapse_time import CollapseEstimate, estimate, unusable
-from cavirheo.io.binary import read_variables
-from cavirheo.io.files import Source, guarded
+from cavirheo.io.files import guarded
 from cavirheo.io.shots import Chosen, selected
 from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.collapse import rayleigh_time
@@ -24,7 +23,6 @@ from cavirheo.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Record, write_rows
 
-VARIABLE = "pIMR_array"
 VOCABULARY = Vocabulary(
     {
         "R_max": Term("rmax maxradius maximumradius largestradius", LENGTH_UNITS),
@@ -92,7 +90,7 @@ class CollapseGroup(Record):
             return
         values = [(shot.max_radius_m, shot.stretch, shot.collapse_time_s) for shot in self.usable]
         radius, stretch, time = np.array(values, dtype=float).T
-        how: Any = {"material": material, "medium": medium, "names": [shot.name for shot in self.usable], **given}
+        how: Any = {"material": material, "medium": medium, **given}
         self.estimate = estimate(radius, stretch, time, **how)
         if exact:
             try:
@@ -127,21 +125,15 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
     """
     path = Path(path)
     with guarded(path) as source:
-        if source.kind in ("text", "empty", "workbook"):
-            (table,) = read_columns(source, VOCABULARY)
-            columns: list[Any] = [column and column.si for column in map(table.find, ("R_max", "lambda", "t_1"))]
-            names, notes = table.find("name"), table.notes
-        else:
-            columns = _pimr_columns(source)
-            names, notes = None, [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
-        radius, stretches, time = columns
-        if stretches is None and stretch is None:
+        (table,) = read_columns(source, VOCABULARY)
+        radius, time = table.column("R_max").si, table.column("t_1").si
+        given, names, notes = table.find("lambda"), table.find("name"), table.notes
+        if given is None and stretch is None:
             missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
             raise InputError(missing, "collapse_time.no_stretch")
-        if stretches is None:
-            stretches = np.full(len(time), stretch)
-        elif stretch is not None:
+        if given and stretch is not None:
             notes = [*notes, "lambda of the table used, not the one given"]
+        stretches = given.si if given else np.full(len(time), stretch)
         rows = np.column_stack([radius, stretches, time]).tolist()
         texts = names.text if names else map(str, range(1, len(rows) + 1))
         shots = [
@@ -156,18 +148,6 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
         ]
         head: Any = {"source": printable(str(path)), "source_sha256": source.sha256, "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
-
-
-def _pimr_columns(source: Source) -> list[Any]:
-    """R_max, lambda and t_1 in the variable of pIMR. Raises InputError: there is none of this shape."""
-    variables = read_variables(source)
-    array: Any = variables.get(VARIABLE)
-    shape = np.shape(array)
-    expected = f"expected a table of text, a workbook, or {VARIABLE}, an array (n, 3): R_max in m, lambda, t_1 in s"
-    if len(shape) != 2 or shape[1] != 3 or not shape[0]:
-        found = f"got an array of the shape {shape}" if VARIABLE in variables else "curves R(t) are for `infer`"
-        raise InputError(f"{expected}; {found}", "collapse_time.variable")
-    return list(array.T.astype(float))
 
 
 def write_csv(path: Path, document: CollapseTimes) -> None:
@@ -204,11 +184,6 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
     """(name of a group or shot, remark on it)."""
     if value := group.estimate:
         yield group.name, value.message
-        if value.downweighted:
-            yield group.name, f"weighted down: {', '.join(value.downweighted)}"
-        if value.pairs:
-            pairs = "; ".join(f"{G * factor:.3g}, {mu:.2g}" for G, mu in value.pairs)
-            yield group.name, f"equally good pairs (G {unit}, µ Pa s): {pairs}"
     for record in group.shots:
         if record.message:
             yield f"{group.name} {record.name}", f"left out: {record.message}"

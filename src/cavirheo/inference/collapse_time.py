@@ -12,7 +12,6 @@ until this ratio stays as it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -38,7 +37,6 @@ _FLOOR = 1e-5  # relative scatter of t_1: a smaller one is that of rounding
 _EQUAL_TIME = 5e-4  # relative difference of t_1 within which values are equally good if the shots show no scatter
 _MAX_SCATTER = 0.03  # largest usual scatter of t_1: gels have 1.2 %
 _WIDE = 10.0  # ratio of the ends of an interval from which on it is a bound
-_LINE = np.append(0.0, np.geomspace(1e-2, LARGEST[1], 13))  # viscosities in a list of equally good pairs
 _EXACT_ROUNDS, _SAME = 30, 1e-5  # of simulations, and the relative change of their times at which they end
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/how-to/collapse-time.md)
 
@@ -51,8 +49,6 @@ class CollapseEstimate(Record):
         viscosity_Pa_s: viscosity mu, Pa s.
         modulus_per_percent_Pa: change of G if all t_1 were 1 % longer, Pa; null where G is bounded only.
         scatter: standard deviation of ln(t_1/t_model); null unless there are more shots than fitted parameters.
-        downweighted: names of shots with a weight below 0.5.
-        pairs: equally good pairs (G in Pa, mu in Pa s), where neither has a value.
         message: what is wrong, and other remarks.
         model: t_1/t_RC of the model for each shot; not written.
     """
@@ -61,8 +57,6 @@ class CollapseEstimate(Record):
     viscosity_Pa_s: Quantity = Quantity()
     modulus_per_percent_Pa: Finite = None
     scatter: Finite = None
-    downweighted: list[str] = []
-    pairs: list[tuple[float, float]] = []
     message: str = ""
     model: list[Finite] = Field(default=[], exclude=True)
 
@@ -89,7 +83,6 @@ def estimate(
     time: ArrayLike,
     material: str = "nhkv",
     *,
-    names: Sequence[str] = (),
     medium: Medium | str = WATER,
     shear_modulus: float | None = None,
     viscosity: float | None = None,
@@ -97,32 +90,29 @@ def estimate(
 ) -> CollapseEstimate:
     """G and/or mu of one material from n collapse times, in 0.1 s.
 
-    One collapse time cannot give both G and mu: unless one of the two is given, the answer is `pairs`, equally good (G,
-    mu).
+    One collapse time cannot give both G and mu: unless one of the two is given, the answer is a message that says so.
 
     Args:
         max_radius: (n,) m.
         stretch: (n,) R_max/R_0.
         time: (n,) s from R_max to the first minimum of the radius.
-        names: of the shots in messages; default: "1", "2", ...
         material: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
         shear_modulus: Pa, if it is known; viscosity is then fitted alone.
         viscosity: Pa s, if it is known; shear_modulus is then fitted alone.
         exact: use simulated collapse times, starting from the analytic answer: 5 ms per shot and round.
 
     Raises:
-        InputError: arrays of different lengths, a value outside its domain (the message names the shot), an unknown
-            material, or nothing to fit.
+        InputError: arrays of different lengths, a value outside its domain (with the number of the shot, from 1), an
+            unknown material, or nothing to fit.
         SolverError: a simulation of the exact fit failed, or shows no collapse.
     """
     sizes = [np.size(values) for values in (max_radius, stretch, time)]
     lengths = f"R_max, lambda and t_1 must have one length, got {sizes}"
     require(len({*sizes}) == 1 and sizes[0] > 0, lengths, "collapse_time.lengths")
     shots = np.array([max_radius, stretch, time], dtype=float).reshape(3, -1)
-    names = names or [str(k + 1) for k in range(sizes[0])]
-    for name, values in zip(names, shots.T.tolist(), strict=True):
+    for number, values in enumerate(shots.T.tolist(), 1):
         trouble = unusable(*values)
-        require(not trouble, f"shot {name}: {trouble}", "collapse_time.shot")
+        require(not trouble, f"shot {number}: {trouble}", "collapse_time.shot")
     unknown = f"unknown material {material!r}; collapse times know {', '.join(MATERIALS)}"
     require(material in MATERIALS, unknown, "collapse_time.material")
     given = {"shear modulus": shear_modulus, "viscosity": viscosity}
@@ -135,7 +125,7 @@ def estimate(
     both = "nothing to fit: shear modulus and viscosity are both given"
     require(None in given.values(), both, "collapse_time.all_given")
     fixed = np.array([np.nan if value is None else value for value in given.values()])
-    problem = _Problem(shots[0], shots[1], shots[2], names, medium_of(medium), fixed, np.ones(sizes[0]))
+    problem = _Problem(shots[0], shots[1], shots[2], medium_of(medium), fixed, np.ones(sizes[0]))
     return _answer(_corrected(problem), []) if exact else _answer(problem, _poor(problem))
 
 
@@ -147,7 +137,6 @@ class _Problem:
     max_radius: Floats
     stretch: Floats
     measured: Floats
-    names: Sequence[str]
     medium: Medium
     fixed: Floats
     correction: Floats
@@ -226,15 +215,13 @@ def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
     ends = _ends(values, slopes / reach, problem.free)
     G, mu = (_quantity(values[i], ends[i], LARGEST[i], problem.free[i], free > 0) for i in (0, 1))
     found = CollapseEstimate(shear_modulus_Pa=G, viscosity_Pa_s=mu, scatter=scatter)
-    found.downweighted = [name for name, w in zip(problem.names, weight, strict=True) if w < 0.5]
     model = problem.time(values) / rayleigh_time(problem.max_radius, problem.medium)
     found.model = list(model)
     if problem.free[0] and G.median is not None:
         found.modulus_per_percent_Pa = float(np.linalg.lstsq(slopes, np.full(n, -0.01))[0][0])
     if G.median is None and mu.median is None:
-        found.pairs = _pairs(problem, float(np.sum(residual**2)) + reach**2)
-        why = "one collapse time is one relation between G and µ, not both: add shots of other R_max, or give one"
-        messages.append(why if n == 1 else "the shots are too alike (R_max, lambda) to tell G from µ")
+        why = "one collapse time is one relation between G and µ: add shots of other R_max, or give --viscosity"
+        messages.append(why if n == 1 else "the shots are too alike (R_max, lambda) to tell G from µ: give --viscosity")
     if free == 0:
         messages.append("as many shots as unknowns: no interval")
     if scatter is not None and scatter > _MAX_SCATTER:
@@ -257,17 +244,6 @@ def _ends(values: Floats, slopes: Floats, free: Bools) -> Floats:
     return np.array([np.clip([np.min(each), np.max(each)], 0.0, most) for each, most in zip(own, LARGEST, strict=True)])
 
 
-def _pairs(problem: _Problem, limit: float) -> list[tuple[float, float]]:
-    """Pairs (G, mu) whose sum of squares is at most `limit`."""
-    pairs = list[tuple[float, float]]()
-    for mu in _LINE:
-        given = replace(problem, fixed=np.array([np.nan, mu]))
-        values = given.fitted(np.ones(len(problem.measured)))
-        if np.sum(given.residuals(values) ** 2) <= limit:
-            pairs.append((float(values[0]), float(mu)))
-    return pairs
-
-
 def _quantity(value: float, ends: Floats, most: float, fitted: bool, interval: bool) -> Quantity:
     """A value with its interval, which is a bound where its ends are far apart or at the end of the range; without an
     interval the ends of equally good values count."""
@@ -288,5 +264,5 @@ def _poor(problem: _Problem) -> list[str]:
     """A message if the analytic model is known to be inaccurate for these shots."""
     inverse_re = problem.best[0][1] * problem.medium.velocity_scale / (problem.medium.pressure * problem.max_radius)
     count = np.count_nonzero((inverse_re > 1 / _GOOD_RE) | (problem.stretch < _GOOD_STRETCH))
-    where = f"Re < {_GOOD_RE:g} or lambda < {_GOOD_STRETCH:g}, {count} of {len(problem.names)} shots"
+    where = f"Re < {_GOOD_RE:g} or lambda < {_GOOD_STRETCH:g}, {count} of {len(problem.measured)} shots"
     return [f"the analytic model is poor here ({where}): use exact"] if count else []

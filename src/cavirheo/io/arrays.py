@@ -192,9 +192,6 @@ def _in_rows(path: str, shape: tuple[int, ...], time: np.ndarray | str | None) -
 
 
 def _no_history(arrays: Arrays) -> InputError:
-    if "pIMR_array" in arrays:
-        message = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t)"
-        return InputError(f"{message}: use cavirheo collapse-time", "matlab.collapse_times")
     words = [_CELL.sub("", path) + (f" ({array})" if isinstance(array, str) else "") for path, array in arrays.items()]
     expected = "R and t (m, s), or radius_um and time_us, alone or in a group per shot; MATLAB: save('a.mat', 'R', 't')"
     found = listed(words, _LISTED)

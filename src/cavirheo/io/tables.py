@@ -368,7 +368,7 @@ def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
         book = read_workbook(source.path)
         sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in book]
     else:
-        raise InputError("neither text nor a workbook", "tabular.binary")
+        raise InputError(f"neither text nor a workbook; {vocabulary.expected}", "tabular.binary")
     for sheet in sheets:
         limits.check(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
         _replace_signs(sheet)

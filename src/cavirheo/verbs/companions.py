@@ -18,7 +18,7 @@ _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
 _RESULT = "result.json, or the folder that holds one"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder"
-_TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat); a folder"
+_TIMES = "tables of rmax_um,stretch,t1_us (.csv, .xlsx); a folder"
 _STRETCH = "R_max/R_0 of tables without it"
 
 
