@@ -162,10 +162,10 @@ def _prior_end(name: str, end: str) -> str:
     return f"{words} is at the {end} end of what is expected{_ADVICE.get(name, '')}"
 
 
-def _systematic(excess: float, detectable: float, exact: bool, limit: float, **predictive: Any) -> str:
+def _systematic(excess: float, detectable: float, exact: bool, limit: float, p_value: float) -> str:
     size = f"less than {100 * detectable:.2g}" if excess < detectable else f"{100 * excess:.1f}"
     text = "the simulation differs from the frames by more than noise explains: "
-    text += f"by {size} % of R_max beyond the noise ({digits.p_value_in_words(predictive)})"
+    text += f"by {size} % of R_max beyond the noise ({digits.p_value_in_words(p_value)})"
     if exact:
         return f"{text}, and the law was taken as exact, so the interval is too narrow"
     if excess > limit:

@@ -158,8 +158,7 @@ class Diagnostics:
         frames_left_out: number of frames that are not used: spikes, and a rise as by another bubble.
         draws: number of weighted draws.
         effective_sample_size: number of independent draws that they are worth.
-        predictive: result of the posterior predictive check: "p_value" and its smallest possible value "least"; "p"
-            and "observed" by statistic.
+        p_value: probability that noise alone makes neighbouring residuals so alike.
         systematic_misfit_over_rmax: root mean square misfit of the best simulation beyond the noise, over R_max.
         simulations: number of simulations.
         failed_simulations: number of failed simulations.
@@ -174,7 +173,7 @@ class Diagnostics:
     frames_left_out: int | None = None
     draws: int | None = None
     effective_sample_size: float | None = None
-    predictive: Mapping[str, Any] | None = None
+    p_value: float | None = None
     systematic_misfit_over_rmax: float | None = None
     simulations: int | None = None
     failed_simulations: int | None = None

@@ -196,4 +196,4 @@ def test_a_wrong_law_does_not_fit():
     answer = fit(shot("field"), material="newtonian", bubble="field")
     assert answer.checks.verdict == "does_not_fit"
     assert "misfit.systematic" in [one.code for one in answer.checks.messages]
-    assert answer.diagnostics.predictive["p_value"] < 0.01
+    assert answer.diagnostics.p_value < 0.01

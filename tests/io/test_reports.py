@@ -53,7 +53,7 @@ def page_of(folder: Path) -> Page:
 def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
     none = float("nan")
     odd = {"array": np.arange(3), "nan": none, "x": [np.float64("inf"), np.int64(2)], "p": Path("a"), 1: ()}
-    about = Diagnostics(modulus_over_scale=none, predictive={"p_value": none})
+    about = Diagnostics(modulus_over_scale=none, p_value=none)
     curve, one = pairs[0]
     one = replace(one, provenance=odd, diagnostics=about, checks=replace(one.checks, mae_over_rmax=none))
     pairs[0] = curve, one

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from math import ceil, floor, isfinite, log10
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cavirheo import errors
 
@@ -154,10 +154,9 @@ def counted_shots(count: int, total: int) -> str:
     return f"{count} of {counted(total, 'shot')} {'counts' if total == 1 else 'count'}"
 
 
-def p_value_in_words(predictive: Mapping[str, Any]) -> str:
-    """p-value of a predictive check: 'p = 0.04', or 'p < 0.0015' if it is the least that its replicates can give."""
-    p = predictive["p_value"]
-    return f"p {'=' if p > predictive.get('least', 0.0) else '<'} {p:.2g}"
+def p_value_in_words(p: float) -> str:
+    """'p = 0.04', or 'p < 1e-06': the tail of a normal distribution tells no smaller probability."""
+    return f"p = {p:.2g}" if p > 1e-6 else "p < 1e-06"
 
 
 def number_ranges(numbers: Sequence[int]) -> str:
