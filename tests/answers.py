@@ -79,8 +79,6 @@ def answer(curve, G=6100.0, mu=0.021, *, draws=1, verdict="ok", message="", mate
         verdict,
         said,
         rmse_over_rmax=float(np.sqrt(np.mean(residual**2))),
-        mae_over_rmax=float(np.mean(np.abs(residual))),
-        max_difference_over_rmax=float(np.max(np.abs(residual))),
         collapses=2,
         t_star_end=2.6,
         compared_time=time,

@@ -51,8 +51,6 @@ class Checks:
         verdict: "ok", or what is wrong (docs/method/verdicts.md).
         messages: reasons for the verdict, and other remarks; input warnings first.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        mae_over_rmax: mean absolute difference, over R_max.
-        max_difference_over_rmax: largest absolute difference, over R_max.
         collapses: complete collapses in the compared window.
         t_star_end: end of the compared window, t/t_c after R_max.
         compared_time: (m,) s, times of the compared frames on the measurement's clock.
@@ -67,8 +65,6 @@ class Checks:
     verdict: Verdict
     messages: tuple[Message, ...] = ()
     rmse_over_rmax: float | None = None
-    mae_over_rmax: float | None = None
-    max_difference_over_rmax: float | None = None
     collapses: int | None = None
     t_star_end: float | None = None
     compared_time: Floats | None = None

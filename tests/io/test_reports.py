@@ -55,7 +55,7 @@ def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
     odd = {"array": np.arange(3), "nan": none, "x": [np.float64("inf"), np.int64(2)], "p": Path("a"), 1: ()}
     about = Diagnostics(modulus_over_scale=none, p_value=none)
     curve, one = pairs[0]
-    one = replace(one, provenance=odd, diagnostics=about, checks=replace(one.checks, mae_over_rmax=none))
+    one = replace(one, provenance=odd, diagnostics=about, checks=replace(one.checks, rmse_over_rmax=none))
     pairs[0] = curve, one
     made = result(pairs, COMMAND, date="2025-01-02", notes=["a note"])
     write_report(tmp_path, pairs, made)
@@ -68,7 +68,7 @@ def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
     assert row["stretch"] == {"median": 9.1, **no_interval}
     assert row["window"] == {"collapses": 2, "t_star_end": 2.6}
     assert row["provenance"] == {"array": [0, 1, 2], "nan": None, "x": [None, 2], "p": "a", "1": []}
-    assert (row["name"], row["mae_over_rmax"]) == ("shot[1]", None)
+    assert (row["name"], row["rmse_over_rmax"]) == ("shot[1]", None)
     assert row["max_radius_m"] == pytest.approx(2.6e-4, rel=0.02)
     assert (failed["verdict"], failed["messages"]) == ("failed", [{"code": "test", "text": "cell 3 of 5 is empty"}])
     assert failed["max_radius_m"] is failed["rmse_over_rmax"] is failed["viscosity_Pa_s"]["median"] is None

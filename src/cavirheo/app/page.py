@@ -352,7 +352,7 @@ class Page:
         answers, *_, record = session.find_answer(name)
         answers.trials.pop(name, None)
         updates = self._draw_check(session, name)
-        updates[self.trial] = words.render("slider_start", record.simulation_in_words)
+        updates[self.trial] = words.render("slider_start", bool(record.best))
         for slider, limits in zip(self.sliders, steps.sliders(session, name).values(), strict=True):
             updates[slider] = gr.Slider(visible=bool(limits), **(limits or {}))  # type: ignore[arg-type]
         return updates

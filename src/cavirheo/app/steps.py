@@ -140,5 +140,4 @@ def _write_curves(folder: Path, answers: Answers) -> None:
             # leave out points so close to a frame that their times are equal in the digits of the CSV
             distinct = np.diff(time, prepend=-np.inf) > 1e-15
             place = folder / "simulated" / f"{stem}-{digits.simulation_name(posterior.method).replace(' ', '-')}.csv"
-            remark = f"simulation of {record.name}, {record.simulation_in_words}"
-            write_csv(place, RadiusCurve(time[distinct], radius[distinct]), remark)
+            write_csv(place, RadiusCurve(time[distinct], radius[distinct]), f"simulation of {record.name}")

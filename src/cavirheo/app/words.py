@@ -19,7 +19,7 @@ from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.documents import result_of
 from cavirheo.reporting.panels import all_curves_panel, curve_panels, preview_panels
 from cavirheo.reporting.svg import GROUP_SIZE, picture
-from cavirheo.reporting.table import curve_warnings, curves_by_message, curves_by_note, parameter_key, summary_cells
+from cavirheo.reporting.table import curve_warnings, curves_by_message, curves_by_note, summary_cells
 from cavirheo.writing import digits
 
 VERSION = version("cavirheo")
@@ -153,4 +153,4 @@ def facts(session: Session, name: str) -> str:
     """All facts of the answer."""
     answers, *_, record = session.find_answer(name)
     about = html.render_macro("about", record, answers.document)
-    return render("facts", record, about, parameter_key(record.other_parameters))
+    return render("facts", record, about)

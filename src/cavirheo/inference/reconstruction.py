@@ -87,8 +87,6 @@ def check_simulation(
         verdict,
         tuple(messages),
         rmse_over_rmax=rmse,
-        mae_over_rmax=float(np.mean(np.abs(residual))),
-        max_difference_over_rmax=float(np.max(np.abs(residual))),
         collapses=view.collapses,
         t_star_end=view.end / time_scale,
         time_scale=time_scale,

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 from cavirheo.reporting.advice import answer_lines, badge_of, group_facts, model_in_words, windows
 from cavirheo.reporting.comparison import comparison_key, comparison_table
 from cavirheo.reporting.record import LAW_HEADS, LAWS_TITLE, Result
-from cavirheo.reporting.table import meaning_of, parameter_key, parameters_of, shots_table
+from cavirheo.reporting.table import meaning_of, parameters_of, shots_table
 from cavirheo.writing import digits
 
 _FUNCTIONS = (
     *(answer_lines, badge_of, group_facts, model_in_words, windows, shots_table, comparison_table, comparison_key),
-    *(meaning_of, parameter_key, parameters_of),
+    *(meaning_of, parameters_of),
 )
 
 if TYPE_CHECKING:

@@ -35,7 +35,6 @@ WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; on
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 LAW_HEADS = ["law", "log evidence", "probability", "of one material"]
 LAWS_TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
-_NEUTRAL_VALUES = {"radius_scale": 1.0, "max_radius_factor": 1.0}  # that change nothing; of others 0
 
 
 class ParameterValues(Record):
@@ -148,8 +147,6 @@ class CurveRecord(ParameterValues):
     best: Mapping[str, Finite] = {}
     """Parameters, SI, of the simulation that is drawn and compared: those of the law and of the bubble, the stretch,
     and the corrections of the clock, the radius scale and R_max. They are not the medians."""
-    mae_over_rmax: Finite
-    max_difference_over_rmax: Finite
     window: Compared
     """The window in which frames were compared."""
     verdict: Verdict
@@ -198,17 +195,6 @@ class CurveRecord(ParameterValues):
         if subjects and {*bounds.values()} == {"wide"}:
             words = "wide"
         return f"{words}: {', '.join(subjects)}" if subjects else words
-
-    @property
-    def simulation_in_words(self) -> str:
-        """Kind and values of the simulation that is drawn over the measurement, or "" where they are not known:
-        'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs'."""
-        words = []
-        for name, value in self.best.items():
-            if value is not None and value != _NEUTRAL_VALUES.get(name, 0.0):
-                symbol, factor, unit, _ = digits.shown(name, value)
-                words.append(f"{symbol} = {digits.significant(factor * value, 4)} {unit}".rstrip())
-        return f"{digits.simulation_name(self.method)}: {', '.join(words)}" if words else ""
 
     @property
     def message(self) -> str:

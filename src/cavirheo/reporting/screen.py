@@ -10,7 +10,7 @@ from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.advice import answer_lines, group_facts, next_step, windows
 from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.record import LAW_HEADS, LAWS_TITLE, SYMBOLS, CurveRecord, GroupRecord, Result
-from cavirheo.reporting.table import curves_by_message, parameter_key, parameters_table, shots_table
+from cavirheo.reporting.table import curves_by_message, shots_table
 from cavirheo.writing import digits, terminal
 
 MOST_ROWS = 12  # shots of a group that all have a row; of a larger one the exceptions have
@@ -55,14 +55,11 @@ def print_result(
 
 
 def print_all(result: Result, *, out: Path = Path()) -> None:
-    """Print further parameters, all messages, the laws that were compared, and the result with a row for each shot. A
+    """Print all messages, the laws that were compared, and the result with a row for each shot. A
     shot is called by what distinguishes it."""
     names = digits.distinct_names([row.name for row in result.curves])
     rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
     console = terminal.console()
-    terminal.print_table(console, *parameters_table(result, names))
-    for line in parameter_key(result.parameters):
-        terminal.print_text(console, line, style="dim")
     terminal.print_remarks(console, curves_by_message(rows))
     for group in result.groups:
         if group.laws:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.parameters import BUBBLE, CAMERA, VISCOSITY_AT_RATE, column_name, is_law_parameter
+from cavirheo.parameters import BUBBLE, VISCOSITY_AT_RATE, column_name, is_law_parameter
 from cavirheo.physics.media import WATER
 from cavirheo.reporting.record import MAIN_FIELDS, CurveRecord, Result
 from cavirheo.writing import digits, terminal
@@ -40,29 +40,9 @@ def shots_table(
     return heads, rows
 
 
-def parameters_table(result: Result, names: Sequence[str]) -> tuple[list[str], list[list[str]]]:
-    """(heads, rows) of the other parameters of all shots, which are called by these names, but not of the camera's."""
-    columns = {name: digits.shown(name) for name in result.parameters if name not in (*CAMERA, VISCOSITY_AT_RATE)}
-    heads = ["shot", *(f"{shown.symbol}\n{shown.unit}".strip() for shown in columns.values())]
-    rows = [
-        [name, *(digits.quantity(shot.value(each), shown.factor) for each, shown in columns.items())]
-        for name, shot in zip(names, result.curves, strict=True)
-        if not columns.keys().isdisjoint(shot.other_parameters)
-    ]
-    return heads, rows
-
-
 def meaning_of(name: str) -> str:
     """Unit and meaning of a parameter of the bubble, 'no unit; confinement damping: ...'; "" for any other one."""
     return f"{digits.shown(name).si or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
-
-
-def parameter_key(names: Iterable[str]) -> list[str]:
-    """Lines below a table: what its parameters of the bubble mean, and which are not properties of the material."""
-    meanings = {digits.shown(name).symbol: (name, meaning) for name in names if (meaning := meaning_of(name))}
-    symbols = [symbol for symbol, (name, _) in meanings.items() if not name.startswith("damage")]
-    end = [f"{', '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
-    return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
