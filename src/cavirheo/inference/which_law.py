@@ -100,8 +100,7 @@ class Ranking:
 
     @cached_property
     def populations(self) -> dict[str, Population]:
-        """One material with its scatter by law, for the summed shots of a group. Their `evidence` is that of the law
-        for the whole group."""
+        """One material with its scatter by law, for the summed shots of a group."""
         if len(self.curves) < 2:
             return {}
         summed = np.flatnonzero(self._summed).tolist()

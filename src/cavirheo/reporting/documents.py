@@ -372,13 +372,10 @@ def population_record(population: Population | None) -> PopulationRecord:
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
     if not len(population.centre):
         return PopulationRecord(**fields)
-    evidence = population.evidence
     return PopulationRecord(
         **fields,
         **PopulationRecord.fields_of({name: population.quantity(name) for name in population.quantities}),
         spreads_decades={name: Quantity.from_interval(*population.scatter(name)) for name in population.names},
-        log_evidence=evidence.log if evidence else None,
-        log_evidence_error=evidence.error if evidence else None,
     )
 
 
@@ -420,13 +417,11 @@ def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:
         for name, evidence in ranking.evidence.items():
             material = ranking.populations.get(name)
             alone = ranking.answers[name][0] if len(ranking.members) == 1 else None
-            together = material.evidence if material and not material.left_out else None  # of the same shots
             laws[name] = LawOfGroup(
                 log_evidence=evidence.log if evidence else None,
                 standard_error=evidence.error if evidence else None,
                 probability=ranking.probability.get(name),
                 material=material.line if material else _values_in_words(alone) if alone else "",
-                material_log_evidence=together.log if together else None,
             )
         ranked = {key: getattr(ranking, key) for key in ("shots", "chosen", "contenders", "pairs")}
         found[ranking.members[0]] = LawsOfGroup(laws=laws, **ranked)

@@ -33,7 +33,7 @@ MAIN_FIELDS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s
 SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # of the parameters of an answer
 WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
-LAW_HEADS = ["law", "log evidence", "probability", "of one material"]
+LAW_HEADS = ["law", "log evidence", "probability"]
 LAWS_TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
 
 
@@ -241,10 +241,6 @@ class PopulationRecord(ParameterValues):
     left_out: dict[str, int] = {}
     """Number of shots that do not count, by reason: their verdict, "no_interval", "other_switches" (it excludes those
     of the group), "other_model" or "copy"."""
-    log_evidence: Finite = None
-    """Log evidence of the law for all these shots, with one material and its scatter; null where a shot has none."""
-    log_evidence_error: Finite = None
-    """Standard error of log_evidence."""
     agree: bool = False
     """Whether the shots differ by no more than their intervals."""
     _omitted_if_empty = ("switches", "heaps")
@@ -301,8 +297,6 @@ class LawOfGroup(Record):
     """Probability of the law among those that have an evidence, if all are equally likely in advance."""
     material: str = ""
     """The shots as one material by this law, in a sentence, or why there is none; of a single shot its values."""
-    material_log_evidence: Finite = None
-    """Log evidence of the law with one material and its scatter; null where a shot has none."""
 
 
 class LawsOfGroup(Record):
@@ -321,19 +315,16 @@ class LawsOfGroup(Record):
 
     @property
     def rows(self) -> list[list[str]]:
-        """Rows of a table: law, log evidence below the best, probability, and that with one material."""
+        """Rows of a table: law, log evidence below the best, and probability."""
         best = max((law.log_evidence for law in self.laws.values() if law.log_evidence is not None), default=0.0)
-        heights = [law.material_log_evidence for law in self.laws.values() if law.material_log_evidence is not None]
         rows = []
         for name, law in self.laws.items():
             mark = ("→ " if name == self.chosen else "") + name + ("*" if name in self.contenders else "")
-            evidence, together = digits.MISSING, digits.MISSING
+            evidence = digits.MISSING
             if law.log_evidence is not None:
                 evidence = f"{law.log_evidence - best:.1f} ± {law.standard_error or 0.0:.1f}"
-            if law.material_log_evidence is not None:
-                together = f"{law.material_log_evidence - max(heights):.1f}"
             probability = digits.MISSING if law.probability is None else f"{law.probability:.3f}"
-            rows.append([mark, evidence, probability, together])
+            rows.append([mark, evidence, probability])
         return rows
 
     @property

@@ -31,7 +31,7 @@ from cavirheo.parameters import (
     wide_bound,
 )
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import TRUSTED, Evidence, Heap, Posterior
+from cavirheo.posterior import TRUSTED, Heap, Posterior
 from cavirheo.prior import Prior
 from cavirheo.writing import digits
 
@@ -59,7 +59,7 @@ def population(
             are those without an interval, with an untrusted verdict, of another model than most, or of equal draws.
             Answers by the default family share its switches (switches.py).
         names: of the shots; default: those of their curves if they differ, else "shot 1", ...
-        only_trusted: False: answers count with any verdict, as the evidence of a law needs it.
+        only_trusted: False: answers count with any verdict, as a comparison of laws needs it.
         errors: that all shots share; default: 1 % of scale, density and pressure, 0.1 % of the frame rate.
         seed: random seed of the draws.
 
@@ -179,7 +179,6 @@ def _with_material(
         statistical=centre,
         spread=spread,
         outlier_probability=posterior.outliers(u[:: _DRAWS // 1000]),
-        evidence=_evidence(posterior.evidence(draws), answers),
         heaps=heaps,
         bounds=bounds,
         over_scale=over,
@@ -191,15 +190,6 @@ def _resampled(sample: Draws, seed: int) -> Floats:
     rng = np.random.Generator(np.random.Philox(seed).jumped())
     levels = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
     return rng.permutation(sample.u[at_levels(np.exp(sample.log_weight), levels)])
-
-
-def _evidence(gain: Evidence, answers: Sequence[Posterior]) -> Evidence | None:
-    """That of the law for all shots, from what the material adds to that of the shots by themselves."""
-    evidences = [answer.evidence for answer in answers if answer.evidence is not None]
-    if len(evidences) < len(answers):
-        return None
-    squares = [(evidence.error or 0.0) ** 2 for evidence in (gain, *evidences)]
-    return Evidence(gain.log + sum(evidence.log for evidence in evidences), float(np.sqrt(sum(squares))))
 
 
 def _warnings(shots: Sequence[str], likelihoods: Sequence[Likelihood], effective: float) -> Iterator[str]:

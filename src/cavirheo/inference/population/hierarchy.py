@@ -15,7 +15,6 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.inference.population.likelihood import Likelihood
 from cavirheo.inference.sample import Draws, Mixture, first_round, sample
-from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal
 
 P_OUTLIER = 0.05  # prior probability that a shot is an outlier
@@ -68,10 +67,6 @@ class MaterialPosterior:
 
         rounds = first_round(self._start(), ROUNDS[0], values, rng)
         return sample(values, lambda u, value: value[:, 0], rounds, ROUNDS, rng, ENOUGH)[0]
-
-    def evidence(self, draws: Draws) -> Evidence:
-        """Log evidence: that of the draws times the sizes of the likelihoods."""
-        return Evidence(draws.log_evidence + sum(shot.log_size for shot in self.shots), draws.error)
 
     def outliers(self, u: Floats) -> Floats:
         """Probability (n,) that each shot is an outlier, averaged over equally likely u (k, 2 d)."""

@@ -16,7 +16,7 @@ from cavirheo.inference.population.systematic import CommonErrors
 from cavirheo.messages import Message
 from cavirheo.parameters import Bound, column_name, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
-from cavirheo.posterior import Evidence, Heap, check_level, upper_limit
+from cavirheo.posterior import Heap, check_level, upper_limit
 from cavirheo.writing import digits, export, plots
 from cavirheo.writing.document import Quantity
 
@@ -59,7 +59,6 @@ class Population:
         statistical: (draws, d) the same without these errors.
         spread: (draws, d) standard deviation of the shots about the centre, decades.
         outlier_probability: (n,) probability that a shot is an outlier.
-        evidence: of the law with one material and its scatter; None if a shot has no evidence.
         bounds: what is known of each parameter, if the shots do not determine it.
         heaps: the two heaps, the lower one first, into which the shots fall in a parameter in which they disagree.
         switches: probability of each switch of the default family, by all shots together.
@@ -78,7 +77,6 @@ class Population:
     statistical: Floats = field(default_factory=lambda: _EMPTY)
     spread: Floats = field(default_factory=lambda: _EMPTY)
     outlier_probability: Floats = field(default_factory=lambda: np.empty(0))
-    evidence: Evidence | None = None
     bounds: Mapping[str, Bound | None] = field(default_factory=dict)
     heaps: Mapping[str, tuple[Heap, Heap]] = field(default_factory=dict)
     switches: Mapping[str, float] = field(default_factory=dict)
