@@ -28,7 +28,7 @@ def test_the_version_is_written_once_and_the_citation_is_of_it_and_its_authors()
     citation = pytest.importorskip("yaml").safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     assert {key: PROJECT[key] for key in ("version", "license", "authors")}.items() <= citation.items()
     assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
-    sources = [references()[key].fields for key in ("Estrada2018", "Bu2025")]
+    sources = [dict(re.findall(r"(\w+) = \{(.+)\}", references()[key])) for key in ("Estrada2018", "Bu2025")]
     cited = {(one["title"], str(one["year"])) for one in citation["references"]}
     assert cited == {(source["title"], source["year"]) for source in sources}
 

@@ -86,7 +86,7 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
     paragraph, sources = methods_paragraph(document)
     if not paragraph:
         raise InputError("no curve of this result has an answer: there is nothing to cite", "cite.nothing")
-    terminal.write("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
+    terminal.write("\n\n".join([paragraph, *sources]))
 
 
 def models() -> None:
