@@ -66,9 +66,8 @@ ANSWERS = Page(
             },
         ),
         Group(
-            "Of a Population, and of a Simulation",
+            "Of a Simulation",
             {
-                "cavirheo.inference.population": "Difference",
                 "cavirheo.physics.simulate": "Contents",
             },
         ),

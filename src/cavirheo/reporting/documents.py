@@ -403,9 +403,9 @@ def differences(materials: Mapping[str, Population | None]) -> list[MaterialRati
     records = []
     for (earlier, population), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
         if (population.material, population.bubble) == (second.material, second.bubble):
-            for name, difference in second.against(population).items():
-                ratio = {**difference._asdict(), "ratio": Quantity.from_interval(*difference.ratio)}
-                records.append(MaterialRatio(first=later, second=earlier, parameter=name, **ratio))
+            for name, (ratio, higher) in second.against(population).items():
+                both = {"first": later, "second": earlier, "parameter": name}
+                records.append(MaterialRatio(**both, ratio=ratio, probability_higher=higher))
     return records
 
 

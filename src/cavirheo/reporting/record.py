@@ -260,7 +260,7 @@ class PopulationRecord(ParameterValues):
 
 
 class MaterialRatio(Record):
-    """A parameter of the material of the first group over that of the second (`Difference` in inference/population)."""
+    """A parameter of the material of the first group over that of the second."""
 
     first: str
     """Name of the group whose value is the numerator."""
@@ -272,9 +272,6 @@ class MaterialRatio(Record):
     """Value of the first material over that of the second."""
     probability_higher: float
     """Probability that the value of the first material is larger."""
-    probability_differs: float
-    """Probability of two materials against one, if both are equally likely in advance, and two materials are a factor
-    of about 2 apart."""
 
     @property
     def words(self) -> str:

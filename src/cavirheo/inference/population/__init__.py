@@ -16,7 +16,7 @@ from cavirheo.inference.answer import sensitivity_to_scale
 from cavirheo.inference.population.heaps import two_heaps
 from cavirheo.inference.population.hierarchy import MaterialPosterior
 from cavirheo.inference.population.likelihood import Likelihood, likelihood
-from cavirheo.inference.population.material import Difference, Population, quantiles
+from cavirheo.inference.population.material import Population, quantiles
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import CommonErrors, shifts, widened_limit
 from cavirheo.inference.sample import Draws, effective_size
@@ -35,7 +35,7 @@ from cavirheo.posterior import TRUSTED, Heap, Posterior
 from cavirheo.prior import Prior
 from cavirheo.writing import digits
 
-__all__ = ["CommonErrors", "Difference", "Population", "population"]
+__all__ = ["CommonErrors", "Population", "population"]
 
 MIN_SHOTS = 3  # least number of shots of a population
 FEW = 30.0  # effective draws of a shot, below which its interval is rough

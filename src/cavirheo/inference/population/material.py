@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import erf, expit
+from scipy.special import erf
 
 from cavirheo.arrays import Floats, relative_scatter
 from cavirheo.errors import require
@@ -25,22 +25,6 @@ if TYPE_CHECKING:
 
 _EMPTY = np.empty((0, 0))
 HARDLY = 0.03  # decades: shots that scatter by less hardly scatter
-DIFFERENCE_SCALE = 0.3  # decades: prior standard deviation of the difference between two materials that are compared
-
-
-class Difference(NamedTuple):
-    """The difference of two materials in a parameter.
-
-    Attributes:
-        ratio: (5 %, 50 %, 95 %) of this material's value over the other's.
-        probability_higher: probability that this material's value is larger.
-        probability_differs: probability of two materials against one, if both are equally likely in advance, and two
-            materials are a factor of about 2 apart (DIFFERENCE_SCALE decades).
-    """
-
-    ratio: tuple[float, float, float]
-    probability_higher: float
-    probability_differs: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -215,21 +199,18 @@ class Population:
             return f"shots agree within their intervals{limit}"
         return f"shots scatter by {within}" if within else ""
 
-    def against(self, other: Population) -> dict[str, Difference]:
-        """Differences of this material from another one, by parameter that both determine; empty without draws.
+    def against(self, other: Population) -> dict[str, tuple[Quantity, float]]:
+        """(ratio of this material's value to the other's, probability that this one is larger) of each parameter that
+        both determine; empty without draws.
 
         Both must have the same law and bubble. The errors that all shots share are left out, for both materials have
         them."""
-        differences = {}
+        ratios = {}
         for name in (name for name in self.determined if name in other.determined):
-            mine, its = self.statistical[:, self._column(name)], other.statistical[:, other._column(name)]
-            difference = mine - its
-            square, mean = max(float(np.var(difference)), 1e-12), float(np.mean(difference))  # 0 between equal groups
-            wide = square + DIFFERENCE_SCALE**2
-            log_odds = 0.5 * np.log(square / wide) + 0.5 * mean**2 * (1.0 / square - 1.0 / wide)
-            higher = float(np.mean(difference > 0))
-            differences[name] = Difference(quantiles(10.0**difference, 0.9), higher, float(expit(log_odds)))
-        return differences
+            difference = self.statistical[:, self._column(name)] - other.statistical[:, other._column(name)]
+            ratio = Quantity.from_interval(*quantiles(10.0**difference, 0.9))
+            ratios[name] = ratio, float(np.mean(difference > 0))
+        return ratios
 
     def to_dataframe(self) -> Any:
         """The draws as a pandas.DataFrame: of the material ("shear_modulus_Pa"), and of the scatter about it
