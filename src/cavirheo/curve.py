@@ -19,11 +19,8 @@ from cavirheo.errors import InputError, brief, expect, printable
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.messages import Message
 from cavirheo.parameters import INTERVAL, RADIUS
-from cavirheo.writing import export, plots
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from cavirheo.physics.media import Medium
 
 T = TypeVar("T")
@@ -388,24 +385,3 @@ class RadiusCurve:
             measured = float(self.collapse_times()[0] - self.time_of_max)
             return measured / (RAYLEIGH * self.max_radius * float(np.sqrt(density / pressure)))
         return None
-
-    def to_dataframe(self) -> Any:
-        """time_s, radius_m, radius_std_m as a pandas.DataFrame, `meta` as attrs. Raises InputError without pandas."""
-        columns = {"time_s": self.time, "radius_m": self.radius, "radius_std_m": self.radius_std}
-        return export.dataframe(columns, self.meta)
-
-    def plot(self, axes: Axes | None = None) -> Axes:
-        """Draw the radius over the time after R_max into `axes` (matplotlib), by default into those of a new figure.
-
-        A curve without a scale or a maximum is drawn over its own time, with radii relative to the largest one.
-        Returns the axes.
-        Raises InputError without matplotlib."""
-        start, unit, labels = 0.0, float(np.nanmax(self.radius, initial=1e-300)), ("time (µs)", "R / largest R")
-        with suppress(InputError):
-            _ = self.max_radius
-            start, unit, labels = self.time_of_max, 1e-6, ("time after R_max (µs)", "R (µm)")
-        if axes is None:
-            axes = plots.new_axes(3.0, *labels)
-            axes.set_title(self.name, fontsize=9, parse_math=False)
-        axes.plot((self.time - start) * 1e6, self.radius / unit, ".-", lw=0.6, ms=3.5, color=plots.BLUE)
-        return axes

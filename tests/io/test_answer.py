@@ -15,7 +15,7 @@ from cavirheo.reporting.measured import Measured
 from cavirheo.reporting.record import Result
 from cavirheo.training.dataset import generate
 
-CHECKS = Checks("ok", (), 0.0064, 0.005, 0.02, 4, 4.02, *np.zeros((4, 9000)))
+CHECKS = Checks("ok", (), 0.0064, 4, 4.02, *np.zeros((4, 9000)))
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from cavirheo.physics.media import medium as medium_of
 from cavirheo.physics.scales import ZERO_TABLE, Numbers, dimensionless
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 POLYTROPIC = 1e-7  # largest relative error of a step with polytropic contents, which is cheap
 KINETIC = 0.1  # factor of the relative error: kinetic contents are less stiff; steps would be too long
@@ -122,21 +122,6 @@ class Simulation:
         wall = {"time_us": self.time * 1e6, "radius_um": self.radius * 1e6, "velocity_m_per_s": self.velocity}
         forces = {"pressure_Pa": self.pressure, "stress_Pa": self.stress}
         return wall | forces | {"strain": self.strain, "strain_rate_per_s": self.strain_rate}
-
-    def to_dataframe(self) -> Any:
-        """`columns` as a pandas.DataFrame. Raises InputError without pandas."""
-        from cavirheo.writing.export import dataframe
-
-        return dataframe(self.columns, {"status": self.status, "equilibrium_radius_m": self.equilibrium_radius})
-
-    def plot(self, axes: Axes | None = None) -> Axes:
-        """Plot R(t), um over us, on these axes or on those of a new figure. Raises InputError without matplotlib."""
-        from cavirheo.writing.plots import BLUE, new_axes
-
-        if axes is None:
-            axes = new_axes(3.5, "time after the start (µs)", "radius (µm)")
-        axes.plot(1e6 * self.time, 1e6 * self.radius, color=BLUE, lw=1.5)
-        return axes
 
 
 def simulate(

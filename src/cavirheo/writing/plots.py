@@ -33,13 +33,6 @@ def subplots(rows: int, columns: int, width: float, height: float, **options: An
     return figure, grid
 
 
-def new_axes(height: float, x_label: str, y_label: str) -> Any:
-    """The axes of a new figure of this height in inches. Raises InputError without matplotlib."""
-    axes = subplots(1, 1, 7.2, height)[1][0, 0]
-    axes.set(xlabel=x_label, ylabel=y_label)
-    return axes
-
-
 def corner_plot(draws: Mapping[str, Floats], weights: Floats) -> Figure:
     """Figure of the weighted draws (k,) of each parameter, by natural name in SI, with median and central 90 %, and of
     each pair of parameters, by `corner` (Foreman-Mackey 2016, doi:10.21105/joss.00024). Raises InputError without

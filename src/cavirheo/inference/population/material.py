@@ -14,14 +14,14 @@ from cavirheo.errors import require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
 from cavirheo.inference.population.systematic import CommonErrors
 from cavirheo.messages import Message
-from cavirheo.parameters import Bound, column_name, matching, parameter_of, require_name
+from cavirheo.parameters import Bound, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Heap, check_level, upper_limit
-from cavirheo.writing import digits, export, plots
+from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 _EMPTY = np.empty((0, 0))
 HARDLY = 0.03  # decades: shots that scatter by less hardly scatter
@@ -212,31 +212,12 @@ class Population:
             ratios[name] = ratio, float(np.mean(difference > 0))
         return ratios
 
-    def to_dataframe(self) -> Any:
-        """The draws as a pandas.DataFrame: of the material ("shear_modulus_Pa"), and of the scatter about it
-        ("shear_modulus_spread_decades").
-
-        Raises InputError: no draws, or pandas is missing."""
-        columns = {}
-        for k, (name, values) in enumerate(self._draws.items()):
-            columns[column_name(name, parameter_of(name).unit)] = values
-            columns[f"{name}_spread_decades"] = self.spread[:, k]
-        return export.dataframe(columns, self._metadata)
-
     def to_arviz(self) -> Any:
         """The material's draws as arviz.InferenceData, or xarray.DataTree from ArviZ 1 on: group "posterior".
 
         Raises InputError: no draws, or arviz is missing."""
         units = {name: parameter_of(name).unit for name in self.names}
         return export.inference_data({"posterior": self._draws}, units, self._metadata)
-
-    def corner(self, *names: str) -> Figure:
-        """Figure of the draws of each of the material's parameters, with the median and the central 90 %, and of each
-        pair of them. names: of the parameters; default: all.
-
-        Raises InputError: no draws, no such parameter, or corner is missing."""
-        chosen = [self.names[self._column(name)] for name in names or self.names]
-        return plots.corner_plot({name: self.draws(name) for name in chosen}, np.ones(len(self.centre)))
 
     @property
     def _draws(self) -> dict[str, Floats]:
