@@ -15,10 +15,10 @@ from cavirheo.reporting.record import OUR_METHOD, Published, PublishedValue
 NO_SETS = "references.no_set_column"  # error code for a table without sets, such as one of sweeps
 _RANGE = (1e-18, 1e18)  # of a value in SI; beyond these limits ratios would overflow
 _UNITS = {
-    **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), ("shear_modulus", 1.0)),
-    **dict.fromkeys(("G_kPa", "shear_modulus_kPa"), ("shear_modulus", 1e3)),
-    **dict.fromkeys(("mu_Pa_s", "viscosity_Pa_s"), ("viscosity", 1.0)),
-    **dict.fromkeys(("mu_mPa_s", "viscosity_mPa_s"), ("viscosity", 1e-3)),
+    "G_Pa": ("shear_modulus", 1.0),
+    "G_kPa": ("shear_modulus", 1e3),
+    "mu_Pa_s": ("viscosity", 1.0),
+    "mu_mPa_s": ("viscosity", 1e-3),
 }
 _COLUMNS = ("set", "method", "quantity", "mean", "std", "source", "note")
 _VOCABULARY = Vocabulary(

@@ -227,7 +227,6 @@ def group_record(
         name=name,
         n=len(shots),
         n_counted=population.n if population.line else sum(record.trusted for record in members),
-        n_failed=len(members) - len(shots),
         population=population,
         systematic=systematic,
         verdict=_verdict(shots, doubts, population),

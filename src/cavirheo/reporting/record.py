@@ -361,8 +361,6 @@ class GroupRecord(Record):
     """Number of shots with an answer."""
     n_counted: int
     """Number of shots that count in the answer."""
-    n_failed: int
-    """Number of shots without an answer."""
     population: PopulationRecord = PopulationRecord()
     """The answer for the material; of a single shot that counts, its own answer. Its values are null where there is
     none."""
