@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import answer, bubble, seen, unanswered
-from conftest import PROBLEM, code_of, refused
+from conftest import code_of, refused
 
 from cavirheo import Posterior, load, table
 from cavirheo.posterior import Checks
 from cavirheo.reporting.measured import Measured
 from cavirheo.reporting.record import Result
-from cavirheo.training.dataset import generate
 
 CHECKS = Checks("ok", (), 0.0064, 4, 4.02, *np.zeros((4, 9000)))
 
@@ -95,7 +94,7 @@ def test_answers_are_a_table_in_which_a_bound_is_no_median():
 HEAD, EMPTY = {"schema": 1, "version": "0", "command": "cavirheo"}, {"curves": [], "groups": []}
 
 
-def test_load_takes_the_one_document_or_training_set_of_a_folder_and_refuses_another_kind(instant, tmp_path):
+def test_load_takes_the_one_document_of_a_folder_and_refuses_another_kind(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps(HEAD | EMPTY | {"kind": "result"}), encoding="utf-8")
     assert load(tmp_path, Result) == load(tmp_path) == load(tmp_path / "result.json")
     for kind, code in ((Measured, "loading.kind"), ("Measured", "input.type")):
@@ -103,9 +102,6 @@ def test_load_takes_the_one_document_or_training_set_of_a_folder_and_refuses_ano
     (tmp_path / "measure.json").write_text("{}", encoding="utf-8")
     assert code_of(load, tmp_path) == "loading.folder"
     assert load(tmp_path, Result).curves == []
-    (tmp_path / "measure.json").unlink()
-    generate(PROBLEM, 2, tmp_path / "set", progress=False)
-    assert len(load(tmp_path / "set")) == 2
 
 
 OTHER = [b"\xff\xfe\x00", b"time_us,radius_um\n", b"[]", b'{"a": 1}', json.dumps(HEAD | EMPTY).encode()]
