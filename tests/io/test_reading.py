@@ -108,14 +108,8 @@ def book(hidden=(), **tabs):
 
 HEAD, META = "time_us,radius_um\n", "Camera: Phantom v2512\nOperator: A, B\n\n"
 SHEET, OTHER = ([["time_us", "radius_um"], *zip(US, radius, strict=True)] for radius in (UM, 2 * UM))
-NM, RECORDS = 1e3 * UM, np.rec.fromarrays([US, UM, FRAMES], names="time_us,radius_um,flag")
+RECORDS = np.rec.fromarrays([US, UM, FRAMES], names="time_us,radius_um,flag")
 TRACK = "LABEL,POSITION_T,FRAME,RADIUS\nLabel,T,Frame,Radius\n,(sec),,(micron)\n"
-
-
-def grouped(mark: str, point: str) -> str:
-    """Lines of nanoseconds and nanometres with marks between thousands."""
-    texts = (f"{1e3 * t:,.2f};{r:,.2f}\n" for t, r in zip(US, NM, strict=True))
-    return "".join(text.replace(".", "p").replace(",", mark).replace("p", point) for text in texts)
 
 
 def array(values: object) -> Make:
@@ -160,7 +154,6 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "first visible tab": (book(no=OTHER, a=GAP, b=OTHER, hidden=["no"]), "'no (hidden)', 'b'"),
     "open document": (lambda path: files.write_ods(path, "".join(map(files.ods_row, SHEET))), "workbook: 'a'"),
     "HDF5 title in Latin 1": (hdf5({b"t_\xb5s": US, b"R_\xb5m": UM, b"notes \xb5": UM[:3]}), "not used: notes µ"),
-    "Swiss thousands": ("Zeit (ns);Radius (nm)\n" + grouped("'", "."), ""),
     "TrackMate": (TRACK + lines(",", FRAMES, TIME, FRAMES, UM), "not used: LABEL"),
     "array of records": (array(RECORDS), "not used: flag"),
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
@@ -333,7 +326,7 @@ BAD = {  # content, or what writes it; code; what is named
     "commas.csv": (b"time_us,radius_um\n1,5,200,3\n", "tabular.width", "row 2 has 4 cells"),
     "twice.csv": (b"time_us,radius_um,radius_um\n1,2,3\n", "table.twice", "radius"),
     "swapped.csv": (b"time_um,radius_us\n1,2\n", "table.units", "time in um and radius in us"),
-    "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.summary", "row 4 is a Std."),
+    "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.number", "'Mean' is not a number"),
     "objects.npy": (array(np.array([{"a": 1}], object)), "tabular.array", "numbers"),
     "other.mat": (saved(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
     "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "reading.binary", "'-v7'"),

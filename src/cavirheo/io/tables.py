@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import islice, pairwise, takewhile
+from itertools import chain, islice, pairwise, takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -32,13 +32,10 @@ _MISSING = re.compile(r"-?nan|n\.?/?a\.?|null|none|#[a-zäöü]+(/[0a])?[!?]?|-?
 _POINTED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(,\d{3})+)?(\.\d*)?(?<=\d|\.)(e[+-]?\d+)?", re.I)  # 1,000.92
 _COMMAED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)?(,\d*)?(?<=\d|,)(e[+-]?\d+)?", re.I)  # 1.000,92
 _FORTRAN = re.compile(r"([+-]?\d*\.?\d+|[+-]?\d+\.)d([+-]?\d+)", re.I)  # 1.0D-04
-_SPACED = re.compile(r"[+-]?\d{1,3}(['’\u2009\u00a0\u202f ]\d{3})+([.,]\d*)?")  # 1'000.92
 _BEGINS_AS_NUMBER = re.compile(r"""\s*["']?[+−-]?[.,]?\d""")
 _COMMENT = re.compile(r"\s*(%|//|!|#(?!div/0|n/a|nv\b|[a-z]+[!?]))", re.I)
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")  # its byte order marks
 _LONGEST_TITLE = 120  # characters of a title; a longer text is a sentence, and slow to match
-# words that mark a row which is no measurement, in the form of `plain_title`
-_SUMMARIES = "mean average avg median sum total std sd stdev stddev min max mittel mittelwert summe moyenne media"
 _LISTED = 8  # most titles in a message
 
 
@@ -252,7 +249,7 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
     Raises:
         InputError: the file exceeds a limit (limits.py), is damaged, or is neither text nor a workbook. Or, with the
             codes of the vocabulary: no rows ("empty"), no header ("columns"), nothing below it ("rows", if there is
-            such a code), cells without titles or the reverse ("width"), two units ("units"), a mean ("summary").
+            such a code), cells without titles or the reverse ("width"), two units ("units").
     """
     sheets = _read_sheets(source, vocabulary)
     tables = [table for sheet in sheets for table in _tables(sheet)]
@@ -312,10 +309,6 @@ def _tables(sheet: Table) -> Iterator[Table]:
         if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
             message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
             raise vocabulary.error("width", f"{message}: is a comma decimal, or part of a text that needs quotes?")
-        for row in rows[-1:] if any(vocabulary.term(title).units for title in titles) else ():
-            if word := next((cell for cell in row.texts if plain_title(cell) in _SUMMARIES.split()), ""):
-                message = f"row {row.number} is a {word} and no measurement: remove it, and others like it"
-                raise vocabulary.error("summary", message)
         yield Table(vocabulary, rows, notes, sheet.name, titles, sheet.rows[at].number)
 
 
@@ -326,35 +319,23 @@ def _begins_section(row: Row) -> bool:
 
 
 def _titles_with_units(titles: list[str], rows: list[Row], vocabulary: Vocabulary) -> tuple[list[str], list[Row]]:
-    """Return (titles with units from the rows of words below, these rows). Raises InputError: the units contradict."""
-    titles, below = list(titles), list(takewhile(lambda row: _is_row_of_words(titles, row.texts, vocabulary), rows))
+    """Return (titles with the units of the rows without numbers below them, these rows). Raises InputError: the units
+    contradict."""
+    titles = list(titles)
+    below = list(takewhile(lambda row: not any(map(_has_digits, row.texts)), rows))
+    if not any(vocabulary.term(title).units for title in titles) or all(
+        map(is_number, chain(*(row.texts for row in below)))
+    ):
+        return titles, []
     for _, texts in below:
         for k, (title, cell) in enumerate(zip(titles, texts, strict=False)):
-            kind, unit, _ = vocabulary.name(title)
-            units, inner = vocabulary.term(title).units, cell.strip("[]() ")
-            written = unit_of(inner, units)
-            comment = written is None and (unit is not None or is_number(inner) or vocabulary.name(inner).kind == kind)
-            if not units or comment:
-                continue
-            if unit not in (None, written):
-                both = f"the column {title!r} has the unit {unit!r} in its title, and {cell!r} in the row below"
+            unit = unit_of(cell.strip("[]() "), vocabulary.term(title).units)
+            if unit and vocabulary.name(title).unit is None:
+                titles[k] = f"{title} ({unit})"
+            elif unit not in (None, vocabulary.name(title).unit):
+                both = f"the column {title!r} has a unit in its title, and {cell!r} in the row below"
                 raise vocabulary.error("units", both)
-            if not unit:
-                words = re.sub(r"[\s\[\]()]+", " ", inner)
-                titles[k] = f"{title} ({words})"
-                if vocabulary.name(titles[k]).kind != kind:
-                    no_unit = f"{cell[:30]!r} in the row below the title {title!r} is no unit of it"
-                    raise vocabulary.error("units", f"{no_unit}; {vocabulary.expected}")
     return titles, below
-
-
-def _is_row_of_words(titles: list[str], texts: list[str], vocabulary: Vocabulary) -> bool:
-    """Whether a row has words and units, not numbers, in the columns that have units."""
-    measured = [(cell, vocabulary.term(title).units) for title, cell in zip(titles, texts, strict=False) if cell]
-    measured = [(cell, units) for cell, units in measured if units]
-    words = [cell for cell, units in measured if unit_of(cell.strip("[]() "), units) is None or not is_number(cell)]
-    words = words or (texts if vocabulary.sections else [])
-    return not all(map(is_number, words)) and not any(map(_has_digits, words))
 
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
@@ -477,13 +458,10 @@ def _replace_signs(sheet: Table) -> None:
 
 
 def _plain_number(cell: str) -> str:
-    """Return a number with a plain minus sign, an exponent as in 1e-4, and without spaces or ' between thousands; any
-    other cell as it is."""
+    """Return a number with a plain minus sign and an exponent as in 1e-4; any other cell as it is."""
     if is_float(cell):
         return cell
     plain = re.sub(r"^−(?=[\d.])|(?<=[eEdD])−", "-", cell)
-    if _SPACED.fullmatch(plain):
-        return re.sub(r"[^\d.,+-]", "", plain)
     return _FORTRAN.sub(r"\1e\2", plain) if _FORTRAN.fullmatch(plain) else plain
 
 
