@@ -249,25 +249,18 @@ class RadiusCurve:
         time, radius = self._measured
         return (time - self.time_of_max) / medium.time_scale(self.max_radius), radius / self.max_radius
 
-    def resampled(self, step: float, count: int = 100, *, allow_short: bool = False) -> Floats:
+    def resampled(self, step: float, count: int = 100) -> Floats:
         """(count,) m: the radius at time_of_max + step*arange(count), `step` in s; the first is max_radius.
 
-        Shape-preserving piecewise cubic Hermite (PCHIP) through the fitted maximum and the measured samples after it.
-        With `allow_short` the values beyond the last measured sample are NaN. Raises InputError: the recording ends
-        earlier (unless allow_short), or there is no maximum.
+        Shape-preserving piecewise cubic Hermite (PCHIP) through the fitted maximum and the measured samples after it;
+        the values beyond the last measured sample are NaN. Raises InputError: there is no maximum.
         """
         from scipy.interpolate import PchipInterpolator
 
-        if not (step > 0 and count >= 1):
-            raise InputError(f"step must be positive and count at least 1, got {step!r} s, {count!r}", "curve.step")
         top = self.max_radius
         time, radius = self._after_max
         times = step * np.arange(count)
         missing = times > (time[-1] - time[0]) * (1.0 + 1e-9)
-        if missing.any() and not allow_short:
-            ends = f"the recording ends {(time[-1] - time[0]) * 1e6:.4g} us after R_max"
-            needed = f"{times[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
-            raise self._error(f"{ends}; {needed}", "short")
         result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + times, time[-1])))
         result[missing] = np.nan
         result[0] = top

@@ -157,7 +157,7 @@ def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[F
     and Reynolds numbers, and the number of samples that the recording lacks. Raises InputError: too few."""
     problem, top = network.problem, curve.max_radius
     step, frames = problem.grid_step(top, medium), problem.frames
-    features = curve.resampled(step, frames, allow_short=True) / top
+    features = curve.resampled(step, frames) / top
     measured = ~np.isnan(features)
     if np.count_nonzero(measured) < MIN_SAMPLES * frames:
         end = step * (frames - 1)
