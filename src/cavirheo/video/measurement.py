@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from math import isfinite
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -82,10 +81,8 @@ class Measurement:
         share = self.track.arc[int(np.nanargmax(self.track.radius))]
         if share < _LEAST_ARC:
             notes.append(f"at R_max {100 * share:.0f} % of the outline is within the frame")
-        hint = self.track.exposure_hint
-        if self.exposure.value is None and hint and isfinite(hint):
-            share = f"{min(hint, 1.0):.2g} of the time between frames"
-            notes.append(f"exposure not known; the blur of fast frames suggests {share}")
+        if self.exposure.value is None:
+            notes.append("exposure not known: taken as the time between frames")
         return tuple(notes)
 
     def curve(self, **meta: Any) -> RadiusCurve:
@@ -148,7 +145,7 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     region = options.get("roi") or (0, 0, width, height)
     footage = _cropped(whole, first, last, region)
     interval = float(np.median(np.diff(time)))
-    exposed_share = shutter.value / interval if shutter.value else None
+    exposed_share = shutter.value / interval if shutter.value else 1.0
     if shutter.value and shutter.value > 1.001 * interval:
         longer = f"{1e6 * shutter.value:.4g} us is longer than the {1e6 * interval:.4g} us between frames"
         raise InputError(f"an exposure of {longer}", "video.exposure")

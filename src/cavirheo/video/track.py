@@ -70,8 +70,7 @@ class Track:
     deviation `systematic` common to all frames, centre x and y, asphericity (second mode over the radius), width of the
     edge, visible share `arc` of the circle. flags: keys of `FLAGS`.
 
-    optics: sigma of the blur at rest, px. exposure_hint: in frames, by the blur of fast frames; None with fewer than
-    two of them. twins: number of used frames with a second bubble of more than half the area.
+    optics: sigma of the blur at rest, px. twins: number of used frames with a second bubble of more than half the area.
     """
 
     radius: Floats
@@ -84,12 +83,11 @@ class Track:
     arc: Floats
     flags: NDArray[np.str_]
     optics: float
-    exposure_hint: float | None = None
     twins: int = 0
 
 
-def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], None] = lambda: None) -> Track:
-    """Follow the bubble through all frames. exposure: in frames, None: unknown. advance: called after each frame.
+def follow(stage: Stage, exposure: float = 1.0, advance: Callable[[], None] = lambda: None) -> Track:
+    """Follow the bubble through all frames. exposure: in frames. advance: called after each frame.
 
     Raises InputError: no bubble.
     """
@@ -160,7 +158,7 @@ def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
 
 
 def _corrected_and_flagged(
-    stage: Stage, outlines: dict[int, Outline], elsewhere: set[int], exposure: float | None, twins: list[int]
+    stage: Stage, outlines: dict[int, Outline], elsewhere: set[int], exposure: float, twins: list[int]
 ) -> Track:
     """Return the radii of the outlines, corrected for blur, with deviations and flags. twins: frames of two bubbles."""
     n, index = len(stage.frames), list(outlines)
@@ -201,9 +199,7 @@ def _corrected_and_flagged(
     require(len(measured) > 0, _NO_BUBBLE, "video.no_bubble")
     high = spikes(radius[measured], RULES.spike_share * float(np.max(radius[measured])))
     flags[measured[high]] = "spike"
-    hint = _exposure_hint(radius, width, flags, optics)
-    exposure_used = exposure if exposure is not None else min(hint or 1.0, 1.0)
-    turned = _reversals(np.where(np.isin(flags, USED), radius, np.nan), exposure_used)
+    turned = _reversals(np.where(np.isin(flags, USED), radius, np.nan), exposure)
     flags[turned] = "reversal"
     sigma[turned] = np.hypot(sigma[turned], RULES.per_reversal * width[turned])
     require(bool(np.any(flags == "ok")), _NO_BUBBLE, "video.no_bubble")
@@ -212,19 +208,7 @@ def _corrected_and_flagged(
     used = np.isin(flags, USED)
     systematic = np.hypot(RULES.systematic_width * width, np.nan_to_num(mode) / 6.0)
     columns = np.where(used, (radius, sigma, systematic, x, y, mode / radius, width, arc), np.nan)
-    return Track(*columns, flags, optics, hint, int(used[twins].sum()))  # type: ignore[call-arg]
-
-
-def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optics: float) -> float | None:
-    """Estimate the exposure, in frames, from the width that motion adds to the edge; None without fast frames."""
-    speed = np.full(len(radius), np.nan)
-    speed[1:-1] = (radius[2:] - radius[:-2]) / 2
-    steady = np.abs(radius[2:] - 2 * radius[1:-1] + radius[:-2]) < 0.5 * np.abs(speed[1:-1])
-    fast = (np.abs(speed) > 2.0) & (flags == "ok") & np.concatenate([[False], steady, [False]])
-    if fast.sum() < 2:
-        return None
-    added = np.clip(width[fast] ** 2 - (QUARTILE_WIDTH * optics) ** 2, 0.0, None)
-    return float(np.median(2.0 * np.sqrt(added) / np.abs(speed[fast])))
+    return Track(*columns, flags, optics, int(used[twins].sum()))  # type: ignore[call-arg]
 
 
 def _reversals(radius: Floats, exposure: float) -> list[int]:
