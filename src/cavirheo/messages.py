@@ -183,11 +183,6 @@ def _training_range(name: str, value: float, low: float, high: float, trained_at
     return f"{text} (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
 
 
-def _impossible(low: float, high: float, used: float, **of: Any) -> str:
-    what = f"{_constant(**of)} is not between {low:g} and {high:g}; {used:g} is used"
-    return f"check the constant that the file states: {what}: give the right one"
-
-
 def _ends(count: int, total: int, names: Sequence[str]) -> str:
     words = ", ".join("R_max" if name == "max_radius_factor" else _spaced(name) for name in names)
     text = f"most shots ({count} of {total}) fit only with a correction at the end of its range: {words}"
@@ -242,7 +237,6 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "prior_end": _prior_end,
     "traded": _traded,
     "training_range": _training_range,
-    "check_input.constant": _impossible,
     "check_input.frames_repeated": _repeated,
     "check_input.scale": _scale,
     "check_input.walls": _walls,

@@ -66,7 +66,6 @@ def test_the_medium_and_small_changes_of_size_enter(max_radius, medium):
 STATED = {  # what a file states, what is given, the density that is used, and codes of messages
     "the file": ({"density": 1060.0}, {}, 1060.0, ["stated.used"]),
     "a medium that is given": ({"density": 1060.0}, {"medium": "water"}, 998.0, ["stated.replaced"]),
-    "no density": ({"density": 1.06}, {}, 998.0, ["check_input.constant"]),
     "a given one for no density": ({"density": 1.06}, {"medium": Medium(1100.0)}, 1100.0, ["stated.replaced"]),
     "nothing": ({}, {}, 998.0, []),
     "a boiling liquid": ({"temperature": 390.0}, {}, 998.0, ["physics.boiling"]),
@@ -81,8 +80,10 @@ def test_the_constants_that_a_file_states_are_those_of_its_shot(name):
     assert answer.medium.density == density
     families = ("stated", "check_input", "physics")
     assert [one.code for one in answer.checks.messages if one.code.partition(".")[0] in families] == codes
-    assert (answer.checks.verdict == "check_input") == (codes == ["check_input.constant"])
     assert plain.checks.verdict != "failed"
+    (impossible,) = infer_many([curve.labelled(medium={"density": 1.06})], workers=1)
+    assert impossible.checks.verdict == "failed"
+    assert "1060" in impossible.checks.messages[0].text
     analysis = cavirheo.inference.Analysis(**given)
     assert (analysis.key(curve) == analysis.key(curve.labelled(medium={}))) == (not stated)
 

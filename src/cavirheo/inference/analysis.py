@@ -33,7 +33,7 @@ from cavirheo.inference.input_warnings import (
     warned,
 )
 from cavirheo.inference.reconstruction import ANALYSIS_ERRORS
-from cavirheo.messages import Message, is_input_warning
+from cavirheo.messages import Message
 from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
@@ -170,11 +170,12 @@ class Analysis:
         return network_of(str(self.model))
 
     def medium_for(self, curve: RadiusCurve) -> Medium:
-        """The medium of a curve: with the plausible constants that its file states, but those that the user gave.
-        Raises InputError: it would boil."""
+        """The medium of a curve: with the constants that its file states, but those that the user gave. Raises
+        InputError: no such liquid is known, or it would boil."""
         stated = {name: value for name, value in curve.medium.items() if name not in (self.given or ())}
-        used = {name: value for name, value in stated.items() if CONSTANTS[name].low <= value <= CONSTANTS[name].high}
-        return medium_of(self.medium or WATER, unusual=True, **used)
+        for name, value in stated.items():
+            CONSTANTS[name].check(f"the {name} that the file states", value, "physics.implausible", "; give another")
+        return medium_of(self.medium or WATER, unusual=True, **stated)
 
     def key(self, curve: RadiusCurve) -> str:
         """A hash that identifies the answer: of the samples of the curve and its metadata, of all settings, of the
@@ -229,7 +230,8 @@ class Analysis:
             empty = replace(empty, medium=medium)
             with one_blas_thread:
                 found = self._read(curve, empty, network) if network else self._sample(curve, empty, workers)
-            found = replace(found, checks=self._with_stated(curve, medium, found.checks))
+            messages = (*self._stated(curve, medium), *found.checks.messages)
+            found = replace(found, checks=replace(found.checks, messages=messages))
         except Exception as error:  # only this curve fails
             if isinstance(error.__cause__, KeyboardInterrupt):  # compiled code was interrupted
                 raise error.__cause__ from None
@@ -239,13 +241,6 @@ class Analysis:
                 _log.exception("%s has no answer", curve.name)
             found = replace(empty, checks=failed_checks(error, curve, empty.medium or WATER))
         return replace(found, seconds=perf_counter() - began)
-
-    def _with_stated(self, curve: RadiusCurve, medium: Medium, checks: Checks) -> Checks:
-        """The checks with what the file states of medium and stretch; a constant that cannot be right is a doubt."""
-        stated = list(self._stated(curve, medium))
-        doubts = [message for message in stated if is_input_warning(message.code)]
-        said = [message for message in stated if message not in doubts]
-        return warned(replace(checks, messages=(*said, *checks.messages)), doubts, self.trust_input)
 
     def _sample(self, curve: RadiusCurve, empty: Posterior, workers: int | None) -> Posterior:
         """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
@@ -268,14 +263,9 @@ class Analysis:
     def _stated(self, curve: RadiusCurve, medium: Medium) -> Iterator[Message]:
         """What the file states of medium and stretch, and whether it is used."""
         for name, stated in curve.medium.items():
-            plausible, used = CONSTANTS[name], getattr(medium, name)
-            values: dict[str, Any] = {"name": name, "stated": stated, "used": used, "unit": plausible.unit}
-            if used == stated:
-                yield Message("stated.used", values)
-            elif name in (self.given or ()):
-                yield Message("stated.replaced", values)
-            else:
-                yield Message("check_input.constant", values | {"low": plausible.low, "high": plausible.high})
+            used = getattr(medium, name)
+            values: dict[str, Any] = {"name": name, "stated": stated, "used": used, "unit": CONSTANTS[name].unit}
+            yield Message("stated.used" if used == stated else "stated.replaced", values)
         if curve.stretch and self.stretch not in (None, curve.stretch):
             values = {"name": "stretch", "stated": curve.stretch, "used": self.stretch, "unit": ""}
             yield Message("stated.replaced", values)

@@ -21,7 +21,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed
 from cavirheo.io import limits
 from cavirheo.io.files import Source
-from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, RANGES, STATED, WITHOUT_TIMES
+from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.messages import Message
 from cavirheo.parameters import RADIUS
@@ -207,11 +207,10 @@ def stated(table: Table) -> dict[str, tuple[Column, float]]:
     facts: dict[str, tuple[Column, float]] = {}
     for column in table.columns:
         kind, unit, _ = column.name
-        if kind in facts or kind not in RANGES or len(column.numbers) != 1:
+        if kind in facts or kind not in ("density", "pressure", *OF_CAMERA) or len(column.numbers) != 1:
             continue
-        low, high = RANGES[kind]
         value = float(column.numbers[0]) * (STATED.terms[kind].units.get(unit, np.nan) if unit else 1.0)
-        if 0.0 < value < np.inf and low <= value <= high:
+        if 0.0 < value < np.inf:
             facts[kind] = column, value
     return facts
 

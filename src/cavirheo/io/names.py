@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from cavirheo.io.tables import Name, Term, Vocabulary
-from cavirheo.physics.media import CONSTANTS
 from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a placeholder factor until R_max is given
@@ -89,9 +88,6 @@ STATED = Vocabulary(
     {
         "density": Term("rho density rho0 rhoinf rhol", {"kgm3": 1.0, "kgm-3": 1.0, "gcm3": 1e3}),
         "pressure": Term("pinf pressure pambient patm", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5}),
-        "sound_speed": Term("c cinf soundspeed speedofsound clong", {"ms": 1.0, "ms-1": 1.0}),
-        "surface_tension": Term("gamma sigma surfacetension", {"Nm": 1.0, "Nm-1": 1.0, "mNm": 1e-3}),
-        "temperature": Term("t tinf temperature tambient", {"K": 1.0}),
         "radius at rest": Term("req rinf requilibrium equilibriumradius restradius", RADIUS_UNITS),
         "stretch": Term("stretch lambda lambdamax lambdamaxmean"),
         "stretch_std": Term("stretchstd lambdastd lambdamaxstd"),
@@ -103,12 +99,9 @@ STATED = Vocabulary(
     "",
     (),
 )
-_ANY = (0.0, np.inf)
 OF_CAMERA: dict[str, tuple[str, str, Callable[[float], float]]] = {  # field of Camera; unit in the file; its value
     "frame interval": ("frame_rate", "s", lambda interval: 1.0 / interval),
     "frame rate": ("frame_rate", "per second", lambda rate: rate),
     "size of a pixel": ("um_per_px", "m", lambda size: 1e6 * size),
     "um per pixel": ("um_per_px", "", lambda scale: scale),
 }
-RANGES: dict[str, tuple[float, float]] = {name: plausible[:2] for name, plausible in CONSTANTS.items()}
-RANGES |= {"density": _ANY, "pressure": _ANY, "surface_tension": (1e-3, 1.0), **dict.fromkeys(OF_CAMERA, _ANY)}
