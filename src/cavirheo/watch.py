@@ -106,17 +106,16 @@ class Watch:
         """All curves, each recording once, with names and groups among all; and remarks on files and scales."""
         contents = [content for _, content in self.files.values()]
         curves = [curve for content in contents for curve in content.curves]
-        curves, _, repeated, hints = read_shots(curves, group=self.group)
-        remarks = [remark for content in contents for remark in content.remarks]
-        self._notify_once(*repeated)
-        return curves, remarks + repeated + hints
+        curves, _, remarks = read_shots(curves, group=self.group)
+        self._notify_once(*remarks)
+        return curves, list(dict.fromkeys([remark for content in contents for remark in content.remarks] + remarks))
 
     def _read(self, path: Path, state: State) -> None:
         """Keep the content of a file; if it cannot be read, a curve with the reason."""
         try:
             content = self.read([path])
         except InputError as error:  # a setting that is wrong for this file
-            content = CurveSet([], [f"{path}: {error}"], [], [])
+            content = CurveSet([], [f"{path}: {error}"], [])
         if self._state(path) != state:
             return  # it is being written
         if content.problems:

@@ -27,7 +27,7 @@ class Reader:
         self._free = BoundedSemaphore(processes)
 
     def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> tuple[list[RadiusCurve], list[str]]:
-        """Return (the curves, all problems, remarks and hints) of `read_shots` of files in one folder, in which the
+        """Return (the curves, all problems and remarks) of `read_shots` of files in one folder, in which the
         child works: no message names it.
 
         Raises InputError: as `apart.call`.
@@ -47,7 +47,7 @@ class Reader:
         for curve in answer.curves:
             group: dict[str, Any] = {"group_source": curve.group} if "group_source" in curve.meta else {}
             curves.append(curve.labelled(source=Path(curve.source).name, **group))
-        return curves, answer.problems + answer.remarks + answer.hints
+        return curves, answer.problems + answer.remarks
 
 
 def read_in_folder(folder: str, files: list[str | RadiusCurve], options: dict[str, Any]) -> CurveSet:

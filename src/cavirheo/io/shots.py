@@ -184,12 +184,11 @@ def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
 
 class CurveSet(NamedTuple):
     """The curves of all files, in order. problems: why files could not be read. remarks: which recordings were given
-    twice, and how radii were scaled. hints: what to know of scales and constants, each in one line with its groups."""
+    twice, which units were told by sizes, and how radii were scaled."""
 
     curves: list[RadiusCurve]
     problems: list[str]
     remarks: list[str]
-    hints: list[str]
 
 
 def read_shots(
@@ -222,15 +221,11 @@ def read_shots(
             problems.append(str(error))
     curves, remarks = _unique_recordings(curves)
     curves = _grouped(_with_unique_names(curves), group)
-    groups_of: dict[str, dict[str, None]] = {}
-    for curve in curves:
-        for hint in curve.hints:
-            groups_of.setdefault(hint, {})[curve.group] = None
-    hints = [f"{', '.join(groups)}: {hint}" for hint, groups in groups_of.items()]
+    remarks += dict.fromkeys(hint for curve in curves for hint in curve.hints)
     if max_radius:
         curves, scale_remarks = _scaled(curves, max_radius)
         remarks += scale_remarks
-    return CurveSet(curves, problems, remarks, hints)
+    return CurveSet(curves, problems, remarks)
 
 
 def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:

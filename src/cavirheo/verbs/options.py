@@ -116,9 +116,9 @@ class MeasuredFiles(AnsweringVerb):
         """Return all curves of the files, and load the solver. Raises InputError: no curve."""
         from cavirheo.physics.simulate import load_solver
 
-        curves, problems, remarks, hints = self.read_recordings(files, self.exclude)
+        curves, problems, remarks = self.read_recordings(files, self.exclude)
         run.note_unreadable(problems)
-        run.notes += remarks + hints
+        run.notes += remarks
         run.require_any(curves, "curve")
         load_solver()
         return curves
