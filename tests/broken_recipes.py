@@ -29,7 +29,7 @@ RECIPES: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "problem"),
     "nested deeply": (b"a = " + b"[" * 20_000, "TOML"),
     "unknown table": ((RIGHT + "[optimizer]\nlr = 1\n").encode(), "optimizer"),
-    "misspelt key": (instead("epochs = 4", "epoch = 4"), "epochs?"),
+    "misspelt key": (instead("epochs = 4", "epoch = 4"), "training.epoch: "),
     "n negative": (instead("n = 100", "n = -1"), "data.n"),
     "epochs a trillion": (instead("epochs = 4", "epochs = 1000000000000"), "training.epochs"),
     "lr infinite": (instead("lr = 0.01", "lr = inf"), "training.lr"),

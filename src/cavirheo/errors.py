@@ -10,7 +10,6 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable
-from difflib import get_close_matches
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
@@ -111,25 +110,6 @@ def parse_number_list(
     return sorted(chosen)
 
 
-def parse_number(text: str | None, name: str, thousands: str = ",") -> float | None:
-    """The number that was typed; None for an empty text. thousands: the marks that may separate thousands in it.
-
-    Raises InputError: no number, or an ambiguous one (1,234; a frame rate of 270.000).
-    """
-    number = (text or "").strip()
-    if re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}[{thousands}]\d{{3}}", number):
-        whole, decimal = (float(re.sub("[.,]", mark, number)) for mark in ("", "."))
-        two = f"{whole:.10g} or {decimal:.10g}"
-        message = f"{name} {number} can be read in two ways, {two}: type it without a mark between thousands"
-        raise InputError(message, "input.which_number")
-    if re.fullmatch(r"[+-]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})+", number):  # 1,000,000
-        number = re.sub("[.,]", "", number)
-    try:
-        return float(number.replace(",", ".")) if number else None
-    except ValueError:
-        raise InputError(f"{name} must be a number, got {number!r}", "input.not_a_number") from None
-
-
 def listed(names: Iterable[str], most: int = 5) -> str:
     """The first of the distinct names, and how many more there are."""
     unique = list(dict.fromkeys(names))
@@ -145,39 +125,19 @@ def as_path(path: str | PathLike[str]) -> Path:
     return Path(path)
 
 
-def validation_message(error: ValidationError, kind: Any) -> str:
-    """One line on the first entries that the pydantic model `kind` refuses: where, what was expected and given."""
+def validation_message(error: ValidationError) -> str:
+    """One line on the entries that a pydantic model refuses: where, what was expected and given."""
     parts = []
     for item in error.errors(include_url=False):
         where, what = ".".join(map(str, item["loc"])), item["msg"].removeprefix("Value error, ")
-        if item["type"] == "extra_forbidden":
-            what, table = "unknown key", kind
-            for key in item["loc"][:-1]:
-                table = next(f.annotation for name, f in table.model_fields.items() if key in (name, f.alias))
-            names = [field.alias or name for name, field in table.model_fields.items()]
-            close = get_close_matches(str(item["loc"][-1]), names, 1)
-            what += f", did you mean {close[0]}?" if close else f"; known: {', '.join(names)}"
-        elif item["type"] == "missing":
-            what = "is missing"
-        elif where:
-            what += f", got {brief(item['input'])}"
-        parts.append(f"{where}: {what}".removeprefix(": "))
-    return "; ".join(parts[:3]) + (f"; and {len(parts) - 3} more" if len(parts) > 3 else "")
+        given = f", got {brief(item['input'])}" if where and item["type"] != "missing" else ""
+        parts.append(f"{where}: {what}{given}".removeprefix(": "))
+    return "; ".join(parts)
 
 
 def as_cell(text: str) -> str:
     """The text of a cell, with a ' before it if a spreadsheet would read it as a formula and it is no number."""
     return f"'{text}" if _FORMULA.match(text) and not is_float(text) else text
-
-
-def as_remark(text: str) -> str:
-    """The text of a comment in a table, with `as_cell` applied to each part between separators."""
-    return "".join(part if part in ",;\t" else as_cell(part) for part in re.split("([,;\t])", text))
-
-
-def from_cell(cell: str) -> str:
-    """The original text of a cell that `as_cell` wrote."""
-    return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
 
 
 def is_float(text: str) -> bool:

@@ -365,9 +365,7 @@ def check_level(level: object) -> None:
     """Raises InputError unless the level is a number between 0 and 1."""
     value = float(level) if isinstance(level, Real) else 0.0
     if not 0 < value < 1:
-        percent = f": did you mean {value / 100:g}?" if 1 < value < 100 else ""
-        message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
-        raise InputError(message, "posterior.level")
+        raise InputError(f"the level of an interval must be between 0 and 1, got {level!r}", "posterior.level")
 
 
 def intervals(

@@ -6,12 +6,13 @@ verb. Options without a panel are on the first screen of `--help`. Nothing here 
 solver before it is needed: `--help` is quick.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
 
 from typer import Argument, BadParameter, Option
 
-from cavirheo.errors import InputError, brief, parse_number
+from cavirheo.errors import InputError, brief
 
 if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
@@ -36,32 +37,24 @@ def option(help: str, panel: str | None = None, *names: str, **keywords: Any) ->
 
 
 class Number:
-    """Reads a number or one of `words`; without words, a number above 0. thousands: the marks that may separate
-    thousands in it (`parse_number`)."""
+    """Reads a number or one of `words`; without words, a number above 0."""
 
-    def __init__(self, *words: str, kind: type[Any] = float, thousands: str = ",") -> None:
+    def __init__(self, *words: str, kind: type[Any] = float) -> None:
         self.words = words
         self.kind = kind
-        self.thousands = thousands
         self.__name__ = "|".join((kind.__name__, *words))
 
     def read(self, value: Any, name: str = "the value") -> Any:
         """The number of a text or a number. Raises InputError, which names it."""
         if value in self.words:
             return value
-        number = value
-        try:
-            if isinstance(value, str):
-                number = self.kind(value) if self.kind is int else parse_number(value, name, self.thousands)
-            if number is not None and (self.words or number > 0):
+        with suppress(TypeError, ValueError):
+            number = self.kind(value) if isinstance(value, str) else value
+            if self.words or number > 0:
                 return number
-        except InputError as error:
-            if error.code == "input.which_number":
-                raise
-        except (TypeError, ValueError):  # of int, or of a comparison
-            pass
         expected = f"a number or {' or '.join(map(repr, self.words))}" if self.words else "a number above 0"
-        raise InputError(f"{name} must be {expected}, got {brief(value)}", "option.number")
+        comma = ": use a decimal point, and no mark between thousands" if "," in str(value) else ""
+        raise InputError(f"{name} must be {expected}, got {brief(value)}{comma}", "option.number")
 
     def __call__(self, text: str) -> Any:
         """As `read`, for the command line."""
@@ -79,7 +72,7 @@ def number(help: str, panel: str | None = None, *words: str, **keywords: Any) ->
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
 _LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid  [default: auto]"
 _FPS = "frames per second, of videos and of tables that number their frames"
-Fps = Annotated[Any, number(_FPS, thousands=".,")]
+Fps = Annotated[Any, number(_FPS)]
 UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels")]
 Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]
 Shots = Annotated[str | None, option("shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
@@ -246,5 +239,9 @@ def checked(kind: type[Settings], name: str, value: Any) -> Any:
         if isinstance(declaration.parser, Number):
             return declaration.parser.read(value, name)
     if isinstance(value, str) and float in get_args(annotation.__origin__):
-        return parse_number(value, name)
+        try:
+            return float(value) if value.strip() else None
+        except ValueError:
+            message = f"{name} must be a number with a decimal point, got {brief(value)}"
+            raise InputError(message, "option.number") from None
     return value

@@ -262,7 +262,7 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
     ({"density": "1,050", "stretch": "0.5"}, ["density", "stretch"], None),
     ({"density": "1.05"}, ["density"], None),
     ({"fps": "270.000", "um_per_px": "-1"}, ["fps", "um_per_px"], None),
-    ({"density": "1002,5"}, [], 1002.5),
+    ({"density": "1002.5"}, [], 1002.5),
     ({"exclude": "12, 40-45", "exposure_us": "0.4"}, [], None),
     ({"exclude": "x", "exposure_us": "0"}, ["exposure_us", "exclude"], None),
     ({"bubble": "auto"}, ["bubble"], None),

@@ -304,7 +304,7 @@ def test_csv_round_trip(tmp_path):
     for name in ("time", "radius", "radius_std"):
         assert np.allclose(getattr(back, name), getattr(curve, name), rtol=1e-9, equal_nan=True)
     first, *_ = (tmp_path / "a.csv").read_text().splitlines()
-    assert first == "# simulation of a,'=1+1;'@b\\x0a, +c"
+    assert first == "# simulation of a =1+1 @b\\x0a  +c"
 
 
 OBJECT = element(14, element(6, b"\x11" + bytes(7)) + 3 * element(1, b"T") + zeros("", 6))

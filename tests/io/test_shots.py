@@ -43,12 +43,10 @@ def test_verbs_answer_the_chosen_shots_alone_by_their_names(run):
 
 def test_a_frame_rate_that_can_be_two_numbers_is_refused(run):
     Path("px.csv").write_text("frame,R_px\n" + "".join(f"{k},{90 - abs(k - 9)}\n" for k in range(60)), encoding="utf-8")
-    for text in ("270.000", "270,000", "1.500"):
-        refusal(
-            run("show", "px.csv", "--um-per-px", "3.2", "--fps", text), text, text.replace(",", "").replace(".", "")
-        )
+    for text, said in (("270.000", "270000"), ("900.000", "900000"), ("270,000", "no mark between thousands")):
+        refusal(run("show", "px.csv", "--um-per-px", "3.2", "--fps", text), said)
     refusal(run("show", "px.csv"), "--fps", "--um-per-px")
-    for text in ("270000", "2.7e5", "1.000.000", "1,000,000", "270000.5"):
+    for text in ("270000", "2.7e5", "270000.5"):
         assert run("show", "px.csv", "--um-per-px", "3.200", "--fps", text)[0] == 0
 
 
@@ -70,8 +68,8 @@ def test_files_of_one_name_are_one_group_and_a_unit_told_by_its_size_is_said_onc
         text_table(tmp_path / f"{name}.csv", "time,radius", 1e6 * TIME, (1e6 + 1e4 * k) * RADIUS)
     found = read_shots([f"{name}.csv" for name in stems], group="name")
     assert [one.group for one in found.curves] == [*stems.values()]
-    assert len(found.hints) == 2  # of time and of radius
-    assert all("um" in remark or "us" in remark for remark in found.hints)
+    assert len(found.remarks) == 2  # of time and of radius
+    assert all("um" in remark or "us" in remark for remark in found.remarks)
     status, out, _ = run("infer", "soft_1.csv", "stiff_1.csv", *BDT, "--group", "name", "--no-pictures", "--json")
     assert status in (0, 1)
     assert [one["name"] for one in json.loads(out)["groups"]] == ["soft", "stiff"]
@@ -104,7 +102,7 @@ def test_a_column_gives_each_shot_its_r_max(tmp_path):
     found = read_shots([sized(tmp_path / "sized.csv", shots, ("310", "450.5", ""))])
     own = read_curves(sized(tmp_path / "plain.csv", shots))[2].max_radius
     assert [curve.max_radius for curve in found.curves] == pytest.approx([310e-6, 450.5e-6, own])
-    assert any("rmax_um" in remark for remark in found.hints)
+    assert any("rmax_um" in remark for remark in found.remarks)
     two = sized(tmp_path / "two.csv", {"a": 1.0}, ("310",)).read_text(encoding="utf-8").replace(",310\n", ",311\n", 1)
     (tmp_path / "two.csv").write_text(two, encoding="utf-8")
     assert "rmax_um" in read_shots([tmp_path / "two.csv"]).problems[0]

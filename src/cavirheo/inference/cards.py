@@ -159,7 +159,7 @@ def card(path: Path) -> dict[str, Any]:
     try:
         kind.model_validate(content)
     except ValidationError as error:
-        message = f"{file} is not a card of `cavirheo train`: {validation_message(error, kind)}; train it anew"
+        message = f"{file} is not a card of `cavirheo train`: {validation_message(error)}; train it anew"
         raise InputError(message, "model.card") from error
     return content
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, from_cell, is_float, without_invisible
+from cavirheo.errors import InputError, is_float, without_invisible
 from cavirheo.io import limits
 from cavirheo.io.files import Source
 from cavirheo.units import plain_text, unit_of
@@ -429,7 +429,7 @@ def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
         for texts in reader:
             total += len(texts)
             limits.check(total, limits.SAMPLES, "cells")
-            if any(texts := [from_cell(cell.strip()) for cell in texts]):
+            if any(texts := [cell.strip() for cell in texts]):
                 yield Row(reader.line_num, texts)
     except csv.Error as error:
         raise InputError(f"line {reader.line_num}: {error}", "tabular.csv") from None

@@ -164,7 +164,7 @@ def read_recipe(path: str | Path) -> Recipe:
         _ = recipe.problem  # the physics may refuse its values
         return recipe
     except ValidationError as error:
-        raise InputError(f"{path} cannot be used: {validation_message(error, kind)}", "recipe.value") from error
+        raise InputError(f"{path} cannot be used: {validation_message(error)}", "recipe.value") from error
     except InputError as error:
         raise error.within(f"{path} cannot be used") from error
     except UnicodeDecodeError as error:

@@ -12,6 +12,7 @@ import hashlib
 import json
 import logging
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -28,7 +29,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_serializer, model_validator
 from pydantic_core import to_json
 
-from cavirheo.errors import InputError, as_cell, as_remark, printable, read_bytes, sha256
+from cavirheo.errors import InputError, as_cell, printable, read_bytes, sha256
 from cavirheo.parameters import Bound
 from cavirheo.writing import digits
 
@@ -426,9 +427,9 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
 
 def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]], remark: str = "") -> None:
     """Write CSV: a line per row with its entries in `head`; empty where it has none. No text is read as a formula
-    (`errors.as_cell`). remark: a first line, after "# "."""
+    (`errors.as_cell`). remark: a first line, after "# ", in a single cell."""
     with Path(path).open("w", newline="", encoding="utf-8") as file:
-        file.write(f"# {as_remark(printable(remark))}\n" if remark else "")
+        file.write(f"# {re.sub('[,;]', ' ', printable(remark))}\n" if remark else "")
         writer = csv.writer(file, lineterminator="\n")
         for cells in chain([head], ([row.get(key) for key in head] for row in rows)):
             writer.writerow([as_cell(cell) if isinstance(cell, str) else cell for cell in map(_printable, cells)])
