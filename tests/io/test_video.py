@@ -218,7 +218,7 @@ STACKS = {  # how a stack is written; its um per pixel and frames per second
         for unit in ("um", "micron", "microns", "micrometer", "\\u00B5m", "µm")
     },
     "an interval": (imagej("unit=micron\nfinterval=0.002\ntunit=ms"), 4.0, 5e5),
-    "a rate": (imagej("unit=mm\nfps=500000", resolution=(250, 250)), 4.0, 5e5),
+    "how fast it is played": (imagej("unit=mm\nfinterval=0.1", resolution=(250, 250)), 4.0, None),
     "pixels alone": (imagej("unit=pixel"), None, None),
     "for printing": (PRINTED, None, None),
     "per cm, by no description": ({"resolution": (2500, 2500), "resolutionunit": "CENTIMETER"}, None, None),
@@ -273,6 +273,11 @@ NO_RECORDINGS: dict[str, tuple[str, Callable]] = {
     "darkness": ("video.no_bubble", lambda place: tifffile.imwrite(place, film().frames[:9] * 0)),
     "a still": ("video.no_bubble", lambda place: tifffile.imwrite(place, np.repeat(film().frames[:1], 9, 0))),
     "nothing": ("reading.missing", lambda place: None),
+    "two channels": (
+        "video.stack",
+        lambda place: tifffile.imwrite(place, film().frames[:8].reshape(4, 2, 72, 88), imagej=True),
+    ),
+    "computed numbers": ("video.pixels", lambda place: tifffile.imwrite(place, film().frames / 2.0)),
 }
 
 

@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import islice
-from math import prod
 from os.path import isdir  # also works for names that no file can have
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, read_bytes, require
 from cavirheo.messages import Message
+from cavirheo.parameters import FRAME_RATE
 from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
 
 Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
@@ -47,7 +47,6 @@ _FFMPEG = {  # without playlists, which would open other files
     "protocol_whitelist": "file",
 }
 _STAMPS, _EXPOSURES = 1002, 1003  # blocks of a .cine file: time and exposure of every frame
-_SLOWEST = 500.0  # frames per second; below it is how fast a stack is played
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,53 +183,39 @@ def _read_stack(path: Path) -> Footage:
     with TiffFile(path) as file:
         first: Any = file.pages[0]
         _check_size(len(file.pages) * float(np.prod(first.shape)) * first.dtype.itemsize)
-        scale, rate, notes = _stated_by_stack(file)
-        sizes = dict[str, int]()  # of the axes along which the images lie
+        scale, rate = _stated_by_stack(file)
+        several: list[str] = []
         with suppress(Exception):  # tifffile raises nearly anything for a damaged description
-            whole = file.series[0]
-            sizes = {axis: size for axis, size in zip(whole.axes, whole.shape, strict=True) if axis not in "YXS"}
-        notes += [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
+            axes = [axis for axis, size in zip(file.series[0].axes, file.series[0].shape, strict=True) if size > 1]
+            several = [axis for axis in axes if axis not in "YXS"]
+        if len(several) > 1:
+            kinds = f"a stack along {' and '.join(several)} (T: times, C: channels, Z: depths)"
+            raise InputError(f"{kinds}: save one channel and one depth alone", "video.stack")
+        notes = [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
+        notes += [f"{scale:.4g} um per pixel, as the file states"] if scale else []
         try:
             one_page = (file.imagej_metadata or {}).get("images", 1) > len(file.pages)  # large stacks of ImageJ
             images = file.asarray() if one_page else _join_frames(_grey(page.asarray()) for page in file.pages)
         except (ValueError, ImportError):  # a compression that needs another library
             images = _join_frames(_pillow_images(path))
     images = images.reshape(-1, *images.shape[-2:])
-    several = [axis for axis, size in sizes.items() if size > 1]
-    if len(several) > 1 and prod(sizes.values()) == len(images):
-        frames = "T" if "T" in several else max(several, key=sizes.__getitem__)
-        chosen = tuple(slice(None) if axis == frames else 0 for axis in sizes)
-        images = images.reshape(*sizes.values(), *images.shape[1:])[chosen]
-        left = ", ".join(f"{sizes[axis]} of {axis}" for axis in several if axis != frames)
-        notes.append(f"frames along the axis {frames}; the first of {left} (C: channels, Z: depths) is measured")
     return Footage(_unsigned(images), frame_rate=rate, um_per_px=scale, notes=tuple(notes))
 
 
-def _stated_by_stack(file: Any) -> tuple[float | None, float | None, list[str]]:
-    """Return (um per pixel, frames per second, notes) as the description of OME or ImageJ states them."""
+def _stated_by_stack(file: Any) -> tuple[float | None, float | None]:
+    """Return (um per pixel, frames per second) as the description of OME or ImageJ states them, but no rate at which a
+    stack is played."""
     if file.ome_metadata:
-        who, pixels = "OME", ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
+        pixels = ElementTree.fromstring(file.ome_metadata).find(".//{*}Pixels")
         stated: Any = {} if pixels is None else pixels.attrib
         size, unit = stated.get("PhysicalSizeX"), stated.get("PhysicalSizeXUnit", "um")
-        rate = _inverse(_in_si(stated.get("TimeIncrement"), stated.get("TimeIncrementUnit", "s"), TIME_UNITS))
-    elif stated := file.imagej_metadata:
-        who, tag = "ImageJ", file.pages[0].tags.get("XResolution")
-        size, unit = (tag.value[1] / tag.value[0] if tag and tag.value[0] else None), str(stated.get("unit", "pixel"))
-        rate = _inverse(_in_si(stated.get("finterval"), str(stated.get("tunit", "s")), TIME_UNITS))
-        rate = rate or _in_si(stated.get("fps"), "s", TIME_UNITS)
+        interval = _in_si(stated.get("TimeIncrement"), stated.get("TimeIncrementUnit", "s"), TIME_UNITS)
     else:
-        return None, None, []
-    notes = []
-    scale = 1e6 * _in_si(size, unit, LENGTH_UNITS)
-    if scale:
-        notes.append(f"{scale:.4g} um per pixel, as {who} stored it")
-    elif size and not unit.startswith("pixel"):
-        notes.append(f"the length of a pixel, {size} {unit}, is not used: give --um-per-px")
-    if rate >= _SLOWEST:
-        notes.append(f"{rate:.6g} frames per second, as {who} stored it")
-    elif rate:
-        notes.append(f"{rate:.4g} frames per second are how fast the stack is played, and not used")
-    return scale or None, rate if rate >= _SLOWEST else None, notes
+        stated, tag = file.imagej_metadata or {}, file.pages[0].tags.get("XResolution")
+        size, unit = (tag.value[1] / tag.value[0] if tag and tag.value[0] else None), str(stated.get("unit", "pixel"))
+        interval = _in_si(stated.get("finterval"), str(stated.get("tunit", "s")), TIME_UNITS)
+    recorded = 0.0 < interval < 1.0 / FRAME_RATE.low
+    return 1e6 * _in_si(size, unit, LENGTH_UNITS) or None, 1.0 / interval if recorded else None
 
 
 def _in_si(number: Any, unit: str, units: Mapping[str, float]) -> float:
@@ -239,10 +224,6 @@ def _in_si(number: Any, unit: str, units: Mapping[str, float]) -> float:
     with suppress(TypeError, ValueError):
         return max(float(number), 0.0) * units[name] if name else 0.0
     return 0.0
-
-
-def _inverse(interval: float) -> float:
-    return 1.0 / interval if interval else 0.0
 
 
 def _pillow_images(path: Path, count: int | None = None) -> Iterator[Pixels]:
@@ -256,14 +237,13 @@ def _pillow_images(path: Path, count: int | None = None) -> Iterator[Pixels]:
 
 
 def _unsigned(images: Pixels) -> Pixels:
-    """Return integers of 8 or 16 bits unchanged; scale other numbers, which software computed, to 16 bits."""
+    """Return integers of 8 or 16 bits. Raises InputError: other numbers, which software computed."""
     if images.dtype in (np.uint8, np.uint16):
         return images
-    if images.dtype == bool:
-        return images.astype(np.uint8)
-    wide = np.nan_to_num(images.astype(np.float64))
-    low, high = float(wide.min()), float(wide.max())
-    return np.rint((wide - low) * (60000.0 / max(high - low, 1e-12))).astype(np.uint16)
+    if images.dtype.kind not in "biu" or images.min() < 0 or images.max() >= 2**16:
+        message = f"pixels of {images.dtype}: expected the grey levels of a camera, 8 or 16 bits without a sign"
+        raise InputError(f"{message}; save the recording as one of these", "video.pixels")
+    return images.astype(np.uint16)
 
 
 def _read_folder(path: Path) -> Footage:
