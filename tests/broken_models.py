@@ -94,7 +94,7 @@ CARDS: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {  # a right fil
 PATHS: dict[str, tuple[str, Callable[[Path], object]]] = {  # a right file with its card, and what becomes of it
     "without a card": ("model.missing", lambda path: path.with_suffix(".json").unlink()),
     "a pipe": ("model.missing", lambda path: (path.unlink(), os.mkfifo(path))),
-    "of 6 GB": ("files.size", lambda path: os.truncate(path, 6 << 30)),
+    "of 6 GB": ("limits.bytes", lambda path: os.truncate(path, 6 << 30)),
 }
 BROKEN: dict[str, tuple[str, Callable[[Path], Path]]] = {}
 for name, (code, make) in MODELS.items():

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import require
-from cavirheo.video.formats import Pixels, require_library
+from cavirheo.video.formats import Pixels
 
 _SUBPIXELS = 3  # subpixels along a pixel's side
 _MOMENTS = 65  # times within an exposure at which the bubble is drawn
@@ -75,7 +75,6 @@ class Film:
         """Save the film as .mp4 (H.264 of quality `crf`, 8 bits), .mkv (FFV1, lossless) or .tif."""
         path = Path(path)
         if path.suffix == ".tif":
-            require_library("tifffile")
             from tifffile import imwrite
 
             imwrite(path, self.frames, photometric="minisblack")
@@ -196,7 +195,6 @@ class _Camera:
 def _write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
     """Encode frames, (height, width) or (height, width, 3), in H.264 of the quality `crf`, or if it is None in lossless
     FFV1. They are cut to an even height and width, and played at 10 per second."""
-    require_library("av")
     import av
 
     codec, options = ("ffv1", {}) if crf is None else ("libx264", {"crf": str(crf)})

@@ -14,7 +14,7 @@ from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
-from stat import S_ISREG
+from stat import S_ISDIR, S_ISREG
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -149,24 +149,33 @@ def is_float(text: str) -> bool:
     return "_" not in text  # Python's 1_000
 
 
-def read_bytes(path: str | Path, max_bytes: int) -> bytes:
-    """The content of a regular file of at most `max_bytes`. Raises InputError: "files.unreadable", "files.kind" (a
-    folder, a pipe, a device), "files.size"."""
-    content, size = b"", 0
+def check_file(path: Path, max_bytes: int, *, folder: bool = False) -> None:
+    """Raise InputError unless a file of at most `max_bytes` has this path, or a folder, if allowed: "reading.missing",
+    "reading.unreadable", "reading.folder", "reading.special" (a pipe, a device), "limits.bytes"."""
+    name = printable(str(path))[:_MAX_CHARACTERS]
     try:
-        state = Path(path).stat()
-        if (regular := S_ISREG(state.st_mode)) and (size := state.st_size) <= max_bytes:
-            with Path(path).open("rb") as file:
-                content = file.read(max_bytes + 1)  # some files show their size only when they are read
-    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{str(path)[:200]!r} cannot be read: {reason}", "files.unreadable") from None
-    if not regular:
-        raise InputError(f"{path} is a folder, a pipe or a device; name a file", "files.kind")
-    if max(size, len(content)) > max_bytes:
-        message = f"{path} is larger than the {max_bytes / 1e6:g} MB that are read; is it the right file?"
-        raise InputError(message, "files.size")
-    return content
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name with a zero byte
+        raise InputError(f"{name} does not exist", "reading.missing") from None
+    except OSError as error:
+        raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
+    if S_ISDIR(status.st_mode):
+        require(folder, f"{name} is a directory; give the files in it, e.g. {name}/*.mat", "reading.folder")
+    elif not S_ISREG(status.st_mode):
+        raise InputError(f"{name} is a pipe, a socket or a device; give a file", "reading.special")
+    if status.st_size > max_bytes:
+        message = f"{name} is larger than the {max_bytes / 1e6:g} MB that are read; is it the right file?"
+        raise InputError(message, "limits.bytes")
+
+
+def read_bytes(path: str | Path, max_bytes: int) -> bytes:
+    """The content of a file of at most `max_bytes`. Raises InputError as `check_file`."""
+    check_file(Path(path), max_bytes)
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(max_bytes)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror})", "reading.unreadable") from None
 
 
 def sha256(path: Path) -> str:

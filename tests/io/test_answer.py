@@ -48,7 +48,7 @@ def test_draws_have_natural_units_and_their_weights(posterior):
 @pytest.mark.parametrize(("name", "method"), [("pandas", "to_dataframe"), ("arviz", "to_arviz")])
 def test_a_missing_library_is_named(posterior, monkeypatch, name, method):
     monkeypatch.setitem(sys.modules, name, None)
-    with refused("posterior.missing_library", f"pip install {name}"):
+    with refused("posterior.missing_library", f'pip install "{name}"'):
         getattr(posterior, method)()
 
 
@@ -113,5 +113,5 @@ def test_load_refuses_what_we_did_not_write(content, tmp_path):
     (tmp_path / "x.json").write_bytes(content)
     with refused("document.other", "x.json"):
         load(tmp_path / "x.json")
-    with refused("files.unreadable", "y.json"):
+    with refused("reading.missing", "y.json"):
         load(tmp_path / "y.json")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import glob
 import hashlib
-import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, printable
+from cavirheo.errors import InputError, check_file, printable
 from cavirheo.io import limits
 from cavirheo.video.formats import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
 from cavirheo.writing import digits
@@ -94,12 +93,11 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     """Guard the reading of a file (or a folder, if allowed): turn every error into an InputError that names the file.
 
     Raises:
-        InputError: not a regular file ("reading.missing", "reading.folder", "reading.special") or too large
-            ("limits.bytes"), both checked before it is opened; no permission ("reading.unreadable"); damaged
+        InputError: as `errors.check_file`, before it is opened; no permission ("reading.unreadable"); damaged
             ("reading.damaged"); or an error of the reader.
     """
     name = printable(str(path))
-    _check(path, name, folder=folder)
+    check_file(path, limits.FILE, folder=folder)
     source = Source(path)
     try:
         with np.errstate(all="ignore"):  # a damaged file may hold any number; the results are checked
@@ -114,20 +112,6 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     finally:
         if "file" in vars(source):
             source.file.close()
-
-
-def _check(path: Path, name: str, *, folder: bool) -> None:
-    try:
-        status = path.stat()
-    except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name with a zero byte
-        raise InputError(f"{name} does not exist", "reading.missing") from None
-    except OSError as error:
-        raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
-    if stat.S_ISDIR(status.st_mode) and not folder:
-        raise InputError(f"{name} is a directory; give the files in it, e.g. {name}/*.mat", "reading.folder")
-    if not (stat.S_ISDIR(status.st_mode) or stat.S_ISREG(status.st_mode)):
-        raise InputError(f"{name} is a pipe, a socket or a device; give a file", "reading.special")
-    limits.check(status.st_size, limits.FILE, f"bytes in {name}")
 
 
 def expand(arguments: Iterable[str | Path], notify: Callable[[str], None] = lambda _: None) -> list[Path]:

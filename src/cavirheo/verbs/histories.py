@@ -48,10 +48,11 @@ class Measure(options.PrintingVerb):
         from cavirheo.io.shots import examine
         from cavirheo.physics.media import WATER
         from cavirheo.reporting.measured import describe, write_csv
-        from cavirheo.video.formats import require_library
+        from cavirheo.video.formats import EXTRA
         from cavirheo.writing.document import Outputs, try_to_draw
+        from cavirheo.writing.export import import_optional
 
-        require_library("PIL")  # pillow, from the extra [video]
+        import_optional("PIL", EXTRA)
         from cavirheo.video import picture
 
         names = ("um_per_px", "polarity", "exclude")

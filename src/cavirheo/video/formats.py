@@ -27,9 +27,11 @@ from cavirheo.errors import InputError, read_bytes, require
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE
 from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
+from cavirheo.writing.export import import_optional
 
 Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
 
+EXTRA = "cavirheo[video]"  # the libraries that recordings need
 MOVIE_ENDINGS = (".mp4", ".avi", ".mkv", ".mov", ".gif", ".webm")
 STACK_ENDINGS = (".tif", ".tiff")
 IMAGE_ENDINGS = (".png", ".bmp", ".jpg", ".jpeg", ".pgm")  # a folder of them is a recording
@@ -99,14 +101,8 @@ def _reader(path: Path) -> Callable[[Path], Footage]:
     return _read_stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _read_movie
 
 
-def require_library(library: str) -> None:
-    """Raise InputError if a library is not installed."""
-    if find_spec(library) is None:
-        raise InputError(f'recordings need {library}: pip install "cavirheo[video]"', "video.not_installed")
-
-
 def _read_movie(path: Path) -> Footage:
-    require_library("av")
+    import_optional("av", EXTRA)
     import av
 
     av.logging.set_level(av.logging.PANIC)
@@ -176,7 +172,7 @@ def _grey(image: Pixels) -> Pixels:
 
 
 def _read_stack(path: Path) -> Footage:
-    require_library("tifffile")
+    import_optional("tifffile", EXTRA)
     from tifffile import TiffFile
 
     logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what is wrong is said once, by the error
@@ -228,7 +224,7 @@ def _in_si(number: Any, unit: str, units: Mapping[str, float]) -> float:
 
 def _pillow_images(path: Path, count: int | None = None) -> Iterator[Pixels]:
     """Yield the brightness of the first `count` images in a file (None: all)."""
-    require_library("PIL")
+    import_optional("PIL", EXTRA)
     from PIL import Image, ImageSequence
 
     with Image.open(path) as image:

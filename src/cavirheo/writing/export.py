@@ -12,13 +12,14 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import require
 
 
-def import_optional(name: str) -> Any:
-    """Import the library of this name. Raises InputError: it is not installed."""
+def import_optional(name: str, install: str = "") -> Any:
+    """Import the library of this name. install: what pip installs, if not the library. Raises InputError: it is not
+    installed."""
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
         missing = (error.name or "").split(".")[0] == name  # the library itself, and not one that it needs
-        require(not missing, f"this needs {name}: pip install {name}", "posterior.missing_library")
+        require(not missing, f'this needs {name}: pip install "{install or name}"', "posterior.missing_library")
         raise
 
 

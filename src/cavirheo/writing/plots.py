@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
 from cavirheo.writing import digits
 from cavirheo.writing.export import import_optional
 
@@ -21,8 +19,7 @@ BLUE, VERMILLION = "#0072b2", "#d55e00"  # of Okabe and Ito, distinct also for c
 
 def subplots(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, Any]:
     """(a new figure of this size in inches, its axes (rows, columns)). Raises InputError without matplotlib."""
-    if find_spec("matplotlib") is None:
-        raise InputError('pictures need matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
+    import_optional("matplotlib", "cavirheo[plot]")
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
