@@ -15,8 +15,6 @@ from conftest import ANSWER, refused, rows_of
 
 from cavirheo import Bubble, infer_many, load, population
 from cavirheo.inference.which_law import ranked
-from cavirheo.io.files import guarded
-from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.posterior import Diagnostics, Evidence
 from cavirheo.reporting import html, result, write_report
 from cavirheo.reporting.documents import laws_by_curve
@@ -191,9 +189,6 @@ def test_no_cell_of_a_table_is_a_formula(tmp_path):
     assert not any(cell.startswith(tuple("=+@＝")) for cell in (*head, *(row[0] for row in rows)))
     assert [row[0] for row in rows if row[0].startswith("-")] == ["-1.5"]
     assert {row[1] for row in rows} == {"-1.5"}
-    with guarded(tmp_path / "a.csv") as source:
-        (table,) = read_columns(source, Vocabulary({"shot": Term("shot")}, "", ["shot"]))
-    assert list(table.columns[0].text) == names
 
 
 MEDIUM = ANSWER.replace("answer", "medium_for")
