@@ -78,9 +78,9 @@ def check(browser: Browser, address: str, path: Path) -> None:
     page.goto(address)
     page.get_by_role("button", name=SHOT).click()
     page.click("#infer-now:enabled", timeout=400_000)
-    page.click("#to-check:enabled", timeout=400_000)
+    page.click("#steps [role=tab]:enabled:has-text('4 Check')", timeout=400_000)
     page.wait_for_selector("#check-plot svg")
-    page.mouse.move(0, 0)  # off the button
+    page.mouse.move(0, 0)  # off the tab
     page.evaluate("window.scrollTo(0, 0)")
     page.wait_for_timeout(1000)
     page.screenshot(path=path)

@@ -25,7 +25,7 @@ from cavirheo import RadiusCurve, read_curves
 from cavirheo.app.page import uploaded_paths
 from cavirheo.app.reader import Reader
 from cavirheo.app.session import PAGE_FIELDS, PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, export, infer, name_materials, sliders, what_if
+from cavirheo.app.steps import examples, export, infer, sliders, what_if
 from cavirheo.app.words import shots_table
 
 SOFT = examples()["soft_gel.csv"]
@@ -224,21 +224,15 @@ def test_answers_are_of_their_settings_and_files(session):
     assert session.answers is None
 
 
-def test_materials_are_typed_without_another_run(session, tmp_path):
-    for k, name in enumerate("abc"):
+def test_which_shots_are_one_material_is_chosen(session, tmp_path):
+    for k, name in enumerate(("gel_1", "gel_2", "<b>")):
         session.add([single(tmp_path / f"{name}.csv", 1.02 + 0.04 * k)], QUICK)
-    session.add([SOFT], QUICK, copy=True)
-    names = [curve.name for curve in session.curves]
-    first = infer(session, names[:4])
-    assert [group.name for group in first.document.groups] == ["your files", "soft_gel"]
-    with refused("app.changed"):
-        name_materials(session, ["gel"])
-    name_materials(session, ["soft_gel", " ", "<gel>", *["soft_gel"] * 5])
-    groups = [(group.name, group.n) for group in session.answers.document.groups]
-    assert groups == [("soft_gel", 2), ("your files", 1), ("<gel>", 1)]
-    assert "&lt;gel&gt;" in shots_table(session)
-    name_materials(session, [""] * 8)
-    assert session.answers.document.groups == first.document.groups
+    first = infer(session, session.names)
+    assert [group.name for group in first.document.groups] == ["your files"]
+    session.apply_settings(replace(QUICK, group="name"))
+    groups = [(group.name, group.n) for group in infer(session, session.names).document.groups]
+    assert groups == [("gel", 2), ("<b>", 1)]
+    assert "<td>&lt;b&gt;</td>" in shots_table(session)
 
 
 def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):

@@ -73,7 +73,7 @@ def layers(page):
 def answered(page, shots):
     rows = "document.querySelectorAll('#answers .curves tbody tr')"
     page.wait_for_function(f"{rows}.length === {shots} && !document.querySelector('#answers .busy')", timeout=180_000)
-    page.wait_for_selector("#to-check:enabled")
+    page.wait_for_selector("#steps [role=tab]:enabled:has-text('4 Check')")
 
 
 def example(page):
@@ -96,18 +96,18 @@ def take(page, folder):
 def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page = visit()
     example(page)
-    page.click("#to-prepare")
+    page.get_by_role("tab", name="2 Prepare").click()
     page.wait_for_selector("#prepared-curve svg.picture")
     for k in (2, 4, 5):
         page.get_by_label(f"soft_gel[{k}]", exact=True).uncheck()
     page.fill("#density input", "1050")
     page.press("#density input", "Tab")
     page.wait_for_selector("#prepared-curve li")
-    page.click("#to-infer")
+    page.get_by_role("tab", name="3 Infer").click()
     page.get_by_label("neo-Hookean Kelvin-Voigt").check()
     page.click("#infer")
     answered(page, 2)
-    page.click("#to-check")
+    page.get_by_role("tab", name="4 Check").click()
     page.wait_for_selector("#check-plot svg")
     page.wait_for_selector("#facts article")
     assert "what-if" not in layers(page)

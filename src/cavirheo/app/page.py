@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
@@ -90,15 +89,13 @@ class Page:
                 _html(words.render("hint", "or look at a shipped example first:"))
                 with gr.Row():
                     self.examples = {name: _small_button(name) for name in steps.examples()}
-                with gr.Row():
-                    self.clear = _small_button("Start over")
-                    self.to_prepare = _small_button("Prepare first", interactive=False)
+                self.clear = _small_button("Start over")
                 self.infer_now = _button("Infer all shots", interactive=False)
         self.file_errors = _html()
         self.welcome = _html(words.welcome())
         self.overview = _html(visible=False)
         self.input_warnings = _html()
-        self.shots_table = _html(js_on_load=words.read_file("materials.js"))
+        self.shots_table = _html()
 
     def _prepare(self) -> None:
         with gr.Row():
@@ -117,7 +114,6 @@ class Page:
             with gr.Column(scale=3, min_width=300):
                 self.shown_shot = gr.Dropdown(label="Shot shown")
                 self.prepared_curve = _html()
-        self.to_infer = _button("Go on")
 
     def _text_boxes(self, *names: str) -> None:  # also of numbers, because an empty gr.Number stalls the page
         with gr.Row():
@@ -137,7 +133,6 @@ class Page:
         none = words.render("hint", words.NO_ANSWERS)
         self.answers = _html(none, min_height=120, js_on_load=words.read_file("table.js"))
         self.timer = gr.Timer(1.0, active=False)
-        self.to_check = gr.Button("Check against the simulation", interactive=False)
 
     def _check(self) -> None:
         self.checked_shot = gr.Dropdown(label="Shot")
@@ -147,7 +142,6 @@ class Page:
             self.sliders = [gr.Slider(label=word, elem_id=f"slider-{key}", min_width=200) for key, (word, _) in sliders]
         self.trial = _html()
         self.facts = _html()
-        self.to_export = gr.Button("Export")
 
     def _export(self) -> None:
         _html(words.render("export"))
@@ -201,10 +195,6 @@ class Page:
         bind(self.shown_shot.change, self._show_prepared, [self.shown_shot], slow=True, **_LATEST)
         # warnings load the solver: they are shown later, so that the table need not wait for it
         bind(self.shots_table.change, self._warn, slow=True, **_LATEST)
-        js = "() => [document.body.dataset.materials]"
-        bind(self.shots_table.submit, self._name_materials, [self.link], js=js, **_LATEST)
-        for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
-            pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, **private)
         starts = [self.infer_now.click, self.infer.click]
         begin = bind(starts, self._begin_run, [self.chosen_shots, *settings], queue=False)
         bind(begin.success, self._answer, [self.chosen_shots], slow=True, **_RUNS)
@@ -295,10 +285,8 @@ class Page:
         current = session.answers is not None
         able = zip(self.tabs[1:], (loaded, loaded, current, current), strict=True)
         return {tab: gr.Tab(interactive=works) for tab, works in able} | {
-            self.to_prepare: gr.Button(interactive=loaded),
             self.infer_now: gr.Button(interactive=loaded),
             self.answers: words.answers(session),
-            self.to_check: gr.Button(interactive=current),
         }
 
     def _show_prepared(self, session: Session, name: str | None) -> _Updates:
@@ -340,10 +328,6 @@ class Page:
         with session.lock:
             updates = {self.checked_shot: gr.Dropdown(choices=names, value=names[0])}
             return updates | self._show_state(session) | self._show_check(session, names[0])
-
-    def _name_materials(self, session: Session, materials: str) -> _Updates:
-        steps.name_materials(session, json.loads(materials))  # the table is not drawn again: the focus stays
-        return self._show_state(session)
 
     def _open_check(self, session: Session, name: str) -> _Updates:
         return {self.steps: gr.Tabs(selected=4), self.checked_shot: name, **self._show_check(session, name)}

@@ -22,7 +22,6 @@ from cavirheo.inference.analysis import DEFAULT
 from cavirheo.inference.cards import shipped
 from cavirheo.io.files import pixels_of, without_headers
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting.documents import Pairs
 from cavirheo.reporting.record import CurveRecord, Result
 from cavirheo.settings import Exclude, InferOptions, checked
 from cavirheo.video.formats import is_video
@@ -178,7 +177,6 @@ class Session:
         self.files: list[Path] = []
         self.measured: dict[Path, Measured] = {}  # of each recording
         self.curves: list[RadiusCurve] = []  # of all files, read with the settings
-        self.materials: dict[str, str] = {}  # by shot, as the visitor typed them
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
         self.kept.clear()
@@ -255,14 +253,6 @@ class Session:
             run = self.announce(names)
         run.working = True
         return run
-
-    def regroup(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
-        """Return the pairs with each curve in the group of its typed material, or else in the group of its file."""
-        groups = {curve.name: (curve.group, curve.group_source) for curve, _ in pairs}
-        for curve in self.curves:
-            groups[curve.name] = curve.group, curve.group if self.materials else curve.group_source
-        groups |= {shot: (name, name) for shot, name in self.materials.items()}
-        return [(curve.with_group(*groups[curve.name]), answer) for curve, answer in pairs]
 
     @property
     def command(self) -> str:

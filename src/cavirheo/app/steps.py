@@ -19,7 +19,7 @@ from cavirheo.io import write_csv
 from cavirheo.parallel import Threads, cores, run_on_any_core
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import group_pictures, result, write_report
-from cavirheo.reporting.documents import Pairs, curve_record
+from cavirheo.reporting.documents import curve_record
 from cavirheo.workflow.store import with_source_of
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST_FILE, short_name
@@ -62,7 +62,7 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
         with closing(Threads().map_unordered(answer_one, chosen)) as flow:
             for index, pair in flow:
                 answered[index] = pair
-                run.records[pair[0].name] = curve_record(*session.regroup([pair])[0])
+                run.records[pair[0].name] = curve_record(*pair)
                 if run.stopped.is_set():
                     break
         pairs = [answered[index] for index in sorted(answered)]
@@ -79,25 +79,13 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
         return pooled
 
 
-def _pool_answers(session: Session, pairs: Pairs, not_run: list[str]) -> Answers:
+def _pool_answers(session: Session, pairs: list[tuple[RadiusCurve, Posterior]], not_run: list[str]) -> Answers:
     """Return the answers with their document: groups, command and notes."""
-    pairs = session.regroup(pairs)
     command = session.command
     if len(pairs) < len(session.curves):
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
-    materials = ", ".join(f"{shot} = {material}" for shot, material in session.materials.items())
-    document = result(pairs, command, notes=[f"materials that were typed: {materials}"] if materials else [])
+    document = result(pairs, command)
     return Answers(pairs, document, not_run, group_pictures(pairs, document, []))
-
-
-def name_materials(session: Session, names: Sequence[str]) -> None:
-    """Set the material of each loaded shot, "" for the group of its file, and pool the answers again. Raises
-    InputError."""
-    require(len(names) == len(session.curves), "the files were changed: reload the page", "app.changed")
-    groups = zip(session.curves, map(str.strip, names), strict=True)
-    session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
-    if old := session.answers:
-        session.answers = _pool_answers(session, old.pairs, old.not_run)
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:

@@ -95,8 +95,7 @@ def shots_table(session: Session) -> str:
     curves = session.curves
     rows = []
     for curve in curves:
-        material = session.materials.get(curve.name, curve.group)
-        rows.append((curve, digits.elide(curve.name, 36), material, summary_cells(curve)))
+        rows.append((curve, digits.elide(curve.name, 36), summary_cells(curve)))
     pooled = sum(curve.group == UPLOAD_FOLDER for curve in curves)
     return render("shots_table", rows, curves_by_note(curves), pooled)
 
