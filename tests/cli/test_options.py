@@ -136,11 +136,8 @@ def test_without_an_extra_a_command_says_what_to_install(lab, monkeypatch, named
 # --- options that every verb reads alike ------------------------------------------------------------------------------
 
 
-def test_json_is_the_document_and_quiet_says_errors_alone(lab):
-    words, written = ("collapse-time", "times.csv"), Path("r", "collapse-time.json")
-    called = lab(*words, "--json", "-o", "r")
-    assert called == (0, written.read_text(encoding="utf-8"), "")
-    refusal(lab(*words, "nowhere.csv", "--json", "-o", "s"), "error: nowhere.csv")
+def test_quiet_says_errors_alone(lab):
+    words = ("collapse-time", "times.csv")
     assert lab(*words, "--quiet", "-o", "q") == (0, "", "")
     assert Path("q", "collapse-time.json").exists()
     refused_cleanly(lab(*words, "nowhere.csv", "--quiet", "-o", "t"), "nowhere.csv")

@@ -92,7 +92,7 @@ def test_a_run_knows_its_own_answers_again_and_leaves_those_of_others(run, tmp_p
             status, _, err = run("infer", "a.csv", *words[:-1], *more)
             assert (status, "earlier answers stay" in err) == (130, True)
     assert contents(tmp_path) == before
-    assert run("infer", tmp_path / "a.csv", *words, "--json")[0] == 0
+    assert run("infer", tmp_path / "a.csv", *words, "--all")[0] == 0
     assert run("infer", "b.csv", *words, "--replace")[0] == 0
     assert read_json(tmp_path / "cavirheo-result" / "result.json").curves[0].name == "b"
 

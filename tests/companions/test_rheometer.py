@@ -197,9 +197,8 @@ def test_repeats_give_mean_and_deviation_and_outside_is_status_1(run, tmp_path, 
         rows = [(w, factor * 1e3, factor * 5 * w) for w in OMEGA]
         put(tmp_path / f"gel_{k}.csv", table("omega,Gp,Gpp", rows=rows))
     put(tmp_path / "bad.csv", "")
-    found, out, _ = run("rheometer", "gel_1.csv", "gel_2.csv", "gel_3.csv", *words, "--json")
-    assert found == status
-    document = json.loads(out)
+    assert run("rheometer", "gel_1.csv", "gel_2.csv", "gel_3.csv", *words, "-o", "r")[0] == status
+    document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
     for name, mean in (("shear_modulus_Pa", 1e3), ("viscosity_Pa_s", viscosity)):
         spread = document[name]["mean"], document[name]["std"]
         assert spread == (pytest.approx((mean, 0.1 * mean), rel=1e-5) if mean else (None, None))
@@ -209,5 +208,6 @@ def test_repeats_give_mean_and_deviation_and_outside_is_status_1(run, tmp_path, 
 def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path, loss, modulus):
     rows = [(g, softening(g), loss, 10.0) for g in STRAIN]
     put(tmp_path / "gel.csv", table("strain [1],G',G'',omega", units=(1.0,) * 4, rows=rows))
-    document = json.loads(run("rheometer", "gel.csv", "--json")[1])
+    run("rheometer", "gel.csv", "-o", "r")
+    document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
     assert document["shear_modulus_Pa"]["mean"] == (modulus and pytest.approx(modulus, rel=0.01))

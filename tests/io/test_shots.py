@@ -1,6 +1,5 @@
 """--shots: some of the shots of a file, by every verb that reads curves."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from conftest import BDT, ROOT, code_of, refusal, refused
 from files import RADIUS, TIME, text_table
 
-from cavirheo import read_curves
+from cavirheo import load, read_curves
 from cavirheo.io.shots import read_shots, shot_numbers
 
 FILE = ROOT / "examples" / "stiff_gel.mat"
@@ -32,13 +31,13 @@ def test_verbs_answer_the_chosen_shots_alone_by_their_names(run):
     with refused("reading.shots", FILE.name):
         read_curves(FILE, shots=f"1,{len(every) + 1}")
     name = every[1].name
-    status, out, said = run("infer", FILE, *BDT, "--shots", 2, "-o", "infer", "--no-pictures", "--json")
+    status, _, said = run("infer", FILE, *BDT, "--shots", 2, "-o", "infer", "--no-pictures")
     assert status in (0, 1), said
-    assert [row["name"] for row in json.loads(out)["curves"]] == [name]
+    assert [row.name for row in load("infer").curves] == [name]
     assert name in run("show", FILE, "--shots", 2)[1]
     Path("times.csv").write_text("rmax_um,stretch,t1_us\n200,8,18\n250,8,22\n300,8,27\n", encoding="utf-8")
-    (group,) = json.loads(run("collapse-time", "times.csv", "--shots", "1,3", "-o", "out", "--json")[1])["groups"]
-    assert [shot["name"] for shot in group["shots"]] == ["1", "3"]
+    run("collapse-time", "times.csv", "--shots", "1,3", "-o", "out")
+    assert [shot.name for group in load("out").groups for shot in group.shots] == ["1", "3"]
 
 
 def test_a_frame_rate_that_can_be_two_numbers_is_refused(run):
@@ -70,9 +69,9 @@ def test_files_of_one_name_are_one_group_and_a_unit_told_by_its_size_is_said_onc
     assert [one.group for one in found.curves] == [*stems.values()]
     assert len(found.remarks) == 2  # of time and of radius
     assert all("um" in remark or "us" in remark for remark in found.remarks)
-    status, out, _ = run("infer", "soft_1.csv", "stiff_1.csv", *BDT, "--group", "name", "--no-pictures", "--json")
+    status, *_ = run("infer", "soft_1.csv", "stiff_1.csv", *BDT, "--group", "name", "--no-pictures")
     assert status in (0, 1)
-    assert [one["name"] for one in json.loads(out)["groups"]] == ["soft", "stiff"]
+    assert [one.name for one in load("cavirheo-result").groups] == ["soft", "stiff"]
 
 
 def test_files_of_one_name_in_two_folders_are_told_apart(tmp_path):
@@ -92,9 +91,8 @@ def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):
     words = ["infer", *BDT, "--no-pictures", "--rmax-um", 300]
     refusal(run(*words, several), "300", "several[a]", "several[b]", "rmax_um")
     assert run(*words, *alone)[0] == 2
-    status, out, _ = run(*words, same, "--json")
-    assert status in (0, 1)
-    assert [row["max_radius_m"] for row in json.loads(out)["curves"]] == pytest.approx([300e-6] * 2)
+    assert run(*words, same, "-o", "same")[0] in (0, 1)
+    assert [row.max_radius_m for row in load("same").curves] == pytest.approx([300e-6] * 2)
 
 
 def test_a_column_gives_each_shot_its_r_max(tmp_path):

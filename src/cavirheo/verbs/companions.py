@@ -23,7 +23,7 @@ _STRETCH = "R_max/R_0 of tables without it"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compare(options.PrintingVerb):
+class Compare(options.Verb):
     """Answers that exist beside published values, with ratios; `infer --references` answers and compares."""
 
     result: Annotated[Path, argument("RESULT", _RESULT, readable=False)]
@@ -51,7 +51,7 @@ class Compare(options.PrintingVerb):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rheometer(options.PrintingVerb):
+class Rheometer(options.Verb):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
@@ -79,7 +79,7 @@ class Rheometer(options.PrintingVerb):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CollapseTime(options.PrintingVerb, settings.Liquid):
+class CollapseTime(options.Verb, settings.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
@@ -123,7 +123,7 @@ class CollapseTime(options.PrintingVerb, settings.Liquid):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Design(options.PrintingVerb, settings.Liquid, settings.BubbleOptions):
+class Design(options.Verb, settings.Liquid, settings.BubbleOptions):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None

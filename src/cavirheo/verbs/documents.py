@@ -9,7 +9,7 @@ from typer import Exit
 
 from cavirheo import settings
 from cavirheo.errors import InputError
-from cavirheo.settings import argument, option
+from cavirheo.settings import argument
 from cavirheo.writing import digits, terminal
 
 _FILE = "a document, a folder of results, a measurement"
@@ -20,7 +20,6 @@ def show(
     shots: settings.Shots = None,
     fps: settings.Fps = None,
     um_per_px: settings.UmPerPx = None,
-    json: Annotated[bool, option("print the document as it is in its file", None, "--json")] = False,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
     from cavirheo.loading import documents_in
@@ -32,22 +31,16 @@ def show(
     given = [name for name, value in measurement.items() if value is not None]
     if given and document:
         raise InputError(f"--{given[0]} is for measurements, and {file} is none: leave it out", "show.measurement")
-    if json and not document:
-        raise InputError(f"--json is for documents, and {file} is none: leave it out", "show.json")
     if document:
-        _show_document(file, json)
+        _show_document(file)
     else:
         _show_curves(file, shots=shots, frame_rate_hz=fps, um_per_px=um_per_px)
 
 
-def _show_document(path: Path, json: bool) -> None:
+def _show_document(path: Path) -> None:
     from cavirheo.loading import load, print_table
-    from cavirheo.writing.document import as_json
 
     document = load(path)
-    if json:
-        terminal.write(as_json(document).rstrip())
-        return
     date = f", {document.date}" if document.date else ""
     terminal.write(f"{path}: {document.kind}, written by cavirheo {document.version}{date}\n{document.command}\n")
     print_table(document, path if path.is_dir() else path.parent)

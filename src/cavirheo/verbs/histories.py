@@ -30,7 +30,7 @@ _DAMAGE = option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measure(options.PrintingVerb):
+class Measure(options.Verb):
     """Radii of a bubble, with standard deviations, from a high-speed recording."""
 
     video: Annotated[Path, argument("VIDEO", _VIDEO, readable=False)]

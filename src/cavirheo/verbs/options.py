@@ -68,14 +68,7 @@ class Verb:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrintingVerb(Verb):
-    """A verb with a document that can be printed."""
-
-    json: Annotated[bool, option("print the JSON document instead of the table", None, "--json")] = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class AnsweringVerb(PrintingVerb, Settings):
+class AnsweringVerb(Verb, Settings):
     """Options of all verbs that answer measured curves: errors that all shots of a group share, and the output."""
 
     scale_error: Annotated[float, option(_SCALE_ERROR, INTERVAL, min=0.0, max=20.0)] = 1.0

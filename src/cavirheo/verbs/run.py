@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
     from cavirheo.writing.document import Document, Outputs
 
-_OUTPUT_OPTIONS = {"out", "replace", "json", "quiet", "pictures", "every_shot"}
+_OUTPUT_OPTIONS = {"out", "replace", "quiet", "pictures", "every_shot"}
 _NEUTRAL_OPTIONS = _OUTPUT_OPTIONS | {"scheduler", "slurm", "once"}  # options that change no answer
 # order of the options on the first screen ("" stands for all others), and of the panels
-_OPTION_ORDER = ("material", "laws", "stretch", "bubble", "", "out", "replace", "json", "quiet", "help")
+_OPTION_ORDER = ("material", "laws", "stretch", "bubble", "", "out", "replace", "quiet", "help")
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 
@@ -44,15 +44,14 @@ def has_problems(result: Result) -> bool:
 class Run:
     """One run of a command, timed from its creation. `command` (what was typed) and `date` are as in documents."""
 
-    def __init__(self, *, json: bool = False, quiet: bool = False) -> None:
+    def __init__(self, *, quiet: bool = False) -> None:
         self.start_time = time.perf_counter()
         self.command = shlex.join(["cavirheo", *sys.argv[1:]])
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
         self.unreadable = 0  # number of unreadable files, which `notes` name
         self.notes: list[str] = []  # on the run as a whole
         self.printed_notes: list[str] = []  # the notes that are already printed on stderr
-        self.json = json
-        self.quiet = quiet or json
+        self.quiet = quiet
 
     @property
     def document_fields(self) -> dict[str, Any]:
@@ -90,12 +89,8 @@ class Run:
             raise typer.Exit(2)
 
     def show(self, document: Document, table: Callable[[Any], None] | None = None) -> None:
-        """Print the document: by `table`, else as `cavirheo show` does; or, with --json, as it is in its file."""
-        if self.json:
-            from cavirheo.writing.document import as_json
-
-            sys.stdout.write(as_json(document))
-        elif not self.quiet:
+        """Print the document: by `table`, else as `cavirheo show` does."""
+        if not self.quiet:
             from cavirheo.loading import print_table
 
             (table or print_table)(document)
@@ -141,7 +136,7 @@ class Command(TyperCommand):
             if isinstance(verb, Verb):  # calls for the same answers make the same claim, in any current folder
                 from cavirheo.writing.document import Claim
 
-                run = Run(json=getattr(verb, "json", False), quiet=verb.quiet)
+                run = Run(quiet=verb.quiet)
                 options = {name: value for name, value in vars(verb).items() if name not in _NEUTRAL_OPTIONS}
                 request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
                 with Claim(run.command, request, verb.replace).running():
