@@ -8,7 +8,7 @@ from answers import GEL, holds, same, simulated
 from conftest import EXAMPLE, ROOT, rows_of, slow
 
 import cavirheo
-from cavirheo import Bubble, Newtonian, RadiusCurve, fit, infer, infer_many
+from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, fit, infer, infer_many
 from cavirheo.inference import experiment
 from cavirheo.inference.which_law import rank_laws
 from cavirheo.physics.laws import Fung
@@ -51,6 +51,27 @@ def test_the_default_answer_holds_the_truth_and_its_switches_are_set(answers, na
     assert [one for one in off if not answer.switches[one] < 0.1] == []
     assert answer.diagnostics.effective_sample_size >= 100.0
     assert answer.diagnostics.draws == len(answer.theta) <= answer.diagnostics.simulations
+
+
+BEYOND = {  # what the emulator was trained for: R_max in m, motion, medium
+    "small": (1e-5, "keller-miksis", {}), "large": (3e-3, "keller-miksis", {}), "gilmore": (2e-4, "gilmore", {}),
+    "dense": (2e-4, "keller-miksis", {"density": 2500.0}), "hot": (2e-4, "keller-miksis", {"temperature": 340.0}),
+    "thin": (2e-4, "keller-miksis", {"pressure": 2e4, "surface_tension": 0.0}),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BEYOND)
+def test_bubbles_beyond_the_training_of_the_emulator_are_answered_with_their_truth(name):
+    radius, motion, constants = BEYOND[name]
+    medium = Medium(**constants)
+    viscosity = 0.025 * medium.pressure * medium.time_scale(radius)
+    law, bubble = NeoHookeanKelvinVoigt(0.05 * medium.pressure, viscosity), replace(REAL, motion=motion)
+    about = {"max_radius": radius, "stretch": 7.0, "within": bubble, "medium": medium, "seed": 1}
+    curve = simulated(law, **about, frames=90, noise=0.008, frame=0.045 * medium.time_scale(radius))
+    free = Bubble("kinetic", confinement_inertia="free", confinement_damping="free", motion=motion)
+    answer = infer(curve, material="nhkv", medium=medium, bubble=free, trust_input=True)
+    assert holds(answer, 0.98, shear_modulus=law.shear_modulus, viscosity=viscosity, stretch=7.0)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from cavirheo.arrays import Floats, relative_weights, weighted_covariance
 from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import LARGEST_PULL, elastic_stress, emulator, features, outside
+from cavirheo.inference.emulator import LARGEST_PULL, elastic_stress, emulator, features, unknown, untrained
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
@@ -50,8 +50,8 @@ INSIDE = 1e-3  # least probability between a place and an end of the prior, wher
 
 class ResidualSource:
     """Residuals of one experiment at x (k, d): quickly by the emulator, or by rough simulations where it does not know
-    the bubble (`unknown` says why); and by default simulations. states: of the switches. simulations, failures: how
-    many there have been."""
+    the bubble (`unknown` says why; `untrained` why it may not serve); and by default simulations. states: of the
+    switches. simulations, failures: how many there have been."""
 
     def __init__(self, shot: Experiment, workers: int | None = 1) -> None:
         self.shot, self.prior, self.workers = shot, shot.prior(), workers
@@ -59,7 +59,8 @@ class ResidualSource:
         self.measured = shot.measured[shot.counted]
         self.simulations, self.failures = 0, 0
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
-        self.unknown: str = outside(usual, shot.options.bubble, shot.medium, shot.max_radius)
+        self.unknown: str = unknown(usual, shot.options.bubble, shot.max_radius)
+        self.untrained: str = untrained(shot.options.bubble, shot.medium, shot.max_radius)
 
     def quick(self, x: Floats) -> Floats:
         """Residuals (k, n)."""
@@ -118,8 +119,11 @@ def sampled_answer(
     """The posterior of an experiment; `empty` gives what does not depend on the draws. Raises SolverError: no bubble
     can be simulated."""
     target, noise = ResidualSource(shot, workers), shot.noise(discrepancy)
-    prior, budget = target.prior, SIMULATED if target.unknown else EMULATED
-    all_draws = posterior(target.models(noise), seed, budget)
+    prior = target.prior
+    all_draws = posterior(target.models(noise), seed, SIMULATED if target.unknown else EMULATED)
+    if all_draws.effective < ENOUGH and target.untrained and not target.unknown:
+        target.unknown = target.untrained
+        all_draws = posterior(target.models(noise), seed, SIMULATED)
     weighed = all_draws.solved
     if not len(weighed.x):
         raise SolverError(f"{shot.curve.name}: none of {len(all_draws.x)} likely bubbles can be simulated")
@@ -166,8 +170,8 @@ def sampled_answer(
     found = replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics)
     if effective < ENOUGH:
         return _without_interval(found, best)
-    if effective < budget.effective:
-        rough = Message("interval.rough", {"effective": effective, "usual": budget.effective})
+    if effective < EMULATED.effective:
+        rough = Message("interval.rough", {"effective": effective, "usual": EMULATED.effective})
         found = replace(found, checks=replace(checks, messages=(*checks.messages, rough)))
     if target.too_stiff(weighed):
         return found.without_draws(Message("interval.too_stiff", {"pull": LARGEST_PULL}))

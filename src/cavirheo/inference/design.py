@@ -22,7 +22,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference.answer import INSIDE, ResidualSource
 from cavirheo.inference.assumptions import FREE, Family, Options
-from cavirheo.inference.emulator import emulator, outside
+from cavirheo.inference.emulator import emulator, unknown, untrained
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.sample import expand
 from cavirheo.parallel import run_jobs
@@ -82,9 +82,10 @@ class Draws:
         """The recording of each draw: clock, scale, and free parameters of the bubble are drawn from the prior of
         `infer`. None for a bubble that cannot be. Raises InputError: the emulator does not know them."""
         usual = self.family.material(np.mean(self.law, axis=0))
-        unknown = outside(usual, self.bubble, self.medium, setting.max_radius)
-        require(not unknown, f"design needs bubbles that the emulator knows: {unknown}", "design.unknown")
-        rng, k, top = np.random.default_rng(self.seed), len(self.law), setting.max_radius
+        top = setting.max_radius
+        why = unknown(usual, self.bubble, top) or untrained(self.bubble, self.medium, top)
+        require(not why, f"design needs bubbles that the emulator knows: {why}", "design.unknown")
+        rng, k = np.random.default_rng(self.seed), len(self.law)
         begin = RECORDED_GROWTH * self.medium.time_scale(top)
         time = np.arange(setting.frames) / setting.frame_rate - begin
         meta = {"name": "designed", "frame_rate_hz": setting.frame_rate}
@@ -129,10 +130,7 @@ class Draws:
 def _information(shot: Experiment, x: Floats) -> Floats:
     """Information (l, l) of the frames on the values of the law's parameters over those of the truth x (d,): the
     Gauss-Newton curvature there, less what the other parameters take up under their prior. Walls and vapour count by
-    their value, with the scale of its prior as deviation: the slope of its root hangs on how far away the walls are.
-
-    The emulator also answers where the measured R_max is somewhat smaller than those that it knows, for which `infer`
-    takes simulations."""
+    their value, with the scale of its prior as deviation: the slope of its root hangs on how far away the walls are."""
     target, law = ResidualSource(shot), shot.law_size
     state = target.state(x)
     u = state.to_u(x[None], INSIDE)

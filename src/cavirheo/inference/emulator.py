@@ -10,7 +10,7 @@ T = 0.9147 t_c (1 + 0.41 beta)/sqrt(1 + |S_el(R_max)|/p): there t(s) and R(s) ar
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -32,6 +32,7 @@ RAYLEIGH = 0.9147  # collapse time of an empty bubble in an inviscid liquid, t_c
 LONGER = 0.41  # part by which a confinement inertia of 1 lengthens it
 RADII = np.array([1.0, 0.85, 0.7, 0.55, 0.42, 0.32, 0.24, 0.17, 0.11, 0.07, 0.04])  # R/R_max of the stresses S_el
 RATES = 10.0 ** np.linspace(-1.0, 3.5, 8)  # t_c |U/R| of the viscosities
+LEAST_TENSION = 1e-3  # surface tension, N/m, that stands for a smaller one
 LARGEST_STRESS = 1e3  # S_el/p that stands for a larger one
 LARGEST_PULL = 25.0  # |S_el(R_max)|/p that was trained; of real gels it is at most 5
 FARTHEST = 8.0  # standard deviations from the mean at which an input is cut
@@ -68,8 +69,8 @@ class Bubbles:
     damage_radius: Floats
 
 
-SIZES = (20e-6, 1.5e-3)  # R_max that was trained, m
-LARGEST_INERTIA, LARGEST_EXCESS = 1.0, 0.1  # that were trained: confinement inertia, vapour excess over p
+SIZES, SERVED = (20e-6, 1.5e-3), (1e-6, 4e-3)  # R_max, m, that was trained, and up to which the emulator is tried
+LARGEST_CONFINEMENT, LARGEST_EXCESS = 1.0, 0.1  # that were trained: inertia and damping, vapour excess over p
 CONSTANTS = {  # of the medium that were trained, SI
     "density": (850.0, 1250.0),
     "sound_speed": (1200.0, 2000.0),
@@ -79,19 +80,30 @@ CONSTANTS = {  # of the medium that were trained, SI
 }
 
 
-def outside(material: Material, bubble: Bubble, medium: Medium, max_radius: float) -> str:
-    """Why the emulator does not know such bubbles, in words; "" if it does."""
+def unknown(material: Material, bubble: Bubble, max_radius: float) -> str:
+    """Why the emulator does not know such bubbles, in words; "" if it does, or is near enough to be tried."""
     arms = material.parts().memory
     if len(arms) > 1 or any(
         arm.relaxes_elastic_part or not isinstance(arm, Maxwell | UpperConvectedMaxwell) for arm in arms
     ):
         return "the law has more memory than one Maxwell arm"
-    plain = replace(bubble, damage="none", motion=MOTIONS[0], exponent=None)
-    inertia, excess = bubble.confinement_inertia, bubble.vapour_excess
-    known = isinstance(inertia, str) or 0.0 <= inertia <= LARGEST_INERTIA
-    known &= isinstance(excess, str) or excess <= LARGEST_EXCESS * medium.pressure
-    if replace(bubble, damage="none") != plain or not known:
-        return f"the {bubble.title} has an option that it was not trained for"
+    if bubble.exponent is not None:
+        return "the gas of the bubble is polytropic"
+    if bubble.motion == "rayleigh-plesset":
+        return "the liquid is incompressible"
+    sizes = f"{SERVED[0] * 1e6:g} to {SERVED[1] * 1e6:g} um can be tried"
+    return "" if SERVED[0] <= max_radius <= SERVED[1] else f"R_max is {max_radius * 1e6:.4g} um, and {sizes}"
+
+
+def untrained(bubble: Bubble, medium: Medium, max_radius: float) -> str:
+    """Why the emulator was not trained for such bubbles, in words; "" if it was."""
+    if bubble.motion != MOTIONS[0]:
+        return f"the equation of the wall is that of {bubble.motion.title()}"
+    limits = {"confinement_inertia": LARGEST_CONFINEMENT, "confinement_damping": LARGEST_CONFINEMENT}
+    for name, largest in (limits | {"vapour_excess": LARGEST_EXCESS * medium.pressure}).items():
+        value = getattr(bubble, name)
+        if not isinstance(value, str) and not 0.0 <= value <= largest:
+            return f"the {name.replace('_', ' ')} is {value:.4g}, and 0 to {largest:g} were trained"
     if not SIZES[0] <= max_radius <= SIZES[1]:
         return f"R_max is {max_radius * 1e6:.4g} um, and {SIZES[0] * 1e6:g} to {SIZES[1] * 1e6:g} um were trained"
     for name, (low, high) in CONSTANTS.items():
@@ -146,7 +158,7 @@ def features(bubbles: Bubbles) -> Features:
     rate = bubbles.accommodation * vapour_speed / speed / 14.7  # 14.7: of vapour over U_c in water at 1 atm
     numbers = [
         np.log10(np.full(k, medium.sound_speed / speed)),
-        np.log10(pressure * radius / (2.0 * max(medium.surface_tension, 1e-6))),
+        np.log10(pressure * radius / (2.0 * max(medium.surface_tension, LEAST_TENSION))),
         np.log10(medium.diffusivity / (speed * radius)),
         np.log10(medium.temperature * conductivity / (pressure * radius * speed)),
         np.log10(np.full(k, max(medium.vapour_pressure / pressure, 1e-6))),

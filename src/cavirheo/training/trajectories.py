@@ -15,8 +15,8 @@ from cavirheo.errors import InputError
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import (
     INPUTS,
+    LARGEST_CONFINEMENT,
     LARGEST_EXCESS,
-    LARGEST_INERTIA,
     LARGEST_PULL,
     NODES,
     RADII,
@@ -117,7 +117,7 @@ def draw(rng: np.random.Generator) -> Drawn:
     accommodation = np.where(field, np.inf, _log_uniform(rng, *ACCOMMODATIONS, size))
     damping = rng.random(size) ** 1.5 * (rng.random(size) < np.where(field, 0.2, 0.85))
     inertia, excess = rng.random((2, size)) ** 1.5 * (rng.random((2, size)) < DOMAIN["walled_share"])
-    inertia *= LARGEST_INERTIA
+    inertia *= LARGEST_CONFINEMENT
     excess *= LARGEST_EXCESS * medium.pressure
     modulus = 10.0 ** -(2.0 * rng.random(size)) if damaged else np.ones(size)
     widening = 10.0 ** rng.random(size) if damaged else np.ones(size)
