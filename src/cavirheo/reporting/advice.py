@@ -29,11 +29,12 @@ def answer_lines(
     model, and what to do next. A page has the same lines. out: folder of the documents."""
     refusal = _refusal(group, shots)
     lines = list[tuple[str, list[str]]]()
-    for name, symbol in SYMBOLS.items() if group.has_answer else ():
+    further = () if group.population.switches else group.population.other_parameters  # of a law that was asked for
+    for name in (*SYMBOLS, *further) if group.has_answer else ():
         line, notes = _value_line(result, group, shots, name)
         notes += ["not to be used yet"] if refusal else []
         if line:
-            lines.append((symbol, [*line, f"({'; '.join(notes)})"] if notes else line))
+            lines.append((result.shown(name).symbol, [*line, f"({'; '.join(notes)})"] if notes else line))
     lines.append(("use", [refusal or _use(group, shots)]))
     said = refusal or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
     known = {message.code for message in group.doubts} | ({"group.left_out"} if said else set())
