@@ -89,7 +89,7 @@ def judged(prefix: str, truths: list[Row], rows: list[Row]) -> Iterator[Number]:
             yield statistic(f"{name}.width", [one.width for one in bounded], "decades")
             yield statistic(f"{name}.error", [abs(one.error) for one in mine], "decades")
             yield share(f"{name}.bounds", [one.held for one in mine if one.one_sided])
-        of_family = [one.held for one in every if one.bounded and one.about["law"] != "power-law"]
+        of_family = [one.held for one in every if one.bounded and one.about.get("law") != "power-law"]
         yield coverage(f"{prefix}of_family.{quantity}.{100 * level:.0f}", of_family, level)
     yield statistic(f"{prefix}seconds", [score.number(row.get("seconds")) for row in rows], "s")
 
