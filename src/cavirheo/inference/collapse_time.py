@@ -3,8 +3,8 @@
 The residual of a shot is r = [(t_1/t_RC)^2 (t_RC/t_model)^2 - 1]/2, which is ln(t_1/t_model) near a fit and stays
 finite where the model has no collapse (Zhu et al. 2025, doi:10.1039/D5SM00397K, minimise the same). Huber's loss, with
 its knee at two standard deviations of the residuals (from their median absolute value), limits the effect of a few
-wrong t_1. The residuals are nearly linear in G and mu: the intervals are those of the values at which the sum of
-squares, by the derivatives at the answer, stays below Student's limit.
+wrong t_1. The residuals are nearly linear in G and mu: the intervals are Student's, from the derivatives at the answer,
+cut at the ends of the ranges.
 
 `exact` fits the analytic model to times that are divided by the ratio of simulated to analytic ones at the answer,
 until this ratio stays as it is.
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,7 @@ from pydantic import Field
 from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
-from cavirheo.arrays import Bools, Floats
+from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError, require
 from cavirheo.parameters import Bound
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
@@ -32,7 +33,7 @@ from cavirheo.writing.document import Finite, Quantity, Record
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
 LARGEST = np.array([1e6, 10.0])  # G in Pa, mu in Pa s
 _UNITS = np.array([1e4, 0.1])  # of G and mu in the fit, which begins there
-_ROUNDS, _KNEE = 8, 2.0  # of Huber's loss, and its knee in standard deviations
+_ROUNDS, _KNEE = 5, 2.0  # of Huber's loss, and its knee in standard deviations
 _FLOOR = 1e-5  # relative scatter of t_1: a smaller one is that of rounding
 _EQUAL_TIME = 5e-4  # relative difference of t_1 within which values are equally good if the shots show no scatter
 _MAX_SCATTER = 0.03  # largest usual scatter of t_1: gels have 1.2 %
@@ -129,6 +130,15 @@ def estimate(
     return _answer(_corrected(problem), []) if exact else _answer(problem, _poor(problem))
 
 
+class _Best(NamedTuple):
+    """values: (2,) G and mu. residual: (n,). slopes: (n, fitted) of the residuals; 0 beyond the knee."""
+
+    values: Floats
+    residual: Floats
+    slopes: Floats
+    knee: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """n shots. fixed: (2,) G and mu that are given; NaN where it is fitted. correction: (n,) of the times of the
@@ -141,59 +151,37 @@ class _Problem:
     fixed: Floats
     correction: Floats
 
-    @property
-    def free(self) -> Bools:
-        """(2,) which of G and mu are fitted."""
-        return np.isnan(self.fixed)
-
     def time(self, values: Floats) -> Floats:
         """(n,) t_1 at G and mu, s; infinite without a collapse."""
         return self.correction * analytic_time(self.max_radius, self.stretch, values[0], values[1], self.medium)
 
-    def residuals(self, values: Floats) -> Floats:
-        """(n,) at G and mu."""
-        inverse = inverse_square(self.max_radius, self.stretch, values[0], values[1], self.medium)
-        ratio = self.measured / self.correction / rayleigh_time(self.max_radius, self.medium)
-        return np.asarray((ratio**2 * inverse - 1) / 2)
-
-    def slopes(self, values: Floats) -> Floats:
-        """(n, fitted) derivatives of the residuals at G and mu."""
-        steps = np.diag(1e-4 * _UNITS)[self.free]
-        return np.transpose([(self.residuals(values + step) - self.residuals(values)) / step.sum() for step in steps])
-
     @cached_property
-    def best(self) -> tuple[Floats, Floats]:
-        """G and mu, and Huber's weights (n,); few shots do not show which one is wrong."""
-        weight = np.ones(len(self.measured))
-        values = self.fitted(weight)
-        for _ in range(_ROUNDS if len(weight) > np.count_nonzero(self.free) + 2 else 0):
-            off = np.abs(self.residuals(values))
-            knee = _KNEE * max(1.4826 * float(np.median(off)), _FLOOR)
-            weight = knee / np.maximum(off, knee)
-            values = self.fitted(weight)
-        return values, weight
-
-    def fitted(self, weight: Floats) -> Floats:
-        """G and mu of the least sum of squares with weights (n,)."""
-        values = np.where(self.free, 0.0, self.fixed)
-        unit = _UNITS[self.free]
+    def best(self) -> _Best:
+        """Where Huber's loss is least; of few shots the sum of squares: they do not show which one is wrong."""
+        values, free = self.fixed.copy(), np.isnan(self.fixed)
+        unit = _UNITS[free]
+        ratio = self.measured / self.correction / rayleigh_time(self.max_radius, self.medium)
 
         def residuals(x: Floats) -> Floats:
-            values[self.free] = x * unit
-            return np.sqrt(weight) * self.residuals(values)
+            values[free] = x * unit
+            inverse = inverse_square(self.max_radius, self.stretch, values[0], values[1], self.medium)
+            return np.asarray((ratio**2 * inverse - 1) / 2)
 
-        ends = np.zeros(len(unit)), LARGEST[self.free] / unit
-        found = least_squares(residuals, np.ones(len(unit)), bounds=ends, ftol=1e-12, xtol=1e-12, gtol=1e-12)
-        values[self.free] = found.x * unit
-        return values
+        options: dict[str, Any] = {"bounds": (np.zeros(len(unit)), LARGEST[free] / unit)}
+        options |= dict.fromkeys(("ftol", "xtol", "gtol"), 1e-12)
+        found, knee = least_squares(residuals, np.ones(len(unit)), **options), np.inf
+        for _ in range(_ROUNDS if len(ratio) > len(unit) + 2 else 0):
+            knee = _KNEE * max(1.4826 * float(np.median(np.abs(found.fun))), _FLOOR)
+            found = least_squares(residuals, found.x, loss="huber", f_scale=knee, **options)
+        return _Best(values, residuals(found.x), found.jac / unit, knee)
 
 
 def _corrected(problem: _Problem) -> _Problem:
     """With the ratio of simulated to analytic times at the answer to which it leads. Raises SolverError."""
     for _ in range(_EXACT_ROUNDS):
-        (G, mu), _ = problem.best
+        G, mu = values = problem.best.values
         simulated = simulated_time(problem.max_radius, problem.stretch, G, mu, problem.medium)
-        correction = simulated / problem.time(np.array([G, mu])) * problem.correction
+        correction = simulated / problem.time(values) * problem.correction
         if not np.all(np.isfinite(correction) & (correction > 0)):
             raise SolverError(f"a bubble in {G:.3g} Pa and {mu:.2g} Pa s has no collapse")
         change = np.max(np.abs(correction / problem.correction - 1))
@@ -205,19 +193,24 @@ def _corrected(problem: _Problem) -> _Problem:
 
 def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
     """The estimate of a problem, with these and further messages."""
-    values, weight = problem.best
-    residual, slopes = problem.residuals(values), problem.slopes(values)
-    n, free = len(residual), len(residual) - slopes.shape[1]
-    scatter, reach = None, _EQUAL_TIME
+    values, residual, slopes, knee = problem.best
+    n, fitted = slopes.shape
+    scatter, reach, free = None, _EQUAL_TIME, n - fitted
     if free > 0:
-        scatter = float(np.sqrt(np.sum((weight * residual) ** 2) / free) / np.mean(weight == 1.0))
-        reach = float(stdtrit(free, 0.95)) * max(scatter, _FLOOR)
-    ends = _ends(values, slopes / reach, problem.free)
-    G, mu = (_quantity(values[i], ends[i], LARGEST[i], problem.free[i], free > 0) for i in (0, 1))
-    found = CollapseEstimate(shear_modulus_Pa=G, viscosity_Pa_s=mu, scatter=scatter)
+        inside = np.mean(np.abs(residual) <= knee)
+        size = float(np.sqrt(np.sum(np.minimum(np.abs(residual), knee) ** 2) / free))
+        scatter = size / float(inside)
+        reach = float(stdtrit(free, 0.95)) * max(size / float(np.sqrt(inside)), _FLOOR)
+    estimated = np.isnan(problem.fixed)
+    # nothing is known beyond the ranges
+    covariance = np.linalg.inv(slopes.T @ slopes / reach**2 + np.diag(LARGEST[estimated] ** -2))
+    half = np.zeros(2)
+    half[estimated] = np.sqrt(np.diag(covariance))
+    ends = np.clip([values - half, values + half], 0.0, LARGEST)
+    G, mu = (_quantity(values[i], ends[:, i], LARGEST[i], estimated[i], free > 0) for i in (0, 1))
     model = problem.time(values) / rayleigh_time(problem.max_radius, problem.medium)
-    found.model = list(model)
-    if problem.free[0] and G.median is not None:
+    found = CollapseEstimate(shear_modulus_Pa=G, viscosity_Pa_s=mu, scatter=scatter, model=list(model))
+    if estimated[0] and G.median is not None:
         found.modulus_per_percent_Pa = float(np.linalg.lstsq(slopes, np.full(n, -0.01))[0][0])
     if G.median is None and mu.median is None:
         why = "one collapse time is one relation between G and µ: add shots of other R_max, or give --viscosity"
@@ -230,18 +223,6 @@ def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
         messages.append(f"{np.sum(np.isinf(model))} shots have no collapse in the model")
     found.message = "; ".join(messages)
     return found
-
-
-def _ends(values: Floats, slopes: Floats, free: Bools) -> Floats:
-    """(2, 2) ends of G and mu where the sum of squares is at most 1 above that at their best values, and the other one
-    is not negative. slopes: (n, fitted) derivatives of the residuals."""
-    information = slopes.T @ slopes + np.diag(LARGEST[free] ** -2)  # nothing is known beyond the ranges
-    angle, radius = np.linspace(0.0, 2.0 * np.pi, 361), np.linspace(0.0, 1.0, 41)[:, None]
-    disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)]).reshape(2, -1)
-    region = np.tile(values[:, None], disc.shape[1])
-    region[free] += np.linalg.cholesky(np.linalg.inv(information)) @ disc[: np.count_nonzero(free)]
-    own = region[0, region[1] >= 0.0], region[1, region[0] >= 0.0]
-    return np.array([np.clip([np.min(each), np.max(each)], 0.0, most) for each, most in zip(own, LARGEST, strict=True)])
 
 
 def _quantity(value: float, ends: Floats, most: float, fitted: bool, interval: bool) -> Quantity:
@@ -262,7 +243,7 @@ def _quantity(value: float, ends: Floats, most: float, fitted: bool, interval: b
 
 def _poor(problem: _Problem) -> list[str]:
     """A message if the analytic model is known to be inaccurate for these shots."""
-    inverse_re = problem.best[0][1] * problem.medium.velocity_scale / (problem.medium.pressure * problem.max_radius)
+    inverse_re = problem.best.values[1] * problem.medium.velocity_scale / (problem.medium.pressure * problem.max_radius)
     count = np.count_nonzero((inverse_re > 1 / _GOOD_RE) | (problem.stretch < _GOOD_STRETCH))
     where = f"Re < {_GOOD_RE:g} or lambda < {_GOOD_STRETCH:g}, {count} of {len(problem.measured)} shots"
     return [f"the analytic model is poor here ({where}): use exact"] if count else []
