@@ -149,19 +149,14 @@ class BubbleOptions:
         return {"confinement_inertia": 0.0, **values} if wall else values
 
     @property
-    def bubbles(self) -> "tuple[Bubble, ...] | None":
-        """The named bubbles, each with each damage and the given values; None if no option is given.
-
-        Raises InputError: an unknown name, or impossible values.
-        """
-        from cavirheo.physics.bubble import bubbles_of
+    def full_bubble(self) -> "Bubble | None":
+        """The named bubble with the given values; None if no option is given. Raises InputError: impossible values."""
+        from cavirheo.physics.bubble import bubble_of
 
         values = self.bubble_values
         if self.bubble is None and not values and self.damage == "none":
             return None
-        named = [bubble for name in (self.bubble or "real").split(",") for bubble in bubbles_of(name.strip())]
-        damages = [word.strip() for word in self.damage.split(",")]
-        return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in named for damage in damages)
+        return replace(bubble_of(self.bubble or "real"), **{**values, "damage": self.damage})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +202,7 @@ class Settings(Liquid, BubbleOptions):
         """The settings of `analysis`. Raises InputError."""
         from cavirheo.inference.analysis import Analysis
 
-        return shared_values(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid}
+        return shared_values(self, Analysis) | {"bubble": self.full_bubble, "medium": self.liquid}
 
     @property
     def analysis(self) -> "Analysis":

@@ -26,7 +26,7 @@ from cavirheo.inference.design import (
     shots_wanted,
 )
 from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, STRETCH_RANGE, require_name
-from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
+from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
 from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.reporting.record import Result, StoredMedium, log_ends, read_json
 from cavirheo.writing import digits, terminal
@@ -53,7 +53,7 @@ class Rig:
         bubble: "real", "field" or a `Bubble`, whose free parameters are drawn at random.
 
     Raises:
-        InputError: a number out of its domain, no such law or medium, or several bubbles.
+        InputError: a number out of its domain or no such law, medium or bubble.
     """
 
     max_radius: Sequence[float] = (50e-6, 400e-6)
@@ -67,11 +67,7 @@ class Rig:
     def __post_init__(self) -> None:
         Family(self.material)
         medium(self.medium)
-        bubbles = bubbles_of(self.bubble)
-        if len(bubbles) > 1:
-            message = f"design is about one bubble, got {', '.join(bubble.name for bubble in bubbles)}"
-            raise InputError(message, "option.bubble")
-        Options(bubble=bubbles[0])
+        Options(bubble=bubble_of(self.bubble))
         radii = self.max_radius
         if len(radii) != 2 or not 0 < radii[0] <= radii[1]:
             message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
@@ -220,7 +216,7 @@ def design(
     before = _known(known, group, family, _log_ranges(family, ranges or {}))
     low, high = np.transpose(list(before.ends.values()))
     logs = low + (high - low) * Halton(len(low), seed=seed).random(DRAWS)  # few of its points cover the ranges
-    (bubble,) = bubbles_of(rig.bubble)
+    bubble = bubble_of(rig.bubble)
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
     settings, covariance = rig.settings(), np.diag((high - low)[:-1] ** 2 / 12.0)
     what = covariance, np.diag(before.spreads**2), family.parameters, np.log10(1.0 + wanted)

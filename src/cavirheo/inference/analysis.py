@@ -36,7 +36,7 @@ from cavirheo.inference.reconstruction import ANALYSIS_ERRORS
 from cavirheo.messages import Message
 from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread
 from cavirheo.parameters import LOG10, units
-from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
+from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
 from cavirheo.physics.media import CONSTANTS, WATER, Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior
@@ -126,10 +126,7 @@ class Analysis:
             message = f"the model {name} answers {usual}: leave out material {self.material!r}, or the model"
             require(self.material in (None, usual), message, "option.material")
         settings["material"] = self.material or usual
-        bubbles = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
-        message = f"an answer is of one bubble, real or field, got {len(bubbles)}: which_law compares several"
-        require(len(bubbles) == 1, message, "option.bubble")
-        (settings["bubble"],) = bubbles
+        settings["bubble"] = bubble_of(("field" if point else "real") if self.bubble is None else self.bubble)
         if self.free is None:
             settings["free"] = FREE_BY_DEFAULT if self.method == "fit" else tuple(FREE)
         if self.method == "fit":

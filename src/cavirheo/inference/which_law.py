@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,11 @@ from scipy.special import softmax
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve, as_curves
 from cavirheo.errors import require
-from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.assumptions import Family
 from cavirheo.inference.population import Population, population
-from cavirheo.physics.bubble import Requested, bubbles_of
 from cavirheo.posterior import Evidence, Pair, Posterior
 
+DECISIVE = 3.0  # log evidence (a factor of 20) by which a law must be larger to be preferred; below, it is possible
 DISTRUSTED = 1.0  # standard error of a log evidence if its weights are not to be trusted
 
 
@@ -76,9 +74,18 @@ class Ranking:
 
     @property
     def contenders(self) -> list[str]:
-        """The laws that the evidence does not reject, the simplest first (`alternatives.contenders`)."""
-        laws, sizes = list(self.answers), [len(answers[0].names) for answers in self.answers.values()]
-        return [laws[i] for i in contenders(list(self.evidence.values()), sizes)]
+        """The laws that the evidence does not reject, those with the fewest parameters first. Their log evidence is
+        below the largest one by no more than DECISIVE plus the standard error of the difference."""
+        known = {law: evidence for law, evidence in self.evidence.items() if evidence}
+        if not known:
+            return []
+        top = max(known.values(), key=lambda evidence: evidence.log)
+        close = [
+            law
+            for law, evidence in known.items()
+            if evidence is top or top.log - evidence.log <= DECISIVE + np.hypot(evidence.error or 0.0, top.error or 0.0)
+        ]
+        return sorted(close, key=lambda law: (len(self.answers[law][0].names), -known[law].log))
 
     @property
     def chosen(self) -> str | None:
@@ -110,43 +117,33 @@ class Ranking:
         return {law: population(answers[law], names=names, only_trusted=False) for law in laws}
 
 
-def plans(laws: Sequence[str], bubble: Requested = "real", **options: Any) -> dict[str, Analysis]:
-    """The analysis that gives the evidence of every law with every bubble, by its name in a ranking: "nhkv", or "nhkv,
-    real" if there are several bubbles. A law without an elastic part is not combined with damage.
+def plans(laws: Sequence[str], **options: Any) -> dict[str, Analysis]:
+    """The analysis that gives the evidence of every law.
 
-    `options` are those of an `Analysis`. Raises InputError: fewer than two models, a model twice, an unknown law, or a
+    `options` are those of an `Analysis`. Raises InputError: fewer than two laws, a law twice, an unknown law, or a
     setting out of its domain.
     """
-    laws, bubbles = [laws] if isinstance(laws, str) else laws, bubbles_of(bubble)
-    words = ", ".join([*laws, *(bubble.name for bubble in bubbles)]) or "none"
-    message = f"give two or more different models to choose from, got {words}"
-    distinct = all(len(set(choices)) == len(choices) > 0 for choices in (laws, bubbles))
-    found: dict[str, Analysis] = {}
-    for law, one in product(laws, bubbles) if distinct else ():
-        if Family(law).elastic or one.damage == "none":
-            name = f"{law}, {one.name}" if len(bubbles) > 1 else law
-            found[name] = Analysis("infer", material=law, bubble=one, **options)
-    require(len(found) >= 2, message, "option.laws")
-    return found
+    laws = [laws] if isinstance(laws, str) else laws
+    message = f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}"
+    require(len({*laws}) == len(laws) > 1, message, "option.laws")
+    return {law: Analysis("infer", material=law, **options) for law in laws}
 
 
 def rank_laws(
     curves: Sequence[RadiusCurve],
     laws: Sequence[str],
     *,
-    bubble: Requested = "real",
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
-    """The ranking of laws for each curve, and for each group of two or more. bubble: as of `infer`; each law is taken
-    with each of several bubbles.
+    """The ranking of laws for each curve, and for each group of two or more.
 
-    `options` and errors are those of `plans`. `done` is called with the index of the curve and the answer of each law
-    as it is found.
+    `options` (those of `infer` but model and material) and errors are those of `plans`. `done` is called with the index
+    of the curve and the answer of each law as it is found.
     """
     curves = as_curves(curves)
-    analyses = plans(laws, bubble, **options)
+    analyses = plans(laws, **options)
     return ranked(curves, {law: analysis.run(curves, workers, done) for law, analysis in analyses.items()})
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import Any
 
 from cavirheo.errors import InputError, brief
 from cavirheo.parameters import NOT_NEGATIVE, Domain, check, domain
@@ -168,19 +167,17 @@ class Bubble:
 FIELD = Bubble()
 REAL = Bubble("kinetic", confinement_inertia=FREE, confinement_damping=FREE)
 BUBBLES = {"real": REAL, "field": FIELD}
-AUTO = "auto"  # both, and the evidence chooses
-Requested = Bubble | str | Sequence[Bubble]
+Requested = Bubble | str
 
 
-def bubbles_of(requested: Requested) -> tuple[Bubble, ...]:
-    """One bubble, or several among which the evidence chooses, from "real", "field", "auto", a Bubble or several.
+def bubble_of(requested: Requested) -> Bubble:
+    """The bubble of a name, "real" or "field", or a Bubble itself.
 
     Raises:
-        InputError: none of these.
+        InputError: neither of these.
     """
-    bubbles: Any = {**BUBBLES, AUTO: (FIELD, REAL)}.get(requested) if isinstance(requested, str) else requested
-    bubbles = (bubbles,) if isinstance(bubbles, Bubble) else bubbles
-    if not (isinstance(bubbles, Sequence) and bubbles and all(isinstance(each, Bubble) for each in bubbles)):
-        message = f"bubble must be {', '.join(BUBBLES)}, {AUTO} or a Bubble, got {brief(requested)}"
+    bubble = BUBBLES.get(requested) if isinstance(requested, str) else requested
+    if not isinstance(bubble, Bubble):
+        message = f"bubble must be {', '.join(BUBBLES)} or a Bubble, got {brief(requested)}"
         raise InputError(message, "option.bubble")
-    return tuple(dict.fromkeys(bubbles))
+    return bubble

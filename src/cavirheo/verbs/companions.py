@@ -154,7 +154,7 @@ class Design(options.Verb, settings.Liquid, settings.BubbleOptions):
             noise=0.01 * self.noise_percent,
             material=self.material,
             medium=self.liquid,
-            bubble=self.bubbles or "real",
+            bubble=self.full_bubble or "real",
         )
         ranges = {name: ends for name in ("shear_modulus", "viscosity", "stretch") if (ends := getattr(self, name))}
         outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])

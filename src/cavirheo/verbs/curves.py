@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cavirheo import settings
 from cavirheo.errors import InputError
-from cavirheo.settings import BUBBLE, INPUT, INTERVAL, argument, option
+from cavirheo.settings import INPUT, INTERVAL, argument, option
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
-_BUBBLES = option("real, field, or both with a comma")
-_DAMAGES = "softening of the gel: none, strain, or both with a comma"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,8 +118,6 @@ class WhichLaw(_ReportVerb):
 
     laws: Annotated[str, option("two or more laws, with commas")] = _LAWS
     exact_law: settings.ExactLaw = False
-    bubble: Annotated[str, _BUBBLES] = "real"  # type: ignore[assignment]
-    damage: Annotated[str, option(_DAMAGES, BUBBLE)] = "none"  # type: ignore[assignment]
     out: options.Out = Path("cavirheo-laws")
 
     @property
@@ -129,9 +125,7 @@ class WhichLaw(_ReportVerb):
         from cavirheo.inference.which_law import plans
 
         laws = [name.strip() for name in self.laws.split(",") if name.strip()]
-        shared = self.analysis_options
-        bubbles = shared.pop("bubble")
-        return plans(laws, bubbles, **shared, discrepancy=not self.exact_law)
+        return plans(laws, **self.analysis_options, discrepancy=not self.exact_law)
 
     def choose(
         self, curves: Sequence[RadiusCurve], answers: Mapping[str, list[Posterior]]

@@ -138,9 +138,9 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
 
     def make_bubble(self) -> Bubble:
         """Return the bubble of the options, by default the field's. Raises InputError."""
-        from cavirheo.physics.bubble import ACCOMMODATION, Damage, bubbles_of
+        from cavirheo.physics.bubble import ACCOMMODATION, Damage, bubble_of
 
-        (base,) = bubbles_of(self.bubble or "field")
+        base = bubble_of(self.bubble or "field")
         kinetic = (self.contents or base.contents) == "kinetic"
         if self.accommodation is not None and not kinetic:
             raise InputError("--accommodation changes nothing without --contents kinetic: give both", "simulate.idle")

@@ -11,7 +11,6 @@ import numpy as np
 
 from cavirheo.arrays import Floats, at_levels
 from cavirheo.errors import expect, expect_whole, require
-from cavirheo.inference.alternatives import model_of
 from cavirheo.inference.answer import sensitivity_to_scale
 from cavirheo.inference.population.heaps import two_heaps
 from cavirheo.inference.population.hierarchy import MaterialPosterior
@@ -118,11 +117,12 @@ def _select_likelihoods(
         elif len(answer.theta) < 2:
             why[i] = "other_switches"
     usable = [i for i in range(len(answers)) if i not in why]
-    counts = Counter(map(model_of, (answers[i] for i in usable)))
+    models = {i: (answers[i].material, answers[i].bubble.name) for i in usable}
+    counts = Counter(models.values())
     most = max(counts, key=lambda model: counts[model], default=None)
     likelihoods: dict[int, Likelihood] = {}
     for i in usable:
-        if model_of(answers[i]) != most:
+        if models[i] != most:
             why[i] = "other_model"
         elif (shot := _likelihood(answers[i])) is None:
             why[i] = "no_interval" if answers[i] is own[i] else "other_switches"
