@@ -13,6 +13,7 @@ from cavirheo import load, population
 from cavirheo.app import words
 from cavirheo.app.session import Answers
 from cavirheo.reporting import result, write_report
+from cavirheo.reporting.advice import answer_lines
 from cavirheo.reporting.citation import methods_paragraph
 from cavirheo.reporting.comparison import comparison_table
 from cavirheo.reporting.screen import print_result
@@ -73,3 +74,21 @@ def test_all_outputs_of_a_run_say_the_same_number_and_a_bound_has_none(pairs, ru
             assert row[column] == ("" if made.bound(name) else repr(made.median(name)))
             assert row[f"{column}_bound"] == (made.bound(name) or "")
             assert float(row[f"{column}_q95"]) == made.interval(name)[1]
+
+
+def test_an_asked_for_law_shows_all_its_parameters():
+    rng, pairs, names = np.random.default_rng(4), [], ("log10_exponent", "log10_reference_viscosity")
+    ranges = dict.fromkeys(names, (-4.0, 1.0))
+    for k in range(5):
+        curve = bubble(f"gel[{k}]", "gel", "gel.csv", top=2e-4 + 1e-5 * rng.standard_normal())
+        made = answer(curve, draws=400, material="power-law")
+        theta = np.array([-0.4, -1.7]) + 0.03 * rng.standard_normal((400, 2))
+        made = replace(
+            made, names=names, units=("1", "Pa s"), theta=theta, prior=ranges, method="verified", curve=curve
+        )
+        pairs.append((curve, made))
+    document = result(pairs, COMMAND)
+    (group, shots), *_ = document.rows_by_group()
+    lines = dict(answer_lines(document, group, shots))
+    assert float(lines["n"][0].split()[0]) == pytest.approx(10.0**-0.4, rel=0.05)
+    assert float(lines["µ_ref"][0].split()[0]) == pytest.approx(10.0**-1.7, rel=0.05)

@@ -8,8 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cavirheo.messages import heaps_in_words
+from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.reporting.documents import DECIDING_SHARE
-from cavirheo.reporting.record import SYMBOLS, CurveRecord, GroupRecord, Result
+from cavirheo.reporting.record import SYMBOLS, CurveRecord, GroupRecord, PopulationRecord, Result
+from cavirheo.reporting.table import parameters_of
 from cavirheo.writing import digits
 
 _LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on these should be measured better
@@ -29,8 +31,7 @@ def answer_lines(
     model, and what to do next. A page has the same lines. out: folder of the documents."""
     refusal = _refusal(group, shots)
     lines = list[tuple[str, list[str]]]()
-    further = () if group.population.switches else group.population.other_parameters  # of a law that was asked for
-    for name in (*SYMBOLS, *further) if group.has_answer else ():
+    for name in (*SYMBOLS, *_further(group.population)):
         line, notes = _value_line(result, group, shots, name)
         notes += ["not to be used yet"] if refusal else []
         if line:
@@ -45,6 +46,16 @@ def answer_lines(
         lines.append(("model", [model_in_words(group.population.switches)]))
     lines.append(("next", [next_step(result, group, shots, out)]))
     return lines
+
+
+def _further(population: PopulationRecord) -> list[str]:
+    """The parameters beside G and mu of a law that was asked for; the stiffening of the default family is told by the
+    probability of its switch."""
+    if "liquid" in population.switches:
+        return []
+    known = [name for name in parameters_of([population]) if name not in (*SYMBOLS, VISCOSITY_AT_RATE)]
+    alone = population.other_parameters.keys() & {"reference_viscosity"} and not population.main("viscosity").known
+    return ["reference_viscosity", *known] if alone else known
 
 
 def badge_of(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:

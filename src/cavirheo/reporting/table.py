@@ -12,7 +12,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parameters import BUBBLE, VISCOSITY_AT_RATE, column_name, is_law_parameter
 from cavirheo.physics.media import WATER
-from cavirheo.reporting.record import MAIN_FIELDS, CurveRecord, Result
+from cavirheo.reporting.record import MAIN_FIELDS, CurveRecord, ParameterValues, Result
 from cavirheo.writing import digits, terminal
 
 _ENDS = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}  # columns of a quantity in CSV
@@ -45,7 +45,7 @@ def meaning_of(name: str) -> str:
     return f"{digits.shown(name).si or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
 
 
-def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
+def parameters_of(records: Sequence[ParameterValues]) -> list[str]:
     """Law parameters that are known in these records, G and µ first; a reference viscosity only with a yield stress."""
     names = dict.fromkeys([*MAIN_FIELDS, *(name for record in records for name in record.other_parameters)])
     inferred = [name for name in names if any(record.value(name).known for record in records)]
