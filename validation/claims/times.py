@@ -1,4 +1,4 @@
-"""From start to answer: one simulated shot, and 20 in one call on all cores; what a new user waits for.
+"""From start to answer: one simulated shot, and 20 in one call on all cores and on one; what a new user waits for.
 
 Seconds are those of the clock, which the load of the machine makes longer; ratios are of one run. The part `newcomer`
 installs the package in an empty environment, as README says, and runs where it is named alone: it takes minutes and
@@ -59,6 +59,9 @@ def measure(run: Run) -> Iterator[Number]:
         alone = [seconds(lambda one=one, m=material: infer_many([one], material=m, trust_input=True)) for one in made]
         yield statistic(f"{law}.seconds", alone, "s", seed=STREAM)
         yield statistic(f"{law}.seconds.95", alone, "s", partial(np.quantile, q=0.95), STREAM)
-    together = [seconds(lambda: infer_many(made, trust_input=True)) for _ in range(run.count(1, 5))]
+    together, on_one = (
+        [seconds(lambda n=n: infer_many(made, trust_input=True, workers=n)) for _ in range(run.count(1, 5))]
+        for n in (None, 1)
+    )
     yield statistic("twenty.seconds", together, "s", seed=STREAM)
-    yield statistic("twenty.ratio", np.array(together) / np.sum(alone), "1", seed=STREAM)
+    yield statistic("twenty.ratio", np.array(together) / np.array(on_one), "1", seed=STREAM)
