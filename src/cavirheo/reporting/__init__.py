@@ -1,4 +1,4 @@
-"""Reports of posteriors: a terminal table, result.json, result.csv and report.html."""
+"""The report of a run: its files, result.json, result.csv and report.html, and which pictures are in it."""
 
 from __future__ import annotations
 

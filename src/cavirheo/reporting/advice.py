@@ -1,5 +1,5 @@
 """The answer of a group in words, for the terminal and the report: G and mu, whether to use them, what could be wrong,
-which model, and what to do next."""
+which model, and the command of the line `next`."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import (
+    CONSTANTS,
     INPUTS,
     LARGEST_CONFINEMENT,
     LARGEST_EXCESS,
@@ -22,6 +23,7 @@ from cavirheo.inference.emulator import (
     RADII,
     RATES,
     S_END,
+    SIZES,
     STRETCHING,
     Bubbles,
     features,
@@ -44,7 +46,7 @@ DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and wher
     "largest_stress": LARGEST_PULL,  # |S_el(R_max)|/p
     "largest_viscosity": 8.0,  # over p t_c
     "stretch": [1.05, 40.0, 1.5, 14.0],  # ends of the range, and of the usual one
-    "max_radius": [20e-6, 1500e-6, 60e-6, 500e-6],  # m, likewise
+    "max_radius": [*SIZES, 60e-6, 500e-6],  # m, likewise
     "accommodation": [0.01, 1.0],
     "field_share": 0.22,  # of the bubbles have equilibrium contents
     "walled_share": 0.5,  # of the bubbles have confinement inertia, and as many vapour above saturation
@@ -95,11 +97,10 @@ def draw_medium(rng: np.random.Generator, usual: bool) -> Medium:
     if usual or rng.random() < 0.55:
         near = rng.uniform([940.0, 1400.0, 0.04, 80e3, 288.0], [1120.0, 1750.0, 0.078, 107e3, 313.0]).tolist()
         return Medium(*near)
-    pressure = float(_log_uniform(rng, 50e3, 50e6, 1)[0])
-    density, speed, tension, temperature = rng.uniform(
-        [850.0, 1200.0, 0.015, 278.0], [1250.0, 2000.0, 0.08, 325.0]
-    ).tolist()
-    return Medium(density, speed, tension, pressure, temperature)
+    pressure = float(_log_uniform(rng, *CONSTANTS["pressure"], 1)[0])
+    others = [name for name in CONSTANTS if name != "pressure"]
+    values = rng.uniform(*zip(*(CONSTANTS[name] for name in others), strict=True)).tolist()
+    return Medium(pressure=pressure, **dict(zip(others, values, strict=True)))
 
 
 def draw(rng: np.random.Generator) -> Drawn:

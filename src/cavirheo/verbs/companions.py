@@ -1,4 +1,4 @@
-"""`cavirheo compare`, `rheometer`, `collapse-time` and `design`: other methods beside `infer`, and the next shot."""
+"""`cavirheo compare`, `rheometer`, `collapse-time`, `design`: other methods beside `infer`, and the next experiment."""
 
 from __future__ import annotations
 
