@@ -15,7 +15,7 @@ from cavirheo.companions.collapse_times import CollapseTimes, read_table
 from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
-from cavirheo.posterior import Checks, Diagnostics
+from cavirheo.posterior import Checks
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
@@ -90,7 +90,7 @@ def answer(curve, G=6100.0, mu=0.021, *, draws=1, verdict="ok", message="", mate
     names = NAMES if material == "nhkv" else NAMES[1:]
     centre = np.log10([G, mu])[-len(names) :]
     theta = centre + (0.05 * rng.standard_normal((draws, len(names))) if draws > 1 else 0.0) * np.ones((draws, 1))
-    about: dict[str, Any] = {"stretch": stretch, "diagnostics": Diagnostics(stretch_source="fitted"), "seconds": 0.4}
+    about: dict[str, Any] = {"stretch": stretch, "seconds": 0.4}
     units = ("Pa", "Pa s")[-len(names) :]
     return Posterior(names, units, theta, checks, material, "bdt", {"model": "bdt-viscoelastic"}, **about)
 

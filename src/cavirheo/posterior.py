@@ -148,7 +148,6 @@ class Diagnostics:
     """How an answer was computed and how reliable its interval is; None or empty if the method has no such value.
 
     Attributes:
-        stretch_source: origin of the stretch: "given", "fitted", ...
         at_bound: clock, scale and R_max factor that are at an end of their priors, and other parameters that are at
             an end beyond which there is physics.
         frames_left_out: number of frames that are not used: spikes, and a rise as by another bubble.
@@ -164,7 +163,6 @@ class Diagnostics:
             of a gel that most probably stiffens, whose G is that of small strains.
     """
 
-    stretch_source: str = ""
     at_bound: tuple[str, ...] = ()
     frames_left_out: int | None = None
     draws: int | None = None

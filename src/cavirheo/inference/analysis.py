@@ -254,8 +254,7 @@ class Analysis:
         stretch: Any = None if self.stretch == "free" else self.stretch
         values = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
         values["checks"] = warned(values["checks"], curve_warnings(curve, medium), self.trust_input)
-        provenance = {**empty.provenance, **values.pop("provenance", {})}
-        return replace(empty, **values, provenance=provenance)
+        return replace(empty, **values)
 
     def _stated(self, curve: RadiusCurve, medium: Medium) -> Iterator[Message]:
         """What the file states of medium and stretch, and whether it is used."""

@@ -150,7 +150,6 @@ def sampled_answer(
     messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
     messages += shot.messages
     diagnostics = Diagnostics(
-        stretch_source=shot.stretch_source(),
         at_bound=(*(name for name in pulled if name in CAMERA), *at_ends),
         frames_left_out=int(np.count_nonzero(~shot.counted)),
         draws=len(weighed.x),
@@ -164,7 +163,6 @@ def sampled_answer(
         secant_modulus=secant_modulus(shot, weighed) if found.switches.get("stiffening", 0.0) > 0.5 else (),
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
-    provenance |= noise.describe(weighed.residuals[best])
     checks = shot.checks(weighed.x[best], verdict, messages)
     checks = replace(checks, predicted_over_rmax=predicted(shot, noise, weighed, best, checks, seed))
     found = replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics)

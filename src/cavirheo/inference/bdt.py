@@ -30,7 +30,6 @@ from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, STRETCH_RANGE, natural_name, to_natural, to_prior_scale
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import Diagnostics
 
 MODULUS = "shear_modulus"
 MIN_SAMPLES = 0.9  # least share of the network's samples inside the recording; the others repeat the last one
@@ -182,9 +181,8 @@ def read_values(
         curve = replace(curve, radius=radius)
     theta, values, missing = shot_values(network, curve, medium)
     view = network_window(network, curve, medium, collapses)
-    material, source = MATERIALS[problem.material_name](**values), "given"
-    if not stretch:
-        stretch, source = fit_stretch(view, material, medium), "fitted to the curve with the G and mu of the answer"
+    material = MATERIALS[problem.material_name](**values)
+    stretch = stretch or fit_stretch(view, material, medium)
     messages = list[Message]()
     for name, value in zip(outputs, theta.tolist(), strict=True):
         messages += _outside(natural_name(name), value, *problem.prior.bounds(name), 0.02)
@@ -207,8 +205,6 @@ def read_values(
         "checks": check_simulation(view, simulated, medium.time_scale(curve.max_radius), "unverified", messages),
         "best": values | {"stretch": stretch},
         "stretch": stretch,
-        "diagnostics": Diagnostics(stretch_source=source),
-        "provenance": {"stretch": stretch, "stretch_source": source},
     }
 
 

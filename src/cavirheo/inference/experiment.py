@@ -159,16 +159,6 @@ class Experiment:
         self._measured_sigma = np.maximum(np.where(valid, stated, noise / root), SOLVER_ERROR / root)
         self.counted: Bools = frames.usable
 
-    def stretch_source(self) -> str:
-        """Where the stretch comes from, in words."""
-        if self.stretch:
-            return "given"
-        if self.stretch_prior is None:
-            return "inferred with the other parameters"
-        value, deviation = self.stretch_prior
-        source = "late plateau" if self.options.stretch else "stretch that the file states"
-        return f"fitted, with the {source} ({value:.3g}, taken as ± {deviation:.2g}) as prior"
-
     @property
     def usual_half_widths(self) -> tuple[float, float]:
         """Half-widths of the priors of the clock, in t_c, and of the factor of R_max, where none are given."""

@@ -121,17 +121,6 @@ class Noise:
         variances = np.sum(factors) + np.where(compared, factors @ discrepancies, unseen)
         return np.asarray(self.typical * np.sqrt(variances))
 
-    def describe(self, residual: Floats) -> dict[str, float]:
-        """Of a residual (n,): noise over assumed noise, probability of a discrepancy, and its standard deviation."""
-        _, share, squares = self._shares(residual[None])
-        variance = (GAMMA_A + 0.5 * squares) / (self.power - 1.0)
-        mean_square = np.sum(self.covariances.shifts**2, axis=(1, 2))[:, None] / self.size
-        return {
-            "noise_over_assumed": float(np.sqrt(np.sum(share * variance))),
-            "discrepancy_probability": float(1.0 - np.sum(share[0])),
-            "discrepancy_over_rmax": float(np.sqrt(np.sum(share * variance * mean_square))),
-        }
-
 
 class Covariances(NamedTuple):
     """C = D + sum of (h K h') over the columns h of `shifts`, for each grid point; white noise if these are 0. weight:
