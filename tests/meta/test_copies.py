@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from answers import same, shots, unanswered
-from conftest import EXAMPLE, refused
+from conftest import EXAMPLE
 
 import cavirheo
 from cavirheo import Bubble, InputError, Medium, SolverError
@@ -55,8 +55,3 @@ def test_copies_are_the_same(held, way):
     assert not same(held["curve"], held["curve"].with_notes("another"))  # `same` sees a difference
     kinds = {one for one in (getattr(cavirheo, name) for name in cavirheo.__all__) if inspect.isclass(one)}
     assert kinds | {*LAWS.values()} <= {type(one) for one in held.values()}  # every exported class is tried
-
-
-def test_a_population_without_draws_exports_none(held):
-    with refused("population.no_draws"):
-        held["empty population"].to_arviz()

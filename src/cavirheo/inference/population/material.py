@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import erf
@@ -17,11 +16,8 @@ from cavirheo.messages import Message
 from cavirheo.parameters import Bound, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Heap, check_level, upper_limit
-from cavirheo.writing import digits, export
+from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
-
-if TYPE_CHECKING:
-    pass
 
 _EMPTY = np.empty((0, 0))
 HARDLY = 0.03  # decades: shots that scatter by less hardly scatter
@@ -211,22 +207,6 @@ class Population:
             ratio = Quantity.from_interval(*quantiles(10.0**difference, 0.9))
             ratios[name] = ratio, float(np.mean(difference > 0))
         return ratios
-
-    def to_arviz(self) -> Any:
-        """The material's draws as arviz.InferenceData, or xarray.DataTree from ArviZ 1 on: group "posterior".
-
-        Raises InputError: no draws, or arviz is missing."""
-        units = {name: parameter_of(name).unit for name in self.names}
-        return export.inference_data({"posterior": self._draws}, units, self._metadata)
-
-    @property
-    def _draws(self) -> dict[str, Floats]:
-        """(draws,) of the material's parameters by name, SI."""
-        return {name: self.draws(name) for name in self.names}
-
-    @property
-    def _metadata(self) -> dict[str, str]:
-        return {"material": self.material, "bubble": self.bubble.name, "line": self.line}
 
 
 def quantiles(values: Floats, level: float) -> tuple[float, float, float]:
