@@ -12,7 +12,6 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.cards import card, shipped
-from cavirheo.inference.what_if import compared_window
 from cavirheo.posterior import Checks
 from cavirheo.reporting import html
 from cavirheo.reporting.citation import TITLE, methods_paragraph
@@ -122,7 +121,7 @@ def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
     drawn = ""
     remarks = curve_warnings([curve])
     try:
-        drawn = picture(preview_panels(curve, compared_window(curve, settings.analysis).curve))
+        drawn = picture(preview_panels(curve, settings.analysis.experiment(curve).window))
     except InputError as error:
         remarks = {str(error): [curve.name]}
     sheet = curve.meta.get("contact_sheet", "")

@@ -16,7 +16,7 @@ from typing import Any, Literal, TypedDict, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve, as_curves
-from cavirheo.errors import InputError, expect_whole, require
+from cavirheo.errors import InputError, SolverError, expect_whole, require
 from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
@@ -25,15 +25,13 @@ from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.input_warnings import (
     curve_warnings,
-    failed_checks,
     felt_wall_warnings,
     smoothing_warnings,
     stiffness_warnings,
     wall_warnings,
     warned,
 )
-from cavirheo.inference.reconstruction import ANALYSIS_ERRORS
-from cavirheo.messages import Message
+from cavirheo.messages import Message, message_of_error
 from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
@@ -45,6 +43,9 @@ from cavirheo.writing.packing import content_hash
 _log = logging.getLogger(__name__)
 DEFAULT = "posterior"  # the model of `infer` that is no network: draws of the emulator, weighed by simulations
 _METHODS = {"infer": "inferring", "bdt": "reading", "fit": "fitting"}
+# errors with which the analysis of one curve may fail: numbers that are refused (InputError and LinAlgError are
+# ValueErrors), simulations that fail, and a curve too large for the memory
+ANALYSIS_ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
 _LABELS = {"name", "label", "group", "group_source", "notes", "hints", "source", "source_sha256"}
 _LABELS |= {"flags", "contact_sheet"}  # keys of `RadiusCurve.meta` on which no answer depends
 
@@ -144,8 +145,6 @@ class Analysis:
             message = f"the model {name} knows the field's bubble alone: leave out bubble or the model"
             require(self._bubble == FIELD, message, "option.bubble")
             check_stretch(None if self.stretch == "free" else self.stretch)
-            if self.window is not None:
-                expect_whole(self.window, "collapses in the window", 1, "option.window")
 
     @property
     def _bubble(self) -> Bubble:
@@ -173,6 +172,15 @@ class Analysis:
         for name, value in stated.items():
             CONSTANTS[name].check(f"the {name} that the file states", value, "physics.implausible", "; give another")
         return medium_of(self.medium or WATER, unusual=True, **stated)
+
+    def experiment(self, curve: RadiusCurve) -> Experiment:
+        """A curve as it is compared; with a network at most as much of it as this reads. Raises InputError."""
+        medium, options = self.medium_for(curve), self.options
+        if self.method == "bdt":
+            problem = self.network.problem
+            end = problem.grid_step(curve.max_radius, medium) * (problem.frames - 1)
+            options = replace(options, end=end, free=())
+        return Experiment(curve, Family(str(self.material)), medium, options)
 
     def key(self, curve: RadiusCurve) -> str:
         """A hash that identifies the answer: of the samples of the curve and its metadata, of all settings, of the
@@ -236,25 +244,28 @@ class Analysis:
                 _log.debug("%s has no answer", curve.name, exc_info=error)
             else:  # a defect of this package or of a library
                 _log.exception("%s has no answer", curve.name)
-            found = replace(empty, checks=failed_checks(error, curve, empty.medium or WATER))
+            causes = curve_warnings(curve, empty.medium or WATER)
+            found = replace(empty, checks=warned(Checks("failed", (message_of_error(error),)), causes, False))
         return replace(found, seconds=perf_counter() - began)
 
     def _sample(self, curve: RadiusCurve, empty: Posterior, workers: int | None) -> Posterior:
         """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
-        medium = self.medium_for(curve)
-        shot = Experiment(curve, Family(str(self.material)), medium, self.options)
+        shot = self.experiment(curve)
         found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
-        warnings = [*curve_warnings(curve, medium), *wall_warnings(shot), *felt_wall_warnings(found, curve.max_radius)]
+        warnings = [
+            *curve_warnings(curve, shot.medium),
+            *wall_warnings(shot),
+            *felt_wall_warnings(found, curve.max_radius),
+        ]
         warnings += [*smoothing_warnings(found.checks), *stiffness_warnings(found)]
         return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 
     def _read(self, curve: RadiusCurve, empty: Posterior, network: Network) -> Posterior:
         """The value that a network reads off a curve."""
-        medium = self.medium_for(curve)
-        stretch: Any = None if self.stretch == "free" else self.stretch
-        values = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
-        values["checks"] = warned(values["checks"], curve_warnings(curve, medium), self.trust_input)
-        return replace(empty, **values)
+        shot = self.experiment(curve)
+        found = replace(empty, **read_values(shot, network))
+        warnings = curve_warnings(curve, shot.medium)
+        return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 
     def _stated(self, curve: RadiusCurve, medium: Medium) -> Iterator[Message]:
         """What the file states of medium and stretch, and whether it is used."""

@@ -120,13 +120,7 @@ def sampled_answer(
     can be simulated."""
     target, noise = ResidualSource(shot, workers), shot.noise(discrepancy)
     prior = target.prior
-    all_draws = posterior(target.models(noise), seed, SIMULATED if target.unknown else EMULATED)
-    if all_draws.effective < ENOUGH and target.untrained and not target.unknown:
-        target.unknown = target.untrained
-        all_draws = posterior(target.models(noise), seed, SIMULATED)
-    weighed = all_draws.solved
-    if not len(weighed.x):
-        raise SolverError(f"{shot.curve.name}: none of {len(all_draws.x)} likely bubbles can be simulated")
+    weighed = _drawn(target, noise, seed)
     found = _with_draws(replace(empty, medium=shot.medium), target, weighed)
     best = int(np.argmax(weighed.log_posterior))
     p_value, excess = predictive_misfit(target, noise, weighed, best)
@@ -174,6 +168,17 @@ def sampled_answer(
     if target.too_stiff(weighed):
         return found.without_draws(Message("interval.too_stiff", {"pull": LARGEST_PULL}))
     return found
+
+
+def _drawn(target: ResidualSource, noise: Noise, seed: int) -> Weighed:
+    """The weighed draws, by the emulator where it serves. Raises SolverError: no bubble can be simulated."""
+    drawn = posterior(target.models(noise), seed, SIMULATED if target.unknown else EMULATED)
+    if drawn.effective < ENOUGH and target.untrained and not target.unknown:
+        target.unknown = target.untrained
+        drawn = posterior(target.models(noise), seed, SIMULATED)
+    if not len(drawn.solved.x):
+        raise SolverError(f"{target.shot.curve.name}: none of {len(drawn.x)} likely bubbles can be simulated")
+    return drawn.solved
 
 
 def _without_interval(found: Posterior, best: int) -> Posterior:

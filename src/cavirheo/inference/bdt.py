@@ -20,16 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.cards import Arrays, Layers, ModelCard, card, path_of, read_weights
 from cavirheo.inference.emulator import Bubbles, Camera, emulator
+from cavirheo.inference.experiment import MISFIT, Experiment
 from cavirheo.inference.problem import TrainingProblem, natural_values
-from cavirheo.inference.reconstruction import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, STRETCH_RANGE, natural_name, to_natural, to_prior_scale
+from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.materials import MATERIALS, Material
-from cavirheo.physics.media import Medium
 
 MODULUS = "shear_modulus"
 MIN_SAMPLES = 0.9  # least share of the network's samples inside the recording; the others repeat the last one
@@ -144,19 +143,15 @@ def _loaded(path: Path, *_: int) -> Network:
     return Network(path)
 
 
-def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None) -> Window:
-    """The window of a curve that a network of one value reads, of at most `collapses` collapses. Raises InputError."""
-    problem = network.problem
-    end = problem.grid_step(curve.max_radius, medium) * (problem.frames - 1)
-    return window(curve, collapses=collapses, end=end)
-
-
-def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[Floats, dict[str, float], int]:
+def shot_values(network: Network, shot: Experiment) -> tuple[Floats, dict[str, float], int]:
     """Values (outputs,) in the prior's scale for the reference R_max, values by name for the shot (SI) at equal Cauchy
-    and Reynolds numbers, and the number of samples that the recording lacks. Raises InputError: too few."""
-    problem, top = network.problem, curve.max_radius
+    and Reynolds numbers, and the number of samples that the recording lacks. Frames that stand out are left out. Raises
+    InputError: too few."""
+    curve, medium, problem, top = shot.curve, shot.medium, network.problem, shot.max_radius
     step, frames = problem.grid_step(top, medium), problem.frames
-    features = curve.resampled(step, frames) / top
+    radius = curve.radius.copy()
+    radius[curve.spikes()] = np.nan
+    features = replace(curve, radius=radius).resampled(step, frames) / top
     measured = ~np.isnan(features)
     if np.count_nonzero(measured) < MIN_SAMPLES * frames:
         end = step * (frames - 1)
@@ -169,40 +164,34 @@ def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[F
     return theta, values, int(np.count_nonzero(~measured))
 
 
-def read_values(
-    curve: RadiusCurve, network: Network, medium: Medium, stretch: float | None, collapses: int | None
-) -> dict[str, Any]:
+def read_values(shot: Experiment, network: Network) -> dict[str, Any]:
     """The fields of a Posterior, with checks and verdict, from a network of one value. The stretch, if not given, is
-    fitted to at most `collapses` collapses. Frames that stand out are left out."""
-    problem, outputs, wrong = network.problem, network.outputs, curve.spikes()
-    if wrong:
-        radius = curve.radius.copy()
-        radius[wrong] = np.nan
-        curve = replace(curve, radius=radius)
-    theta, values, missing = shot_values(network, curve, medium)
-    view = network_window(network, curve, medium, collapses)
+    fitted to the window of the shot."""
+    problem, outputs = network.problem, network.outputs
+    theta, values, missing = shot_values(network, shot)
     material = MATERIALS[problem.material_name](**values)
-    stretch = stretch or fit_stretch(view, material, medium)
+    stretch = shot.stretch or fit_stretch(shot, material)
     messages = list[Message]()
     for name, value in zip(outputs, theta.tolist(), strict=True):
         messages += _outside(natural_name(name), value, *problem.prior.bounds(name), 0.02)
     messages += _outside("stretch", stretch, *problem.prior.bounds("stretch"), 0.2)
     trained = problem.reference_max_radius
     low, high = (trained * end for end in SIZE_RANGE)
-    messages += _outside("max_radius", curve.max_radius, low, high, 0.0, trained_at=trained)
+    messages += _outside("max_radius", shot.max_radius, low, high, 0.0, trained_at=trained)
     modulus = LOG10 + MODULUS in outputs
     if modulus and problem.prior.bounds(LOG10 + MODULUS)[0] - theta[outputs.index(LOG10 + MODULUS)] > 0.02:
         messages.append(Message("network.liquid"))
-    if wrong:
-        messages.append(Message("frames.spikes", {"frames": len(wrong)}))
+    if spikes := len(shot.curve.spikes()):
+        messages.append(Message("frames.spikes", {"frames": spikes}))
     if missing:
         messages.append(Message("network.cut_short", {"missing": missing, "samples": problem.frames}))
-    simulated = reconstruct(view, material, medium, stretch)
-    if not modulus and np.sqrt(np.mean(simulated["residual_over_rmax"] ** 2)) > MISFIT:
-        messages.append(Message("network.elastic"))
+    natural = {"stretch": stretch, "time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
+    checks = shot.checks_of(material, FIELD, natural, "unverified", messages)
+    if not modulus and (checks.rmse_over_rmax or 0.0) > MISFIT:
+        checks = replace(checks, messages=(*checks.messages, Message("network.elastic")))
     return {
         "theta": np.array([[to_prior_scale(name, values[natural_name(name)]) for name in outputs]]),
-        "checks": check_simulation(view, simulated, medium.time_scale(curve.max_radius), "unverified", messages),
+        "checks": checks,
         "best": values | {"stretch": stretch},
         "stretch": stretch,
     }
@@ -215,15 +204,15 @@ def _outside(name: str, value: float, low: float, high: float, slack: float, **m
     return [] if inside else [Message(f"training_range.{name}", {"name": name, **numbers, **more})]
 
 
-def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
+def fit_stretch(shot: Experiment, material: Material) -> float:
     """The stretch R_max/R_0 with the smallest RMSE, of the whole range, by the emulator: a rebound may slip by a
     period. Raises SolverError: there is no such bubble at any stretch."""
     stretches, whole = np.geomspace(*STRETCH_RANGE, STRETCHES), np.ones(STRETCHES)
-    nothing, size, at_equilibrium = 0.0 * whole, view.curve.max_radius * whole, np.inf * whole
+    nothing, size, at_equilibrium = 0.0 * whole, shot.max_radius * whole, np.inf * whole
     walls = nothing, nothing, nothing  # damping, inertia, vapour above saturation
-    bubbles = Bubbles(material, medium, size, stretches, at_equilibrium, *walls, whole, whole)
-    sharp = Camera(view.time_since_max, np.zeros(1), np.ones(1), nothing)
-    errors = np.mean((emulator().radius(bubbles, sharp) - view.normalised) ** 2, axis=1)
+    bubbles = Bubbles(material, shot.medium, size, stretches, at_equilibrium, *walls, whole, whole)
+    sharp = Camera(shot.time_since_max[shot.counted], np.zeros(1), np.ones(1), nothing)
+    errors = np.mean((emulator().radius(bubbles, sharp) - shot.measured[shot.counted]) ** 2, axis=1)
     if not np.isfinite(errors).any():
         raise SolverError(f"there is no bubble of {material} at any stretch in {STRETCH_RANGE}")
     return float(stretches[np.nanargmin(errors)])

@@ -26,11 +26,11 @@ from cavirheo.inference.assumptions import FREE, Family, Options, fixed_bubble
 from cavirheo.inference.emulator import Bubbles, Camera, Emulator
 from cavirheo.inference.frames import compared_frames
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.reconstruction import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, USUAL_STRETCH
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, ZERO_BY_DEFAULT, Bubble, Damage
+from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import Simulation, simulate
 from cavirheo.posterior import Checks, Verdict
@@ -48,6 +48,8 @@ normal number (chi squared), up to MOST_ROOT. Bubbles far from walls are likely 
 MOST_ROOT = 2.58
 BOUND_SIGMAS = 3.0  # standard deviations from the middle to the bound of radius scale and R_max factor
 CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
+MISFIT = 0.03  # RMSE/R_max above which the model does not fit (docs/method/verdicts.md)
+DRAWN = 800  # points of a simulated curve
 CLEAN_MISFIT = 1e-3  # largest RMS misfit over R_max of a simulation of such a curve
 STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
 _LN10 = float(np.log(10.0))
@@ -71,14 +73,6 @@ def wall_scales(medium: Medium) -> dict[str, float]:
     }
 
 
-def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Floats]:
-    """Half-widths of the priors of the clock (in t_c) and of the factor of R_max, from the frame interval in t_c and
-    the noise over R_max. late: 1 if no growth is recorded. R_max may then be up to a frame from the first one, where
-    the radius is smaller by about (frame/t_c)^2/2."""
-    of_factor = np.minimum(2.25 * noise + late * frame**2, 0.2)
-    return np.maximum(0.5 * (1.0 + late) * frame, MIN_CLOCK), np.maximum(MIN_FACTOR, of_factor)
-
-
 def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
     """(mean, standard deviation) of the stretch's prior, from the file or the late plateau; None if there is none. A
     value of the file is often the mean of many shots: its deviation is at least its distance to the plateau."""
@@ -95,10 +89,10 @@ class Experiment:
 
     names: (d,) of x. bounds: (d, 2). time_since_max, measured: (m,) of the frames in the window that are compared,
     measured ones or means (frames.py): s after R_max, R/R_max. averaged: (m,) number of measured frames in each.
-    counted: (m,) frames that neither stand out nor drift. view: the window with all
-    its frames. usable: (n,) which of these count. Raises InputError: the curve has no maximum or not enough collapses
-    for the window; an exposure longer than the frame interval; damage of a law without elasticity; a wall nearer than
-    R_max."""
+    counted: (m,) frames that neither stand out nor drift. window: the curve from R_max to the last measured frame,
+    `end` s later, with so many `collapses`. usable: (n,) which of its measured frames count. Raises InputError: the
+    curve has no maximum or not enough collapses for the window; an exposure longer than the frame interval; damage of a
+    law without elasticity; a wall nearer than R_max."""
 
     def __init__(
         self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None
@@ -117,10 +111,8 @@ class Experiment:
         self.stretch: float | None = float(stretch) if stretch else None
         # (mean, standard deviation) of the stretch if the file or the late plateau gives it
         self.stretch_prior: tuple[float, float] | None = _known_stretch(curve, options.stretch)
-        rmax_half_width = max(options.scale_bound, self.usual_half_widths[1])
-        # (middle, half-width) of clock and scales, and which are free
-        widths = {"t0": self._clock, "scale": (1.0, options.scale_bound), "rmax": (1.0, rmax_half_width)}
-        self.free: dict[str, tuple[float, float]] = {FREE[name]: widths[name] for name in options.free}
+        camera = self._camera()  # (middle, half-width)
+        self.free: dict[str, tuple[float, float]] = {FREE[name]: camera[name] for name in options.free}
         bubble = options.bubble
         self.walls: dict[str, float] = {
             name: scale for name, scale in wall_scales(medium).items() if getattr(bubble, name) == "free"
@@ -144,9 +136,11 @@ class Experiment:
         if requested is None and options.end is None and recorded:
             requested = min(3, recorded)
         collapses = None if requested in (None, "all") else int(requested)
-        self.view: Window = window(curve, collapses=collapses, end=options.end)
-        cut = self.view.curve
+        self.window: RadiusCurve = curve.window(collapses=collapses, end=options.end)
+        cut = self.window
         time, wrong = cut.time[np.isfinite(cut.radius)], curve.time[curve.spikes()]
+        self.end: float = float(time[-1] - curve.time_of_max)
+        self.collapses: int = int(np.count_nonzero(curve.collapse_times() <= time[-1]))
         self.usable: Bools = ~np.isin(time, wrong) & ~self._drifting(time)
         frames = compared_frames(cut, self.usable)
         self.time_since_max: Floats = frames.time - curve.time_of_max
@@ -159,22 +153,19 @@ class Experiment:
         self._measured_sigma = np.maximum(np.where(valid, stated, noise / root), SOLVER_ERROR / root)
         self.counted: Bools = frames.usable
 
-    @property
-    def usual_half_widths(self) -> tuple[float, float]:
-        """Half-widths of the priors of the clock, in t_c, and of the factor of R_max, where none are given."""
-        curve, frame = self.curve, self.frame_interval / self.time_scale
-        clock, factor = half_widths(*map(np.array, (frame, curve.noise / self.max_radius, float(curve.begins_late))))
-        return float(clock), float(factor)
-
-    @property
-    def _clock(self) -> tuple[float, float]:
-        """Middle and half-width, s, of the prior of the clock: all times of R_max that the frames near it allow."""
-        if self.options.clock_bound:
-            return 0.0, self.options.clock_bound
-        usual = self.usual_half_widths[0] * self.time_scale
-        earliest, latest = (time - self.curve.time_of_max for time in self.curve.time_of_max_span)
+    def _camera(self) -> dict[str, tuple[float, float]]:
+        """Middle and half-width of the priors of the clock (s), the radius scale and the factor of R_max. The clock has
+        all times of R_max that the frames near it allow. If no growth is recorded, R_max may be up to a frame before
+        the first one, where the radius is smaller by about (frame/t_c)^2/2."""
+        curve, bound, frame = self.curve, self.options.scale_bound, self.frame_interval / self.time_scale
+        late, noise = float(curve.begins_late), curve.noise / self.max_radius
+        factor = max(bound, MIN_FACTOR, min(2.25 * noise + late * (frame * frame), 0.2))
+        usual = max(0.5 * (1.0 + late) * frame, MIN_CLOCK) * self.time_scale
+        earliest, latest = (time - curve.time_of_max for time in curve.time_of_max_span)
         low, high = min(earliest, -usual), max(latest, usual)
-        return 0.5 * (low + high), 0.5 * (high - low)
+        if self.options.clock_bound:
+            low, high = -self.options.clock_bound, self.options.clock_bound
+        return {"t0": (0.5 * (low + high), 0.5 * (high - low)), "scale": (1.0, bound), "rmax": (1.0, factor)}
 
     def natural(self, x: Floats) -> dict[str, Any]:
         """Natural values by name of the shot's parameters (stretch, time_origin in s, radius_scale, max_radius_factor,
@@ -354,19 +345,45 @@ class Experiment:
         return Noise(deviation, since, self.time_scale, discrepancy, velocity, typical)
 
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[Message]) -> Checks:
-        """The checks of the simulation at x. What is drawn has clock and scale of the measurement, not those of x."""
-        natural, cut = self.natural(x), self.view.curve
-        scale, origin = natural["radius_scale"], natural["time_origin"]
-        maximum = (cut.time_of_max + origin, self.max_radius * scale * natural["max_radius_factor"])
-        moved = replace(cut, radius=cut.radius * scale, radius_std=cut.radius_std * scale, maximum=maximum)
-        view = Window(moved, self.view.end - origin, self.view.collapses)
+        """`checks_of` the simulation at x (d,)."""
+        natural = self.natural(x)
         material, bubble = self.family.material(x[: self.law_size]), self.bubble_with(natural)
-        simulated = reconstruct(view, material, self.medium, natural["stretch"], bubble)
-        simulated["reconstruction_radius"] = simulated["reconstruction_radius"] / scale
-        for name in ("compared_time", "residual_over_rmax"):
-            simulated[name] = simulated[name][self.usable]
-        limit = CLEAN_MISFIT if self.clean else MISFIT
-        return check_simulation(self.view, simulated, self.time_scale, verdict, messages, limit)
+        return self.checks_of(material, bubble, natural, verdict, messages, CLEAN_MISFIT if self.clean else MISFIT)
+
+    def checks_of(
+        self, material: Material, bubble: Bubble, natural: Mapping[str, Any], verdict: Verdict,
+        messages: Sequence[Message], limit: float = MISFIT,
+    ) -> Checks:  # fmt: skip
+        """The checks of an answer with this verdict, unless its simulation misses the frames that count by more than
+        the limit and the frame-to-frame noise together. Frames before R_max (if a fit has moved the clock) are compared
+        with the mirrored fall after it. What is drawn has the scale of the measurement. Raises SolverError."""
+        cut, scale = self.window, natural["radius_scale"]
+        maximum, top = cut.time_of_max + natural["time_origin"], self.max_radius * scale * natural["max_radius_factor"]
+        measured = np.isfinite(cut.radius)
+        since = cut.time[measured] - maximum
+        times = np.union1d(np.abs(since), np.linspace(0.0, self.end - natural["time_origin"], DRAWN))
+        run = simulate(
+            material, max_radius=top, stretch=natural["stretch"], time=times, medium=self.medium, bubble=bubble
+        )
+        residual = cut.radius[measured] * scale / top - run.radius[np.searchsorted(times, np.abs(since))] / top
+        residual = residual[self.usable]
+        rmse = float(np.sqrt(np.mean(residual**2)))
+        limit = float(np.hypot(limit, cut.noise / self.max_radius))
+        if rmse > limit:
+            missed = Message("misfit.rms", {"rms": rmse, "limit": limit})
+            verdict, messages = "does_not_fit", [missed, *messages]
+        return Checks(
+            verdict,
+            tuple(messages),
+            rmse_over_rmax=rmse,
+            collapses=self.collapses,
+            t_star_end=self.end / self.time_scale,
+            time_scale=self.time_scale,
+            compared_time=(since + maximum)[self.usable],
+            residual_over_rmax=residual,
+            reconstruction_time=times + maximum,
+            reconstruction_radius=run.radius / scale,
+        )
 
     @property
     def clean(self) -> bool:

@@ -14,7 +14,6 @@ of the first collapse time, so that the same simulations serve all curves.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
@@ -29,7 +28,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.landmarks import RAYLEIGH
-from cavirheo.messages import Message, message_of_error
+from cavirheo.messages import Message
 from cavirheo.parameters import LOG10
 from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import Bubble
@@ -42,7 +41,6 @@ from cavirheo.posterior import Checks, Posterior, Verdict
 if TYPE_CHECKING:
     from cavirheo.inference.experiment import Experiment
 
-_log = logging.getLogger(__name__)
 REBOUND_FRAMES = 3  # fewest frames after the first collapse that show a rebound
 USUAL_COLLAPSE = (0.7, 1.4)  # first collapse of liquids and gels below 50 kPa, Rayleigh times after R_max
 # largest stretch of gels: 3.4 for G above 400 kPa, else 3.4 (400 kPa/G)^0.25
@@ -144,12 +142,6 @@ def _smoothed(values: Floats, frames: int, degree: int) -> Floats:
     half = frames // 2
     weights = np.linalg.pinv(np.vander(np.arange(-half, half + 1.0), degree + 1, increasing=True))[0]
     return np.convolve(np.pad(values, half, mode="reflect"), weights[::-1], mode="valid")
-
-
-def failed_checks(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:
-    """The checks of a curve whose analysis ended with an error. They have its input warnings, a possible cause."""
-    _log.debug("%s has no answer", curve.name, exc_info=error)
-    return warned(Checks("failed", (message_of_error(error),)), curve_warnings(curve, medium), trust_input=False)
 
 
 def warned(checks: Checks, warnings: Iterable[Message], trust_input: bool) -> Checks:

@@ -62,10 +62,6 @@ class Noise:
         """White noise with the same deviations."""
         return Noise(self.deviation, self.time, 1.0, False)
 
-    def products(self, columns: Floats) -> Floats:
-        """columns' C^-1 columns (grid, k, k), of columns (n, k)."""
-        return np.asarray(products(np.ascontiguousarray(columns), np.arange(len(self.grid)), *self.covariances))
-
     def _shares(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """Log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
         squares = np.asarray(squared(np.ascontiguousarray(residuals), *self.covariances))

@@ -127,20 +127,17 @@ class TrainingProblem:
         shot: dict[str, Any] = {"max_radius": self.reference_max_radius, "stretch": stretch, "time": self.time}
         return simulate_many([self.material(row) for row in rows], medium=self.medium, **shot, **options)
 
-    def grid_step(self, max_radius: float, medium: Medium | None = None) -> float:
+    def grid_step(self, max_radius: float, medium: Medium) -> float:
         """The frame interval (s) that puts a shot of this R_max (m) on the grid in t*."""
-        return self.frame_interval * self._time_ratio(max_radius, medium or self.medium)
+        return self.frame_interval * self._time_ratio(max_radius, medium)
 
-    def to_shot(self, values: Mapping[str, float], max_radius: float, medium: Medium | None = None) -> dict[str, float]:
+    def to_shot(self, values: Mapping[str, float], max_radius: float, medium: Medium) -> dict[str, float]:
         """Values in SI by parameter name for a shot of this R_max (m) from those at the reference scale."""
-        medium = medium or self.medium
         pressure = medium.pressure / self.medium.pressure
         ratio = {"shear_modulus": pressure, "viscosity": pressure * self._time_ratio(max_radius, medium)}
         return {name: value * ratio.get(name, 1.0) for name, value in values.items()}
 
     def _time_ratio(self, max_radius: float, medium: Medium) -> float:
-        if not 0 < max_radius < np.inf:
-            raise InputError(f"R_max must be finite and positive, got {max_radius} m", "problem.max_radius")
         return medium.time_scale(max_radius) / self.medium.time_scale(self.reference_max_radius)
 
 

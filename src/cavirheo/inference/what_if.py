@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +13,7 @@ from cavirheo.curve import RadiusCurve, as_numbers
 from cavirheo.errors import InputError, SolverError, brief, expect_whole, require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
-from cavirheo.inference.bdt import network_window
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.reconstruction import Window, window
 from cavirheo.messages import message_of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
@@ -90,20 +88,12 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
     return PredictedRadius(np.mean(radii, axis=0), low, high)
 
 
-def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
-    """The window of a curve that is compared with the answer of this analysis. Raises InputError."""
-    medium, collapses = analysis.medium_for(curve), cast("int | None", analysis.window)
-    if analysis.method == "bdt":
-        return network_window(analysis.network, curve, medium, collapses)
-    return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # the same for any law
-
-
 def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:
     """The checks of a simulation of an answer with these parameters (natural name, SI); failed ones say why there is no
     radius."""
     try:
         check_stretch(values.get("stretch"))
-        end = _compared_end(curve, posterior) or compared_window(curve, analysis).end
+        end = _compared_end(curve, posterior) or analysis.experiment(curve).end
         best = {**posterior.best, **values}
         sharp = curve.labelled(exposure_s=None)  # as the answer is drawn
         medium, bubble = analysis.medium_for(curve), _bubble_of(posterior, best)
@@ -121,7 +111,7 @@ def _bubble_of(posterior: Posterior, values: Mapping[str, float]) -> Bubble:
 def _compared_end(curve: RadiusCurve, posterior: Posterior) -> float | None:
     """End of the frames that were compared with an answer, s after R_max; None if none were."""
     frames = posterior.checks.compared_time
-    return None if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
+    return None if frames is None else float(frames[-1] - curve.time_of_max)
 
 
 def _experiment(curve: RadiusCurve, bubble: Bubble, material: str, medium: Medium, end: float | None) -> Experiment:
