@@ -159,6 +159,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
+    "HDF5 attributes": (hdf5({"t_us": US, "R_um": UM, "@time": "noon", "@_v": 1, "@rho": 1e3}), "@rho, @time"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
     "arrays of numpy": (lambda path: np.savez(path.open("wb"), t_us=US, R_um=UM, about={"gel": 1}), "not used: about"),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
@@ -273,7 +274,7 @@ def test_what_is_cleaned_is_counted(tmp_path):
     assert np.flatnonzero(np.isnan(curve.radius)).tolist() == [0, 1, 50, 51]
     assert curve.radius[60:63] == pytest.approx(RADIUS[60:63], rel=1e-6)
     assert curve.max_radius == pytest.approx(R_MAX, rel=0.01)
-    counts = ("2 frames with", "2 of 183 frames", "2 of 185 frames", "3 frames", "2 single frames stand out")
+    counts = ("not measured: 2", "2 of 183 frames", "2 of 185 frames", "3 frames", "2 single frames stand out")
     assert [said for said in counts if said not in "\n".join(curve.notes)] == []
     (late,) = read_curves(text_table(tmp_path / "b.csv", "time_us,radius_um", US[::-1], UM[::-1]))
     for one in (late, late.with_max_radius(R_MAX)):

@@ -17,7 +17,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed
-from cavirheo.io.binary import Arrays
+from cavirheo.io.binary import ATTRIBUTE, Arrays
 from cavirheo.io.curves import FORMS, Camera, read_tables, stated
 from cavirheo.io.names import CURVES, STATED
 from cavirheo.io.tables import Name, Table
@@ -110,6 +110,8 @@ def _name(path: str, array: np.ndarray | str) -> Name:
     """Return what an array is: a single number states something of its group, several are of frames."""
     cell = _CELL.search(path)
     word = _CELL.sub("", path.rpartition("/")[2])
+    if word.startswith(ATTRIBUTE):
+        return Name()
     if not _has_frames(path, array):
         number = _AT_REST.search(word)
         kind, unit, _ = STATED.name(_AT_REST.sub("R", word))

@@ -536,7 +536,7 @@ def _curve(
         time_note: time_note,
         radius_note: radius_note,
         f"{missing} of {n} frames without a radius (NaN)": missing,
-        f"{empty.sum()} frames with radius <= 0 marked as not measured": empty.any(),
+        f"frames with radius <= 0 marked as not measured: {empty.sum()}": empty.any(),
         f"{n - len(t)} frames repeat the time of another one, which is kept": len(t) < n,
     }
     steps = np.diff(t)
