@@ -52,7 +52,8 @@ class Number:
             number = self.kind(value) if isinstance(value, str) else value
             if self.words or number > 0:
                 return number
-        expected = f"a number or {' or '.join(map(repr, self.words))}" if self.words else "a number above 0"
+        kind = "a whole number" if self.kind is int else "a number"
+        expected = f"{kind} or {' or '.join(map(repr, self.words))}" if self.words else f"{kind} above 0"
         comma = ": use a decimal point, and no mark between thousands" if "," in str(value) else ""
         raise InputError(f"{name} must be {expected}, got {brief(value)}{comma}", "option.number")
 

@@ -212,8 +212,9 @@ def path_of(name: str) -> Path:
         return path
     found = [file for file in sorted(path.glob("*.npz")) if isfile(file.with_suffix(".json"))]
     if len(found) != 1:
-        message = f"{name!r} is no model: expected {', '.join(models)}, the folder of a run of `cavirheo train`, or "
-        raise InputError(f"{message}its .npz file", "model.unknown")
+        known = ", ".join(["posterior", *shipped("point")])
+        message = f"{name!r} is no model: expected {known}, the folder of a run of `cavirheo train`, or its .npz file"
+        raise InputError(message, "model.unknown")
     return found[0]
 
 
