@@ -332,7 +332,10 @@ class LawsOfGroup(Record):
             f"over the shots); {pair.shots[0]} shots for, {pair.shots[1]} against"
             for pair in self.pairs[: len(self.laws) - 1]  # those with the best law come first
         ]
-        return preferences + [f"{name}: {law.material}" for name, law in self.laws.items() if law.material]
+        materials: dict[str, list[str]] = {}  # names of the laws by what they say: often the same
+        for name, law in self.laws.items():
+            materials.setdefault(law.material, []).append(name)
+        return preferences + [f"{', '.join(names)}: {said}" for said, names in materials.items() if said]
 
 
 class PublishedValue(Spread):
