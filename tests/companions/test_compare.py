@@ -87,6 +87,8 @@ def test_answers_that_exist_are_compared_alike(run, folder, tmp_path):
     assert load(tmp_path / "e").groups[1].published["IMR"]["shear_modulus"].mean == 8e3
     two = sets(tmp_path, "this,IMR,G_kPa,8,", "that,IMR,G_kPa,9,")
     refusal(run("compare", "i", "--references", two, "-o", "f"), "this, that", "gel_a, bare")
+    Path("shot.csv").write_text("time_us,radius_um\n0,200\n1,190\n", encoding="utf-8")
+    refusal(run("compare", "i", "--references", "shot.csv", "-o", "f"), "set,method,quantity", "sweep of a rheometer")
 
 
 def test_sweeps_of_a_rheometer_stand_beside_the_answers(run, folder, tmp_path):

@@ -109,6 +109,8 @@ def test_what_is_known_is_the_answer_of_the_group(quick):
     assert cavirheo.design(result_of([soft], "x")).known["shear_modulus"].q95 < 2e3
     two = result_of([of_gel, row(9e5, 0.05, 0.1, group="y")], "x")
     assert cavirheo.design(two, group="y").known["shear_modulus"].median == pytest.approx(9e5, rel=0.02)
+    with refused("design.range", "a range of shear_modulus", "one of them"):
+        cavirheo.design(two, group="y", ranges={"G": (1e3, 1e4)})
     with refused("design.groups", "--group", "x, y"):
         cavirheo.design(two)
     for rows in ([row(9e5, 0.9, 0.1, verdict="does_not_fit")], [of_gel, of_gel]):  # two shots are no population

@@ -116,8 +116,8 @@ def running_server(
                 pwa=False,
                 app_kwargs={"middleware": [Middleware(_add_security_headers)]},
             )
-        except OSError as error:
-            message = f"cannot listen on {host}:{port}: {error}; give another --port"
+        except OSError:
+            message = f"cannot listen on {host}:{port}: give another --port, or as --host an address of this machine"
             raise InputError(message, "app.port_taken") from None
         with closing(page):
             yield address, visitors

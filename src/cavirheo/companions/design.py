@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import NORMAL_90, Floats
-from cavirheo.errors import InputError, expect_whole, require
+from cavirheo.errors import InputError, expect_whole, listed, require
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.design import (
     MOST_SHOTS,
@@ -200,7 +200,7 @@ def design(
         rig: what can be filmed; default: `Rig()`.
         group: name of the group whose shots are of the material, if the result has several groups.
         ranges: {"G": [low, high], "mu": ..., "lambda": ...} in SI; default: those in which searches start, and 4 to 10
-            for the stretch. With `known` only the range of the stretch is used.
+            for the stretch. With `known` only that of the stretch may be given.
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
         seed: of the draws from what is known. done: called after each shot.
 
@@ -300,8 +300,11 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
     if known is None:
         usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
         return Known(usual | {"stretch": np.log10(STRETCHES)} | given, np.zeros(len(usual)), 0)
+    if of_law := [name for name in given if name != "stretch"]:
+        message = f"a result and a range of {listed(of_law)}: give one of them; both say what is known"
+        raise InputError(message, "design.range")
     found = _known_by(known, group, family)
-    found.ends.update({name: pair for name, pair in given.items() if name == "stretch"})
+    found.ends.update(given)
     return found
 
 

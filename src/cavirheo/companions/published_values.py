@@ -88,10 +88,22 @@ def read_sets(paths: Iterable[str | Path]) -> list[Sets]:
             files.append(path)
     sources = [sets] if sets else []
     if files:
-        sweeps = [sweep for path in files for sweep in rheometer.read_sweeps(path)]
+        sweeps = [sweep for path in files for sweep in _sweeps(path)]
         rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
         sources.append({rheometry.material: rheometry.published})
     return sources
+
+
+def _sweeps(path: Path) -> list[rheometer.Sweep]:
+    """The sweeps of a file that holds no sets. Raises InputError: as `read_sweeps`."""
+    try:
+        return rheometer.read_sweeps(path)
+    except InputError as error:
+        if error.code != "rheometer.no_moduli":
+            raise
+        sets, sweeps = ",".join(_COLUMNS), "G', G'' over strain or frequency"
+        message = f"{path}: neither published values (columns {sets}) nor a sweep of a rheometer ({sweeps})"
+        raise InputError(message, error.code) from None
 
 
 def by_group(names: Iterable[str], sources: Iterable[Sets]) -> dict[str, Published]:
