@@ -137,7 +137,7 @@ def prepared(folder: Path) -> dict[str, str]:
         (here / name).write_text(text)
     shorter = TEXTS["curve.csv"].rstrip().rpartition("\n")[0]
     (here / "curve.csv").write_text(shorter + "\n")  # unlike those of the corpus: equal recordings count once
-    (here / "sets.csv").write_text("set,files\ngel,*.csv\n")
+    (here / "sets.csv").write_text("set,method,quantity,mean\ngel,IMR,G_kPa,5\n")
     shard(data / "shard-00000.h5")
     names = {"here": here, "data": data, "published": here / "sets.csv", "sweep": here / "frequency.csv"}
     names |= {"recipe": here / "recipe.toml", "curve": here / "curve.csv", "times": here / "times.csv"}
