@@ -1,5 +1,6 @@
 """Answers of other programs beside ours, to the same recordings in one run: the field's way, and PyIMR
-(https://github.com/sbryngelson/PyIMR) where it is installed (`pip install pyimr` needs Python 3.12; 0.1.1 was used).
+(https://github.com/sbryngelson/PyIMR) where it is installed (0.1.1 was used; it asks for Python 3.12, and runs with 3.11
+after `pip install --ignore-requires-python pyimr`).
 
 The recordings are those of the challenge's camera, half easy, half medium, of gels in the field's bubble: what all
 assume. The field's way is run_scipy.py's least squares over field_standard.py with 50 nodes, from two starts; PyIMR's
