@@ -1,5 +1,5 @@
 """Answers of other programs beside ours, to the same recordings in one run: the field's way, and PyIMR
-(https://github.com/sbryngelson/PyIMR) where it is installed (0.1.1 was used; it asks for Python 3.12, and runs with 3.11
+(https://github.com/sbryngelson/PyIMR) where it is installed (0.1.1 was used; it asks for Python 3.12 and runs with 3.11
 after `pip install --ignore-requires-python pyimr`).
 
 The recordings are those of the challenge's camera, half easy, half medium, of gels in the field's bubble: what all
