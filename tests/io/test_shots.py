@@ -45,6 +45,7 @@ def test_a_frame_rate_that_can_be_two_numbers_is_refused(run):
     for text, said in (("270.000", "270000"), ("900.000", "900000"), ("270,000", "no mark between thousands")):
         refusal(run("show", "px.csv", "--um-per-px", "3.2", "--fps", text), said)
     refusal(run("show", "px.csv"), "--fps", "--um-per-px")
+    refusal(run("infer", "px.csv", "--window", "2.5"), "a whole number or 'all'", "'2.5'")
     for text in ("270000", "2.7e5", "270000.5"):
         assert run("show", "px.csv", "--um-per-px", "3.200", "--fps", text)[0] == 0
 
