@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
@@ -58,6 +59,17 @@ def _options(
 _command: Any = typer.main.get_command(app)
 
 
+def _given(error: Any, message: str) -> str:
+    """', got ...' with the value of the option with which an error is, if its message does not say it."""
+    options = getattr(getattr(error, "param", None), "opts", ())
+    for word, following in pairwise([*sys.argv[1:], ""]):
+        name, equals, value = word.partition("=")
+        value = value if equals else following
+        if name in options and value not in message:
+            return f", got {value!r}" + (": use a decimal point" if "," in value else "")
+    return ""
+
+
 def main() -> None:
     """The command line in this process: errors of the user become one line and exit status 2."""
     try:
@@ -71,7 +83,7 @@ def main() -> None:
             error.show()
         else:
             where = error.ctx.command_path if error.ctx else "cavirheo"
-            say(f"error: {message.rstrip('.')}; see {where} --help")
+            say(f"error: {message.rstrip('.')}{_given(error, message)}; see {where} --help")
         sys.exit(2)
     except ModuleNotFoundError as error:
         library = (error.name or "").partition(".")[0]
