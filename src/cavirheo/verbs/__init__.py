@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 import cavirheo
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import InputError, SolverError, brief
 from cavirheo.settings import option
 from cavirheo.verbs import companions, curves, documents, histories, machine
 from cavirheo.verbs.run import Command
@@ -65,8 +65,8 @@ def _given(error: Any, message: str) -> str:
     for word, following in pairwise([*sys.argv[1:], ""]):
         name, equals, value = word.partition("=")
         value = value if equals else following
-        if name in options and value not in message:
-            return f", got {value!r}" + (": use a decimal point" if "," in value else "")
+        if name in options and brief(value) not in message:
+            return f", got {brief(value)}" + (": use a decimal point" if "," in value else "")
     return ""
 
 
