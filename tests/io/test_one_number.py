@@ -12,6 +12,7 @@ from conftest import done, rows_of
 from cavirheo import load, population
 from cavirheo.app import words
 from cavirheo.app.session import Answers
+from cavirheo.parameters import parameter_of, units
 from cavirheo.reporting import result, write_report
 from cavirheo.reporting.advice import answer_lines
 from cavirheo.reporting.citation import methods_paragraph
@@ -76,19 +77,20 @@ def test_all_outputs_of_a_run_say_the_same_number_and_a_bound_has_none(pairs, ru
             assert float(row[f"{column}_q95"]) == made.interval(name)[1]
 
 
-def test_an_asked_for_law_shows_all_its_parameters():
-    rng, pairs, names = np.random.default_rng(4), [], ("log10_exponent", "log10_reference_viscosity")
-    ranges = dict.fromkeys(names, (-4.0, 1.0))
+@pytest.mark.parametrize("law", ["power-law", "herschel-bulkley"])
+def test_an_asked_for_law_shows_each_of_its_parameters_once(law):
+    truth = {"exponent": -0.4, "reference_viscosity": -1.7, **({"yield_stress": 1.0} if law != "power-law" else {})}
+    rng, pairs, names = np.random.default_rng(4), [], tuple(f"log10_{name}" for name in truth)
+    ranges = dict.fromkeys(names, (-4.0, 3.0))
     for k in range(5):
         curve = bubble(f"gel[{k}]", "gel", "gel.csv", top=2e-4 + 1e-5 * rng.standard_normal())
-        made = answer(curve, draws=400, material="power-law")
-        theta = np.array([-0.4, -1.7]) + 0.03 * rng.standard_normal((400, 2))
-        made = replace(
-            made, names=names, units=("1", "Pa s"), theta=theta, prior=ranges, method="verified", curve=curve
-        )
+        made = answer(curve, draws=400, material=law)
+        theta = np.array([*truth.values()]) + 0.03 * rng.standard_normal((400, len(truth)))
+        made = replace(made, names=names, units=units(names), theta=theta, prior=ranges, method="verified", curve=curve)
         pairs.append((curve, made))
     document = result(pairs, COMMAND)
     (group, shots), *_ = document.rows_by_group()
-    lines = dict(answer_lines(document, group, shots))
-    assert float(lines["n"][0].split()[0]) == pytest.approx(10.0**-0.4, rel=0.05)
-    assert float(lines["µ_ref"][0].split()[0]) == pytest.approx(10.0**-1.7, rel=0.05)
+    lines = [line for line in answer_lines(document, group, shots) if line[0] not in ("use", "check", "next")]
+    assert sorted(label for label, _ in lines) == sorted(parameter_of(name).symbol for name in truth)
+    for name, value in truth.items():
+        assert float(dict(lines)[parameter_of(name).symbol][0].split()[0]) == pytest.approx(10.0**value, rel=0.05)

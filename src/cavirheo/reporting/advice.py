@@ -54,8 +54,9 @@ def _further(population: PopulationRecord) -> list[str]:
     if "liquid" in population.switches:
         return []
     known = [name for name in parameters_of([population]) if name not in (*SYMBOLS, VISCOSITY_AT_RATE)]
-    alone = population.other_parameters.keys() & {"reference_viscosity"} and not population.main("viscosity").known
-    return ["reference_viscosity", *known] if alone else known
+    if population.main("viscosity").known or "reference_viscosity" in known:
+        return known
+    return ["reference_viscosity", *known] if "reference_viscosity" in population.other_parameters else known
 
 
 def badge_of(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
@@ -91,7 +92,7 @@ def _value_line(
     value = group.population.main(name)
     liquid = name == "shear_modulus" and _settled(group).get("liquid", False)
     if not value.known:
-        return ["none: the material is a liquid"] if liquid else [], []
+        return ["none: the material is a liquid"] if liquid and group.has_answer else [], []
     _, factor, unit, _ = result.shown(name)
     middle, interval = digits.value_parts(value, factor)
     if value.bound == "undetermined":
@@ -103,7 +104,7 @@ def _value_line(
     if not middle:
         if value.bound and not value.is_zero:
             notes.append(f"{digits.SURE}, too wide for one value" if value.bound == "wide" else "95 % sure")
-        return [f"{interval} {unit}"], [*notes, *(["a liquid, if scale and rate are right"] if liquid else [])]
+        return [f"{interval} {unit}".rstrip()], [*notes, *(["a liquid, if scale and rate are right"] if liquid else [])]
     if scatter:
         notes.append(f"shots scatter by {digits.percent(scatter)} %")
     if name == "shear_modulus" and group.population.switches.get("stiffening", 0.0) >= 0.5:
@@ -113,7 +114,7 @@ def _value_line(
     statistics = group.systematic.statistics.get(name)
     if not notes and statistics and value.width > _COMMON_SHARE * statistics.width:
         notes.append(f"{digits.value_parts(statistics, factor)[1]}, were scale and rate exact")
-    return [f"{middle} {unit}", *([f"{digits.SURE}: {interval}"] if interval else [])], notes
+    return [f"{middle} {unit}".rstrip(), *([f"{digits.SURE}: {interval}"] if interval else [])], notes
 
 
 def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
