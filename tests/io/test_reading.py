@@ -116,6 +116,14 @@ def array(values: object) -> Make:
     return lambda path: np.save(path.open("wb"), values)
 
 
+def packed(path):
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, values in {"t_us": US, "R_um": UM, "about": np.array({"gel": 1})}.items():
+            with archive.open(f"{name}.npy", "w") as file:
+                np.save(file, values)
+        archive.writestr("read.me", "no array")
+
+
 ROWS_OF_TEXT, TWO = PLAIN.splitlines(keepends=True), lines(",", US, UM, 1.5 * UM)
 
 
@@ -161,7 +169,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
     "HDF5 attributes": (hdf5({"t_us": US, "R_um": UM, "@time": "noon", "@_v": 1, "@rho": 1e3}), "@rho, @time"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
-    "arrays of numpy": (lambda path: np.savez(path.open("wb"), t_us=US, R_um=UM, about={"gel": 1}), "not used: about"),
+    "arrays of numpy": (packed, "not used: about, read.me"),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
     "no time": (within("inf,100"), "1 of 181 frames without a time"),
     "comments in the data": (within("#7,100\n# focus"), "2 comments left out"),

@@ -72,7 +72,7 @@ def _columns(array: np.ndarray) -> dict[str, np.ndarray]:
 def _without_objects(archive: Mapping[str, np.ndarray], name: str) -> np.ndarray:
     """Return an array; an empty one of objects for one that only pickle could read."""
     try:
-        return archive[name]
+        return np.asarray(archive[name])  # of a file that is no array, its bytes
     except ValueError:
         return np.empty(0, object)
 
