@@ -170,7 +170,8 @@ class Analysis:
         InputError: no such liquid is known, or it would boil."""
         stated = {name: value for name, value in curve.medium.items() if name not in (self.given or ())}
         for name, value in stated.items():
-            CONSTANTS[name].check(f"the {name} that the file states", value, "physics.implausible", "; give another")
+            advice = f" (--{name} gives another)"
+            CONSTANTS[name].check(f"the {name} that the file states", value, "physics.implausible", advice)
         return medium_of(self.medium or WATER, unusual=True, **stated)
 
     def experiment(self, curve: RadiusCurve) -> Experiment:
