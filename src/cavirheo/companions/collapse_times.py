@@ -171,7 +171,7 @@ def print_table(document: CollapseTimes) -> None:
         mu = digits.quantity(value.viscosity_Pa_s, joint="\n")
         rows.append([who, n, group.model, G, mu, digits.percent(value.scatter)])
     terminal.print_table(console, heads, rows, left=("model",))
-    remarks = terminal.names_by_text(remark for group in document.groups for remark in _remarks(group, factor, unit))
+    remarks = terminal.names_by_text(remark for group in document.groups for remark in _remarks(group))
     terminal.print_remarks(console, remarks, most=5)
     changes = [abs(change) for found in estimates if (change := found.modulus_per_percent_Pa)]
     if moves := digits.ends(changes, factor, 2):
@@ -180,7 +180,7 @@ def print_table(document: CollapseTimes) -> None:
     terminal.print_remarks(console, {}, document.notes)
 
 
-def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[str, str]]:
+def _remarks(group: CollapseGroup) -> Iterator[tuple[str, str]]:
     """(name of a group or shot, remark on it)."""
     if value := group.estimate:
         yield group.name, value.message

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +22,6 @@ from cavirheo.physics.laws import Material, Newtonian
 from cavirheo.physics.media import WATER, Driving, Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.physics.scales import ZERO_TABLE, Numbers, dimensionless
-
-if TYPE_CHECKING:
-    pass
 
 POLYTROPIC = 1e-7  # largest relative error of a step with polytropic contents, which is cheap
 KINETIC = 0.1  # factor of the relative error: kinetic contents are less stiff; steps would be too long

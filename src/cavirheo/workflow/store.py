@@ -28,8 +28,8 @@ _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": p
 
 
 class Store:
-    """Values by their keys: answers, curves, or several of them in a tuple or a dict. `folder` has a file for each,
-    written completely or not at all; those that were used are in memory, too (an answer takes about 50 kB).
+    """Answers by their keys. `folder` has a file for each, written completely or not at all; those that were used are
+    in memory, too (an answer takes about 50 kB).
 
     Raises InputError: `folder` is a link or no folder.
     """
