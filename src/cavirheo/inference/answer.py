@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import betainc
 
 from cavirheo.arrays import Floats, relative_weights, weighted_covariance
 from cavirheo.errors import SolverError
@@ -382,10 +382,9 @@ def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats) -> f
     derivatives of the frames (n, d) there and their assumed deviations (n,); None for fewer than 9 frames. It does not
     depend on the size of the deviations.
 
-    Noise z is refitted as the measurement was: its residual is e = (1 - J (J'J + ridge)^-1 J') z. That e'A e/e'e, A the
-    mean of both neighbours, is at least r, is that a quadratic form of z is positive, of which mean and variance are
-    known: it is taken as normal. As the correlation of neighbours of Durbin and Watson 1950,
-    doi:10.1093/biomet/37.3-4.409.
+    Noise is refitted as the measurement was: its residual is e = M z, M = 1 - J (J'J + ridge)^-1 J'. Mean and variance
+    of r = e'A e/e'e, A the mean of both neighbours, are those of a projection M; r is between -1 and 1, and taken as of
+    a beta distribution. The correlation of neighbours of Durbin and Watson 1951, doi:10.1093/biomet/38.1-2.159.
     """
     n, d = jacobian.shape
     if n < max(9, d + 3):
@@ -394,5 +393,9 @@ def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats) -> f
     variance = float(scaled @ scaled) / max(n - d, 1)
     left = np.eye(n) - J @ np.linalg.solve(J.T @ J + variance * np.eye(d), J.T)
     alike = 0.5 * (np.eye(n, k=1) + np.eye(n, k=-1))
-    form = left.T @ (alike - scaled @ alike @ scaled / (scaled @ scaled) * np.eye(n)) @ left
-    return float(ndtr(np.trace(form) / np.sqrt(2.0 * np.sum(form**2))))
+    form, size = left.T @ alike @ left, float(np.sum(left**2))
+    middle = float(np.trace(form)) / size
+    spread = 2.0 * (size * float(np.sum(form**2)) - float(np.trace(form)) ** 2) / (size**2 * (size + 2.0))
+    narrow = (1.0 - middle**2) / spread - 1.0
+    correlation = float(scaled @ alike @ scaled / (scaled @ scaled))
+    return float(betainc(0.5 * (1.0 - middle) * narrow, 0.5 * (1.0 + middle) * narrow, 0.5 * (1.0 - correlation)))
