@@ -133,12 +133,12 @@ def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
 
 
 def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """How G and mu may be used, in a sentence."""
+    """How the parameters may be used, in a sentence."""
     if group.verdict == "unverified":
         return "as a first guess: a network gives one value, and no interval says how wrong it may be"
     uses: dict[str, list[str]] = {}
-    for name, symbol in SYMBOLS.items():
-        uses.setdefault(_use_of(group, name), []).append(symbol)
+    for name in (*SYMBOLS, *_further(group.population)):
+        uses.setdefault(_use_of(group, name), []).append(digits.shown(name).symbol)
     parts = [f"{' and '.join(symbols)} {how}" for how, symbols in uses.items() if how]
     if not parts:
         alone = group.population.line and len(shots) > 1
