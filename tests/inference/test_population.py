@@ -301,6 +301,8 @@ def test_two_materials_in_one_group_are_two_heaps_and_one_that_scatters_is_none(
     assert (value.median, value.bound) == (None, "wide")
     assert value.q05 < 10.0 ** CENTRE[0] < 10.0 ** (CENTRE[0] + 0.8) < value.q95
     assert [population(shots(6, 0.08, 0.03, seed=seed)).heaps for seed in range(4)] == [{}] * 4
+    ladder = [seen(CENTRE + 0.4 * step, 0.03, seed=step) for step in range(6)]  # evenly apart: no two materials
+    assert population(ladder).heaps == {}
     outlier = population(shots(8, 0.05, 0.03, away=(2,)))
     assert outlier.heaps == {}  # one shot is no heap
 
