@@ -138,7 +138,7 @@ class Analysis:
         options = self.options
         object.__setattr__(self, "free", options.free)
         family = Family(str(self.material))
-        message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage, or add a spring"
+        message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage, or this law"
         damaged = self._bubble.damage != "none"
         require(family.elastic or not damaged, message, "physics.damage_without_elasticity")
         if point:
