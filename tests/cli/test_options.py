@@ -53,8 +53,8 @@ infer shot.csv --windo 3
 infer nowhere.csv
 which-law shot.csv --bubble real,field
 fit shot.csv --free clock
-infer shot.csv --surface-tension 0,07 | got '0,07': use a decimal point
-infer shot.csv --scale-error=50 | got '50'
+infer shot.csv --surface-tension 0,07 | use a decimal point
+infer shot.csv --scale-error=50 | 50
 compare . --references refs.csv
 simulate -o o
 show

@@ -60,13 +60,16 @@ _command: Any = typer.main.get_command(app)
 
 
 def _given(error: Any, message: str) -> str:
-    """', got ...' with the value of the option with which an error is, if its message does not say it."""
+    """What an error in an option lacks in its message: the value that was given, and that a comma is no decimal
+    point."""
     options = getattr(getattr(error, "param", None), "opts", ())
     for word, following in pairwise([*sys.argv[1:], ""]):
         name, equals, value = word.partition("=")
         value = value if equals else following
-        if name in options and brief(value) not in message:
-            return f", got {brief(value)}" + (": use a decimal point" if "," in value else "")
+        if name in options:
+            given = "" if brief(value) in message else f", got {brief(value)}"
+            comma = re.fullmatch(r"[+-]?\d+,\d+", value) and "decimal point" not in message
+            return given + (": use a decimal point" if comma else "")
     return ""
 
 
