@@ -176,9 +176,10 @@ def _drawn(target: ResidualSource, noise: Noise, seed: int) -> Weighed:
     if drawn.effective < ENOUGH and target.untrained and not target.unknown:
         target.unknown = target.untrained
         drawn = posterior(target.models(noise), seed, SIMULATED)
-    if not len(drawn.solved.x):
+    solved = drawn.solved
+    if not len(solved.x):
         raise SolverError(f"{target.shot.curve.name}: none of {len(drawn.x)} likely bubbles can be simulated")
-    return drawn.solved
+    return solved
 
 
 def _without_interval(found: Posterior, best: int) -> Posterior:
@@ -394,8 +395,8 @@ def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats) -> f
     left = np.eye(n) - J @ np.linalg.solve(J.T @ J + variance * np.eye(d), J.T)
     alike = 0.5 * (np.eye(n, k=1) + np.eye(n, k=-1))
     form, size = left.T @ alike @ left, float(np.sum(left**2))
-    middle = float(np.trace(form)) / size
-    spread = 2.0 * (size * float(np.sum(form**2)) - float(np.trace(form)) ** 2) / (size**2 * (size + 2.0))
-    narrow = (1.0 - middle**2) / spread - 1.0
+    mean = float(np.trace(form)) / size
+    variance_of_r = 2.0 * (float(np.sum(form**2)) / size - mean**2) / (size + 2.0)
+    shapes = (1.0 - mean**2) / variance_of_r - 1.0  # sum of both shape parameters of the beta distribution of (1 + r)/2
     correlation = float(scaled @ alike @ scaled / (scaled @ scaled))
-    return float(betainc(0.5 * (1.0 - middle) * narrow, 0.5 * (1.0 + middle) * narrow, 0.5 * (1.0 - correlation)))
+    return float(betainc(0.5 * (1.0 - mean) * shapes, 0.5 * (1.0 + mean) * shapes, 0.5 * (1.0 - correlation)))

@@ -142,8 +142,8 @@ def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecor
             style = digits.VERDICT_STYLES[group.verdict].terminal if label == "use" else ""
             _say(label, _fitting(parts), style=style, most=_MOST_LINES)
         else:
-            value = label != "next"
-            _say(label, "   ".join(parts), style="bold" if value else "", most=2 if value else 1)
+            parameter = label != "next"
+            _say(label, "   ".join(parts), style="bold" if parameter else "", most=2 if parameter else 1)
 
 
 def _fitting(clauses: Sequence[str]) -> str:

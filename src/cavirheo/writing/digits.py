@@ -155,7 +155,7 @@ def counted_shots(count: int, total: int) -> str:
 
 
 def p_value_in_words(p: float) -> str:
-    """'p = 0.04', or 'p < 1e-06': the tail of a normal distribution tells no smaller probability."""
+    """'p = 0.04', or 'p < 1e-06': the tail of an approximate distribution tells no smaller probability."""
     return f"p = {p:.2g}" if p > 1e-6 else "p < 1e-06"
 
 
