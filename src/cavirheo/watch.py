@@ -71,6 +71,7 @@ class Watch:
         before, self._seen = self._seen, self._states()
         new = [path for path, state in self._seen.items() if path not in self.files or self.files[path][0] != state]
         complete = sorted((self._seen[path][1], path) for path in new if before.get(path) == self._seen[path])
+        complete = complete[: 2 * cores()]  # these are answered before more are read
         for _, path in complete:
             self._read(path, self._seen[path])
         if complete:
