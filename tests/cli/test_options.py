@@ -174,6 +174,7 @@ BUBBLES = {  # options, and the bubble that they ask for
     "--vapour-excess 2000 --damage strain": replace(REAL, vapour_excess=2e3, damage="strain"),
 }
 ASKED = [*(("infer", words, bubble) for words, bubble in BUBBLES.items()), ("which-law", "--bubble field", FIELD)]
+ASKED += [("which-law", "--damage strain", replace(REAL, damage="strain"))]  # its usual laws without a spring stay away
 
 
 @pytest.mark.parametrize(("verb", "words", "asked"), ASKED)

@@ -116,15 +116,18 @@ class Fit(_ReportVerb):
 class WhichLaw(_ReportVerb):
     """Which of several laws explains the curves best? Evidence by sampling."""
 
-    laws: Annotated[str, option("two or more laws, with commas")] = _LAWS
+    laws: Annotated[str, option("two or more laws, with commas; with --damage usually those with a spring")] = _LAWS
     exact_law: settings.ExactLaw = False
     out: options.Out = Path("cavirheo-laws")
 
     @property
     def analyses(self) -> dict[str, Analysis]:
+        from cavirheo.inference.assumptions import Family
         from cavirheo.inference.which_law import plans
 
         laws = [name.strip() for name in self.laws.split(",") if name.strip()]
+        if self.laws == _LAWS and self.damage != "none":
+            laws = [law for law in laws if Family(law).elastic]
         return plans(laws, **self.analysis_options, discrepancy=not self.exact_law)
 
     def choose(
