@@ -53,13 +53,13 @@ class ResidualSource:
     the bubble (`unknown` says why; `untrained` why it may not serve); and by default simulations. states: of the
     switches. simulations, failures: how many there have been."""
 
-    def __init__(self, shot: Experiment, workers: int | None = 1) -> None:
+    def __init__(self, shot: Experiment, workers: int | None = 1, *, unknown_because: str = "") -> None:
         self.shot, self.prior, self.workers = shot, shot.prior(), workers
         self.states: list[State] = self.prior.states(NEEDED)
         self.measured = shot.measured[shot.counted]
         self.simulations, self.failures = 0, 0
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
-        self.unknown: str = unknown(usual, shot.options.bubble, shot.max_radius)
+        self.unknown: str = unknown_because or unknown(usual, shot.options.bubble, shot.max_radius)
         self.untrained: str = untrained(shot.options.bubble, shot.medium, shot.max_radius)
 
     def quick(self, x: Floats) -> Floats:
@@ -118,9 +118,9 @@ def sampled_answer(
 ) -> Posterior:
     """The posterior of an experiment; `empty` gives what does not depend on the draws. Raises SolverError: no bubble
     can be simulated."""
-    target, noise = ResidualSource(shot, workers), shot.noise(discrepancy)
+    noise = shot.noise(discrepancy)
+    target, weighed = _drawn(shot, noise, workers, seed)
     prior = target.prior
-    weighed = _drawn(target, noise, seed)
     found = _with_draws(replace(empty, medium=shot.medium), target, weighed)
     best = int(np.argmax(weighed.log_posterior))
     p_value, excess = predictive_misfit(target, noise, weighed, best)
@@ -170,16 +170,20 @@ def sampled_answer(
     return found
 
 
-def _drawn(target: ResidualSource, noise: Noise, seed: int) -> Weighed:
-    """The weighed draws, by the emulator where it serves. Raises SolverError: no bubble can be simulated."""
+def _drawn(shot: Experiment, noise: Noise, workers: int | None, seed: int) -> tuple[ResidualSource, Weighed]:
+    """The weighed draws, by the emulator where it serves, and where their residuals come from. Raises SolverError: no
+    bubble can be simulated."""
+    target = ResidualSource(shot, workers)
     drawn = posterior(target.models(noise), seed, SIMULATED if target.unknown else EMULATED)
     if drawn.effective < ENOUGH and target.untrained and not target.unknown:
-        target.unknown = target.untrained
+        tried, target = target, ResidualSource(shot, workers, unknown_because=target.untrained)
         drawn = posterior(target.models(noise), seed, SIMULATED)
+        target.simulations += tried.simulations
+        target.failures += tried.failures
     solved = drawn.solved
     if not len(solved.x):
-        raise SolverError(f"{target.shot.curve.name}: none of {len(drawn.x)} likely bubbles can be simulated")
-    return solved
+        raise SolverError(f"{shot.curve.name}: none of {len(drawn.x)} likely bubbles can be simulated")
+    return target, solved
 
 
 def _without_interval(found: Posterior, best: int) -> Posterior:
