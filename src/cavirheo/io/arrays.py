@@ -8,17 +8,15 @@ and shift_normRnew holds R/R_max in rows over common times, with R_max of each r
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
-from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed
 from cavirheo.io.binary import ATTRIBUTE, Arrays
-from cavirheo.io.curves import FORMS, Camera, read_tables, stated
+from cavirheo.io.curves import FORMS, Camera, read_each_table, read_table, stated
 from cavirheo.io.names import CURVES, STATED
 from cavirheo.io.tables import Name, Table
 from cavirheo.messages import Message
@@ -42,12 +40,17 @@ def read_arrays(arrays: Arrays, camera: Camera, density: float, pressure: float)
         return _bdt(arrays, camera, density, pressure)
     if names.issuperset(_ROWS):
         arrays = _with_radii_of_rows(arrays)
-    return read_tables(_tables(arrays), camera)
+    shots, of_frames = _shots(arrays)
+
+    def read(group: str, names: dict[str, Name]) -> list[RadiusCurve]:
+        return read_table(_table(group, names, of_frames, arrays), camera)
+
+    return read_each_table(shots, read)
 
 
-def _tables(arrays: Arrays) -> list[tuple[str, Callable[[], Table]]]:
-    """Return for each shot its group and what makes its table: of what is in the group, and what is outside all
-    shots."""
+def _shots(arrays: Arrays) -> tuple[list[tuple[str, dict[str, Name]]], Container[str]]:
+    """Return (the group of each shot with the names of its arrays, which are in it or outside all shots; the paths of
+    arrays with a number for each frame)."""
     names = {path: _name(path, array) for path, array in arrays.items()}
     of_frames = {  # a dict keeps their order
         path: None for path, name in names.items() if name.kind in _OF_FRAMES and _has_frames(path, arrays[path])
@@ -63,15 +66,15 @@ def _tables(arrays: Arrays) -> list[tuple[str, Callable[[], Table]]]:
     for path in names:
         inside[_nearest(_group(path), groups)].append(path)
     outside = [path for path in inside[""] if "" not in groups or path not in of_frames]
-    tables: list[tuple[str, Callable[[], Table]]] = []
+    shots: list[tuple[str, dict[str, Name]]] = []
     for group in groups:
         group_of_times = _group_with_times(group, kinds, with_radii)
         here = {path: names[path] for path in [*inside[group], *(outside if group else ())]}
         for path in here.keys() & of_frames.keys():
             if _group(path) != (group_of_times if names[path].kind == "time" else group):
                 here[path] = Name()
-        tables.append((group, partial(_table, group, here, of_frames, arrays)))
-    return tables
+        shots.append((group, here))
+    return shots, of_frames
 
 
 def _group(path: str) -> str:
@@ -139,20 +142,20 @@ def _table(group: str, names: dict[str, Name], of_frames: Container[str], arrays
     times = next((arrays[path] for path, name in names.items() if name.kind == "time"), None)
     in_rows = matrix is not None and _in_rows(path_of_matrix, matrix, times)
     titles: list[str] = []
-    columns: list[tuple[Name, Callable[[], Floats]]] = []
+    columns: list[tuple[Name, np.ndarray | str]] = []
     for path, name in names.items():
         array = arrays[path]
         if path in of_frames and name.kind not in _ESSENTIAL and _size(array) not in sizes:
             name = Name()
         shape = np.shape(array)
-        if matrix is None or path not in of_frames or sorted(shape) != sorted(matrix):
+        if isinstance(array, str) or matrix is None or path not in of_frames or sorted(shape) != sorted(matrix):
             titles.append(path)
-            columns.append((name, partial(_vector, array, path)))
+            columns.append((name, array))
             continue
         by_row = in_rows == (shape == matrix)
-        for k in range(shape[0] if by_row else shape[1]):
-            titles.append(f"{path}{{{k + 1}}}")
-            columns.append((name._replace(number=str(k + 1)), partial(_row, array, k, by_row)))
+        for k, row in enumerate(array if by_row else array.T, 1):
+            titles.append(f"{path}{{{k}}}")
+            columns.append((name._replace(number=str(k)), row))
     return Table(CURVES, [], [], group, titles, arrays=columns)
 
 
@@ -160,20 +163,6 @@ def _rank(path: str) -> int:
     """Return 0 for IMR's Rnew, 1 for an array of an experiment, such as R_exp, 2 for any other."""
     word = _CELL.sub("", path.rpartition("/")[2])
     return 0 if word == "Rnew" else 1 if _EXPERIMENT.search(word) else 2
-
-
-def _vector(array: np.ndarray | str, path: str) -> Floats:
-    """Return the numbers of an array. Raises InputError: it holds none."""
-    if isinstance(array, str):
-        raise InputError(f"{path} is {array}", "matlab.variables")
-    if not array.size:
-        raise InputError(f"{path} is empty", "matlab.cells")
-    return array.ravel(order="F").astype(np.float64)
-
-
-def _row(array: np.ndarray | str, k: int, by_row: bool) -> Floats:
-    rows = np.asarray(array, dtype=np.float64)
-    return rows[k] if by_row else rows[:, k]
 
 
 def _in_rows(path: str, shape: tuple[int, ...], time: np.ndarray | str | None) -> bool:
@@ -203,12 +192,13 @@ def _no_history(arrays: Arrays) -> InputError:
 def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
     """Read BDT's cells of R/R_max and t* = t/(R_max sqrt(rho/p)), with R_max of each in RmaxList."""
     others = [path for path in arrays if _CELL.sub("", path) not in _BDT]
-    names = {path: Name() if _has_frames(path, arrays[path]) else _name(path, arrays[path]) for path in others}
-    about = [(name, partial(_vector, arrays[path], path)) for path, name in names.items()]
+    about = [
+        (Name() if _has_frames(path, arrays[path]) else _name(path, arrays[path]), arrays[path]) for path in others
+    ]
     facts = stated(Table(CURVES, [], [], titles=others, arrays=about))
     density = facts["density"][1] if "density" in facts else density
     pressure = facts["pressure"][1] if "pressure" in facts else pressure
-    maxima = _vector(arrays[_BDT[2]], _BDT[2]) if _size(arrays.get(_BDT[2], "")) else np.empty(0)
+    maxima = np.ravel(arrays[_BDT[2]], order="F") if _size(arrays.get(_BDT[2], "")) else np.empty(0)
     note = f"seconds from t* with R_max of RmaxList, density {density:.6g} kg/m3, {pressure:.6g} Pa"
     unscaled = ""
     if not len(maxima):
@@ -216,18 +206,18 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
     count = sum(path.startswith(_BDT[0]) for path in arrays)
     if _BDT[0] in arrays or count != sum(path.startswith(_BDT[1]) for path in arrays):
         raise InputError(f"{_BDT[0]} and {_BDT[1]} are no cells of arrays, as many of both", "matlab.cells")
-    tables: list[tuple[str, Callable[[], Table]]] = []
+    tables: list[tuple[str, Table]] = []
     for k in range(count):
         largest = _UNIT if unscaled else maxima[k] if k < len(maxima) else np.nan
         radius, time = (f"{name}{{{k + 1}}}" for name in _BDT[:2])
         shot = [
-            (Name("radius", "m"), partial(_scaled, arrays, radius, largest)),
-            (Name("time", "s"), partial(_scaled, arrays, time, largest * np.sqrt(density / pressure))),
+            (Name("radius", "m"), _scaled(arrays.get(radius, "missing"), largest)),
+            (Name("time", "s"), _scaled(arrays.get(time, "missing"), largest * np.sqrt(density / pressure))),
         ]
         table = Table(CURVES, [], [note], titles=[radius, time, *others], arrays=[*shot, *about])
-        tables.append((str(k + 1), partial(replace, table)))
+        tables.append((str(k + 1), table))
     curves = []
-    for curve in read_tables(tables, camera):
+    for curve in read_each_table(tables, lambda _, table: read_table(table, camera)):
         if unscaled and not curve.unusable:  # the user's R_max will scale both time and radius
             times, radii = curve.time / _UNIT, curve.radius / _UNIT
             curve = replace(curve, time=times, radius=radii, unscaled=unscaled, time_unscaled=True)
@@ -236,12 +226,11 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
     return curves
 
 
-def _scaled(arrays: Arrays, path: str, factor: float) -> Floats:
-    """Return the numbers of a cell times a factor. Raises InputError: as `_vector`; or there is no factor."""
-    numbers = _vector(arrays.get(path, "missing"), path)
-    if not factor > 0:
-        raise InputError(f"{path} is without a scale: RmaxList has no R_max", "matlab.variables")
-    return numbers * factor
+def _scaled(array: np.ndarray | str, factor: float) -> np.ndarray | str:
+    """Return an array of numbers times a factor, or why there are none."""
+    if isinstance(array, str) or not array.size:
+        return array
+    return array * factor if factor > 0 else "without a scale: RmaxList has no R_max"
 
 
 def _density_warning(curve: RadiusCurve, density: float) -> list[Message]:

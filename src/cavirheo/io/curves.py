@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -89,7 +88,7 @@ class _Series(NamedTuple):
 
 
 def read_text(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of a text or a workbook. Raises InputError: as `read_tables`, or there is no table."""
+    """Read the curves of a text or a workbook. Raises InputError: as `read_table`, or there is no table."""
     try:
         tables = read_columns(source, CURVES)
     except InputError as error:
@@ -100,24 +99,25 @@ def read_text(source: Source, density: float, pressure: float, camera: Camera) -
         except InputError:
             raise error from None
     if tables[0].titles:
-        return read_tables([(table.name, partial(replace, table)) for table in tables], camera)
+        return read_each_table([(table.name, table) for table in tables], lambda _, table: read_table(table, camera))
     return [curve for table in tables for curve in _read_without_header(table, density, pressure)]
 
 
-def read_tables(tables: Sequence[tuple[str, Callable[[], Table]]], camera: Camera) -> list[RadiusCurve]:
-    """Read the curves of tables, which are given as a name and what makes the table. Raises InputError: an unknown
-    layout, a missing column, a cell that is no number, or a frame rate or scale that is needed and not given; if no
-    table can be read."""
+def read_each_table(
+    tables: Sequence[tuple[str, Part]], read: Callable[[str, Part], list[RadiusCurve]]
+) -> list[RadiusCurve]:
+    """Read the curves of all tables of a file, which are given by name, and label each with its table if there are
+    several. Raises InputError: as `read_table`, if no table can be read."""
 
-    def read(name: str, table: Callable[[], Table]) -> list[RadiusCurve]:
-        curves = _read_table(table(), camera)
+    def labelled(name: str, table: Part) -> list[RadiusCurve]:
+        curves = read(name, table)
         if len(tables) == 1:
             return curves
         several = len(curves) > 1
         labels = [f"{name}, {curve.meta.get('label', k)}" if several else name for k, curve in enumerate(curves, 1)]
         return [curve.labelled(label=label) for curve, label in zip(curves, labels, strict=True)]
 
-    return _each(tables, read)
+    return _each(tables, labelled)
 
 
 def _each(parts: Collection[tuple[str, Part]], read: Callable[[str, Part], list[RadiusCurve]]) -> list[RadiusCurve]:
@@ -142,7 +142,9 @@ def _each(parts: Collection[tuple[str, Part]], read: Callable[[str, Part], list[
     return curves
 
 
-def _read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
+def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
+    """Read the curves of a table. Raises InputError: an unknown layout, a missing column, a cell that is no number, or
+    a frame rate or scale that is needed and not given."""
     series = _series(table)
     camera, meta, used = _facts(table, camera)
     used += [column for one in series for column in one.used]
@@ -475,11 +477,11 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
         raise InputError(f"{len(values)} columns and no header; {HEADER_ADVICE}", "table.header")
     titles = ["time", "radius"]
     empty = values[1] < _LEAST_RADIUS  # lost frames, or rows of -1000 between shots
-    arrays = [(Name(title), partial(np.copy, column[~empty])) for title, column in zip(titles, values, strict=True)]
+    arrays = [(Name(title), column[~empty]) for title, column in zip(titles, values, strict=True)]
     notes = ["no header: columns taken as time and radius", *table.notes]
     if empty.any():
         notes.append(f"{np.count_nonzero(empty)} rows with radius <= 0 left out")
-    curves = _read_table(Table(CURVES, [], notes, titles=titles, arrays=arrays), Camera())
+    curves = read_table(Table(CURVES, [], notes, titles=titles, arrays=arrays), Camera())
     ratios = [ratio for curve in curves if (ratio := curve.rayleigh_ratio(density, pressure))]
     if not ratios or not all(_RATIOS[0] <= ratio <= _RATIOS[1] for ratio in ratios):
         raise InputError(f"no header, and the numbers do not prove their units; {HEADER_ADVICE}", "table.header")

@@ -135,7 +135,7 @@ class Column:
     index: int  # its index, from 0
     title: str  # as it is written, with the unit from the row below, if any; the path of an array
     name: Name
-    read: Callable[[], Floats] | None = None  # reads an array, which may have a length of its own
+    array: np.ndarray | str | None = None  # its numbers, if they are no cells of rows; or what it is instead
 
     @property
     def term(self) -> Term:
@@ -150,16 +150,20 @@ class Column:
     @property
     def text(self) -> list[str]:
         """(rows,) cells; "" for a missing one."""
-        if self.read:
+        if self.array is not None:
             return list(map(str, self.numbers.tolist()))
         return [texts[self.index] if self.index < len(texts) else "" for _, texts in self.table.rows]
 
     @cached_property
     def numbers(self) -> Floats:
         """(rows,) numbers in the unit of the column; NaN for a missing one. Raises InputError: a cell is no number, or
-        has a comma of unknown meaning; or what is no array of numbers."""
-        if self.read:
-            return self.read()
+        has a comma of unknown meaning; or what is no array of numbers, or an empty one."""
+        if isinstance(self.array, str):
+            raise InputError(f"{self.title} is {self.array}", "matlab.variables")
+        if self.array is not None:
+            if not self.array.size:
+                raise InputError(f"{self.title} is empty", "matlab.cells")
+            return self.array.ravel(order="F").astype(np.float64)
         return np.array([self._number(*pair) for pair in zip(self.table.rows, self.text, strict=True)], dtype=float)
 
     def _number(self, row: Row, cell: str) -> float:
@@ -209,7 +213,7 @@ class Table:
     name: str = ""  # of its sheet in a workbook, or of the group of the arrays
     titles: list[str] = field(default_factory=list)  # as they are written, with units from the row below
     line: int = 1  # number of the line with the titles
-    arrays: Sequence[tuple[Name, Callable[[], Floats]]] = ()  # of each title; then `rows` is empty
+    arrays: Sequence[tuple[Name, np.ndarray | str]] = ()  # of each title; then `rows` is empty
 
     @cached_property
     def columns(self) -> list[Column]:
