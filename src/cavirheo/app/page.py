@@ -191,7 +191,7 @@ class Page:
         texts = [box for box in settings if isinstance(box, gr.Textbox)]
         changes = [event for box in texts for event in (box.blur, box.submit)]  # not while somebody types
         changes += [box.input for box in settings if box not in texts]
-        bind(changes, self._change_settings, [self.shown_shot, *settings], validator=self._field_errors, **_LATEST)
+        bind(changes, self._change_settings, [self.shown_shot, *settings], **_LATEST)
         bind(self.shown_shot.change, self._show_prepared, [self.shown_shot], slow=True, **_LATEST)
         # warnings load the solver: they are shown later, so that the table need not wait for it
         bind(self.shots_table.change, self._warn, slow=True, **_LATEST)
@@ -211,13 +211,6 @@ class Page:
         self.link.change(None, self.link, js=_ADDRESS, **private)
         self.blocks.load(self._restore, None, self.outputs, show_progress="hidden", **private)
         self.blocks.unload(self._leave)
-
-    def _field_errors(self, shown_shot: Any, *values: Any) -> list[Any]:
-        """A validation of each field, with its error message; any error cancels the event."""
-        texts = _page_values(values)
-        errors = PageSettings.errors(texts)
-        messages = ["", *(errors.get(name, "") for name in texts)]
-        return [gr.validate(not message, message) for message in messages]
 
     def _leave(self, request: gr.Request) -> None:
         self.visitors.leave(request.session_hash or "")

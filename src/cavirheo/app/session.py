@@ -6,7 +6,7 @@ import shlex
 import shutil
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
@@ -81,24 +81,6 @@ class PageSettings(InferOptions):
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
         _ = self.analysis, self.read_options
-
-    @classmethod
-    def errors(cls, texts: Mapping[str, Any]) -> dict[str, str]:
-        """Why values that were typed into fields cannot be used, by field; "" for all of them together."""
-
-        def problem(**values: Any) -> str:
-            try:
-                cls(**values)
-            except InputError as error:
-                return str(error)
-            return ""
-
-        vouch = {"trust_input": texts["trust_input"]}
-        single = {name: problem(**(vouch | {name: value})) for name, value in texts.items()}
-        errors = {name: text for name, text in single.items() if text}
-        if not errors and (text := problem(**texts)):
-            return {"": text}
-        return errors
 
     @property
     def camera(self) -> dict[str, Any]:
