@@ -81,7 +81,6 @@ class RadiusCurve:
         maximum: (time in s, R_max in m); if None, it is fitted to the samples (landmarks.py).
         stated_time_of_max: time of R_max that the file states, s; used where the recording does not show the growth.
         unscaled: reason why the radii have no scale; `max_radius` raises it until `with_max_radius` sets the scale.
-        time_unscaled: whether `time` is time/R_max in s/m; `with_max_radius` then scales it too.
         late: whether R_max may be before the first frame; if None, the frames decide (`begins_late`).
         warnings: input warnings, such as frames out of order. With a warning no answer is `ok`, unless the user
             confirms that the input is right.
@@ -101,7 +100,6 @@ class RadiusCurve:
     maximum: tuple[float, float] | None = None
     stated_time_of_max: float | None = None
     unscaled: str = ""
-    time_unscaled: bool = False
     late: bool | None = None
     warnings: tuple[Message, ...] = ()
     unusable: str = ""
@@ -132,7 +130,7 @@ class RadiusCurve:
             raise InputError("radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
         if np.isfinite(radius).any() and not self.unscaled:
             RADIUS.check("radius", float(np.nanmedian(radius)), "curve.radius_unit")
-        if len(time) > 1 and not self.time_unscaled:
+        if len(time) > 1:
             INTERVAL.check("the time between frames", float(np.median(np.diff(time))), "curve.time_unit")
         for array in (time, radius, std):
             array.setflags(write=False)
@@ -230,19 +228,17 @@ class RadiusCurve:
 
     def with_max_radius(self, max_radius: float) -> RadiusCurve:
         """The curve scaled so that its maximum is `max_radius` (m): for radii in pixels, or if R_max is known better.
-
-        Times do not change, unless the curve is `time_unscaled`.
-        """
+        Times do not change."""
         if not isinstance(max_radius, Real) or not 0 < max_radius < np.inf:
             message = f"the maximum radius must be a positive number of metres, got {max_radius!r}"
             raise InputError(message, "curve.max_radius")
         RADIUS.check("the maximum radius", max_radius, "curve.max_radius")
         start, top = self._maximum
-        scale, unit = max_radius / top, max_radius if self.time_unscaled else 1.0
+        scale = max_radius / top
         note = f"R_max set to {max_radius * 1e6:.4g} um" + ("" if self.unscaled else f": radii scaled by {scale:.4g}")
         parts: Any = {"radius": self.radius * scale, "radius_std": self.radius_std * scale, "late": self.begins_late}
-        parts |= {"time": self.time * unit, "maximum": (start * unit, float(max_radius)), "stated_time_of_max": None}
-        return replace(self.with_notes(note), **parts, unscaled="", time_unscaled=False)
+        parts |= {"maximum": (start, float(max_radius)), "stated_time_of_max": None}
+        return replace(self.with_notes(note), **parts, unscaled="")
 
     def normalised(self, medium: Medium) -> tuple[Floats, Floats]:
         """(m,) t* = (t - t_max)/t_c and (m,) R* = R/R_max of the measured frames, growth (t* < 0) included."""

@@ -225,7 +225,7 @@ def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path):
 
 def test_report_is_one_sound_file_that_asks_for_nothing_and_has_a_picture_of_every_curve(pairs, tmp_path):
     pairs += [(bubble("short"), unanswered("too short"))]
-    pairs += [(replace(bubble("px"), unscaled="in pixels", time_unscaled=True), unanswered("no scale"))]
+    pairs += [(replace(bubble("px"), unscaled="in pixels"), unanswered("no scale"))]
     written = result(pairs, COMMAND)
     write_report(tmp_path, pairs, written)
     assert written.notes == []

@@ -26,7 +26,6 @@ _ROWS = ("shift_normRnew", "Rmax", "t")
 _ESSENTIAL = {kind for form in FORMS for kind in form.kinds} | {"time"}  # kinds of arrays that a shot must have
 _OF_FRAMES = _ESSENTIAL | {"frame", "curve", "radius_std", "max_radius", "stretch", "stretch_std"}
 _LISTED = 12  # most names in a message
-_UNIT = 1e-4  # m, an R_max in place of one that is not known
 _EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _CELL = re.compile(r"\{(\d+)\}$")  # at the end of a path
 
@@ -193,17 +192,17 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
     facts = stated(Table(CURVES, [], [], titles=others, arrays=about))
     density = facts["density"][1] if "density" in facts else density
     pressure = facts["pressure"][1] if "pressure" in facts else pressure
-    maxima = np.ravel(arrays[_BDT[2]], order="F") if _size(arrays.get(_BDT[2], "")) else np.empty(0)
+    if not _size(arrays.get(_BDT[2], "")):
+        message = "no RmaxList, so radii and times are only known in units of R_max: add R_max of each cell, m"
+        raise InputError(message, "matlab.variables")
+    maxima = np.ravel(arrays[_BDT[2]], order="F")
     note = f"seconds from t* with R_max of RmaxList, density {density:.6g} kg/m3, {pressure:.6g} Pa"
-    unscaled = ""
-    if not len(maxima):
-        note = unscaled = "the file has no RmaxList, so radii and times are only known in units of R_max"
     count = sum(path.startswith(_BDT[0]) for path in arrays)
     if _BDT[0] in arrays or count != sum(path.startswith(_BDT[1]) for path in arrays):
         raise InputError(f"{_BDT[0]} and {_BDT[1]} are no cells of arrays, as many of both", "matlab.cells")
     tables: list[tuple[str, Table]] = []
     for k in range(count):
-        largest = _UNIT if unscaled else maxima[k] if k < len(maxima) else np.nan
+        largest = maxima[k] if k < len(maxima) else np.nan
         radius, time = (f"{name}{{{k + 1}}}" for name in _BDT[:2])
         shot = [
             (Name("radius", "m"), _scaled(arrays.get(radius, "missing"), largest)),
@@ -213,9 +212,6 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
         tables.append((str(k + 1), table))
     curves = []
     for curve in read_each_table(tables, lambda _, table: read_table(table, camera)):
-        if unscaled and not curve.unusable:  # the user's R_max will scale both time and radius
-            times, radii = curve.time / _UNIT, curve.radius / _UNIT
-            curve = replace(curve, time=times, radius=radii, unscaled=unscaled, time_unscaled=True)
         warnings = (*curve.warnings, *_density_warning(curve, density))
         curves.append(replace(curve, stated_time_of_max=0.0, warnings=warnings))
     return curves
@@ -231,7 +227,7 @@ def _scaled(array: np.ndarray | str, factor: float) -> np.ndarray | str:
 def _density_warning(curve: RadiusCurve, density: float) -> list[Message]:
     """Return a warning if the density seems wrong: the rate is slightly off a round one, at which cameras run."""
     rate = curve.frame_rate
-    if rate is None or curve.time_unscaled:
+    if rate is None:
         return []
     rounds = np.array([1.0, 2.0, 5.0])[:, None] * 10.0 ** np.arange(4, 8)
     nearest = float(rounds.flat[np.argmin(np.abs(np.log(rounds / rate)))])

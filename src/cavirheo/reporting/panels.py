@@ -101,21 +101,16 @@ def _units_of(curve: RadiusCurve) -> tuple[str, str, Points]:
     """(names of both axes; a function of times (s) and radii (m) that gives them in the units of the axes): µs after
     R_max and µm, as far as the scales of the curve are known."""
     origin = 0.0
-    per_second = 1e6
     time = "time of the recording (µs)"
-    if curve.time_unscaled:
-        per_second = 1.0
-        time = "time (no scale)"
-    else:
-        with suppress(InputError):  # no maximum
-            origin = curve.time_of_max
-            time = f"time after {RMAX} (µs)"
+    with suppress(InputError):  # no maximum
+        origin = curve.time_of_max
+        time = f"time after {RMAX} (µs)"
     per_metre = 1e6
     radius = "R (µm)"
     if curve.unscaled:
         per_metre = 1.0 / float(np.nanmax(curve.radius, initial=1e-300))
         radius = "R / largest R"
-    return time, radius, lambda times, radii: ((times - origin) * per_second, radii * per_metre)
+    return time, radius, lambda times, radii: ((times - origin) * 1e6, radii * per_metre)
 
 
 def curve_panels(curve: RadiusCurve, checks: Checks, method: str = "", what_if: Checks | None = None) -> list[Panel]:
