@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -13,14 +14,14 @@ from pathlib import Path
 
 import pytest
 from answers import same
-from conftest import EXAMPLE, ROOT, refusal, refused, until
+from conftest import EXAMPLE, ROOT, contents, refusal, refused, until
 from dask import config
 from distributed import Client, LocalCluster
 
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
-from cavirheo.workflow.cluster import Workers, _run, check_workers, identity
+from cavirheo.workflow.cluster import Workers, _run, check_workers, identity, slurm_cluster
 from cavirheo.workflow.store import Store, analyse_all
 
 
@@ -119,7 +120,53 @@ def test_a_worker_with_other_code_is_refused(workers, monkeypatch):
     answers = dict(zip(workers.client.nthreads(), (identity(), other), strict=True))
     monkeypatch.setattr(workers.client, "run", lambda *_, **__: answers)
     with refused("cluster.refused", "code 00000000"):
-        check_workers(workers.client, lambda _: None)
+        check_workers(workers.client, lambda _: None, 5.0)
+
+
+QUEUE = {"queue": "short", "cores": 4, "memory": "8 GB", "walltime": "00:30:00"}
+
+
+def slurm(**settings: object) -> config.set:
+    return config.set({f"jobqueue.slurm.{name}": value for name, value in (QUEUE | settings).items()})
+
+
+def test_a_job_is_what_the_settings_of_dask_jobqueue_say(tmp_path):
+    pytest.importorskip("dask_jobqueue")
+    more = {"job-script-prologue": ["module load python"], "job-extra-directives": ["--constraint=icelake"]}
+    more["shared-temp-directory"] = str(tmp_path)
+    with slurm(**more), slurm_cluster() as made:
+        script = made.job_script()
+    lines = "#SBATCH -p short\n#SBATCH -t 00:30:00\n#SBATCH --constraint=icelake\nmodule load python\n"
+    ours = "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False\n"
+    assert {*(lines + ours).splitlines()} <= {*script.splitlines()}
+    assert [word for word in ("--nworkers 4", "--nthreads 1") if word not in script] == []
+
+
+@pytest.mark.slow
+def test_a_slurm_of_one_node_makes_the_same_data_set(tmp_path):
+    """Killed three times in between; the scheduler's connections are encrypted."""
+    if os.geteuid() or not all(map(shutil.which, ("munged", "slurmctld", "slurmd", "sbatch"))):
+        pytest.skip("needs root and the Debian packages slurmctld, slurmd, slurm-client, munge")
+    script, node = ROOT / "tests" / "slurm_node.sh", tmp_path / "node"
+    prologue = [f"export PYTHONPATH={ROOT / 'src'}"]
+    settings = QUEUE | {"cores": 1, "shared-temp-directory": str(tmp_path), "job-script-prologue": prologue}
+    (tmp_path / "jobqueue.yaml").write_text(json.dumps({"jobqueue": {"slurm": settings}}))  # JSON is YAML
+    words = ("generate", ROOT / "recipes" / "laptop.toml", "-n", 2000, "--quiet", "-o")
+    assert begin("cavirheo", *words, "here", cwd=tmp_path).wait() == 0
+    subprocess.run([script, "start", node], check=True, timeout=60)
+    words += ("there", "--slurm", 2)
+    try:
+        for count in (1, 2, 3, None):
+            places = {"SLURM_CONF": str(node / "slurm.conf"), "DASK_CONFIG": str(tmp_path)}
+            process = begin("cavirheo", *words, cwd=tmp_path, **places)
+            if count:
+                until(lambda count=count: len(contents(tmp_path / "there")) >= count, 300.0)
+                process.kill()
+            assert process.wait() == (-signal.SIGKILL if count else 0), (tmp_path / "said.log").read_text()
+    finally:
+        subprocess.run([script, "stop", node], check=True)
+    assert len(contents(tmp_path / "there")) == 4
+    assert contents(tmp_path / "there") == contents(tmp_path / "here")
 
 
 @pytest.mark.slow

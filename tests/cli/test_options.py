@@ -60,6 +60,7 @@ simulate -o o
 show
 generate nowhere.toml -o d
 generate recipe.toml -n 2 -o d --scheduler http://a:1
+generate recipe.toml -n 2 -o d --scheduler tcp://a:1 --slurm 2
 infer shot.csv --model nobody.onnx
 measure film.mraw
 measure film.mraw --roi 0,0,99,99

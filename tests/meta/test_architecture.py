@@ -13,7 +13,7 @@ from conftest import ROOT
 import cavirheo
 
 SOURCE = Path(cavirheo.__file__).parent
-EXTRAS = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed")
+EXTRAS = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue")
 FREE = {"verbs", "__main__", "__init__"}  # the command line and the package's face see every room
 
 

@@ -26,6 +26,7 @@ pytestmark = [
 NOT_RUN = {  # what a line begins with: why
     "make ": "sets up an environment, or runs these tests",
     "pip install ": "changes the environment that the tests run in; tests/wheel.py installs into an empty one",
+    "cavirheo infer SHOTS.mat -o result --slurm": "needs a SLURM: tests/cli/test_cluster.py starts one",
     "cavirheo app": "stays until it is ended; tests/app",
     "cavirheo watch": "stays until it is ended; tests/companions/test_watch.py",
     **dict.fromkeys(("AT=", "PLACE=", "ASKED=", "curl "), "asks a running app; tests/app/test_app.py"),

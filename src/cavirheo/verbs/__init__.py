@@ -29,7 +29,7 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
 _EXTRAS = {  # libraries that a part of the program needs, and the extra that installs them
     "gradio": "app",
     **dict.fromkeys(("torch", "safetensors"), "train"),
-    **dict.fromkeys(("distributed", "dask"), "cluster"),
+    **dict.fromkeys(("distributed", "dask", "dask_jobqueue", "cryptography"), "cluster"),
 }
 _UsageError: Any = typer.BadParameter.__base__  # an error in the call; typer has no public name for it
 app = typer.Typer(

@@ -59,7 +59,7 @@ class _ReportVerb(options.MeasuredFiles):
         sets = read_sets(references)
         folder = Outputs(self.out, *DOCUMENTS, inputs=[*files, *references])
         store = Store(self.out / UNFINISHED)
-        with connected(self.scheduler, run.say) as executor:
+        with connected(self.scheduler, self.slurm, run.say) as executor:
             curves = self.read_curves(run, files)
             published = by_group(group_names(curves), sets)
             for analysis in analyses.values():

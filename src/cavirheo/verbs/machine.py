@@ -33,6 +33,7 @@ def generate(
     seed: Annotated[int | None, option("default: as in the recipe", min=0)] = None,
     workers: Annotated[int | None, option("threads; default: all cores", min=1)] = None,
     scheduler: options.Scheduler = None,
+    slurm: options.Slurm = None,
     quiet: options.Quiet = False,
 ) -> None:
     """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
@@ -42,14 +43,14 @@ def generate(
     from cavirheo.workflow.cluster import connected
 
     content = read_recipe(recipe)
-    if workers is not None and scheduler:
+    if workers is not None and (scheduler or slurm):
         message = "--workers are threads of this machine, and a cluster has its own: leave out one of them"
         raise InputError(message, "option.workers")
     load_solver()
     run = Run(quiet=quiet)
     count = n or content.data.n
     seed = content.data.seed if seed is None else seed
-    with connected(scheduler, run.say) as executor:
+    with connected(scheduler, slurm, run.say) as executor:
         written = dataset.generate(
             content.problem, count, out, seed=seed, workers=workers, progress=not quiet, executor=executor
         )

@@ -47,6 +47,7 @@ REFERENCES = "CSV of published values, or sweeps of a rheometer, beside the answ
 WantedPercent = Annotated[float, option("wanted half-width of the 90 % interval, % of the value", min=0.1, max=99.0)]
 _SCHEDULER = "of a dask cluster: tcp://HOST:PORT  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
+Slurm = Annotated[int | None, option("ask SLURM for so many jobs, as dask-jobqueue is set", CLUSTER, min=1)]
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; or a folder"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 _PICTURES = "draw pictures; --no-pictures is faster"
@@ -102,6 +103,7 @@ class MeasuredFiles(AnsweringVerb):
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
     scheduler: Scheduler = None
+    slurm: Slurm = None
 
     def read_curves(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """Return all curves of the files, and load the solver. Raises InputError: no curve."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Document, Outputs
 
 _OUTPUT_OPTIONS = {"out", "replace", "quiet", "pictures", "every_shot"}
-_NEUTRAL_OPTIONS = _OUTPUT_OPTIONS | {"scheduler", "once"}  # options that change no answer
+_NEUTRAL_OPTIONS = _OUTPUT_OPTIONS | {"scheduler", "slurm", "once"}  # options that change no answer
 # order of the options on the first screen ("" stands for all others), and of the panels
 _OPTION_ORDER = ("material", "laws", "stretch", "bubble", "", "out", "replace", "quiet", "help")
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)

@@ -1,10 +1,14 @@
 """Verbs on many machines: an executor with the workers of a dask cluster (the extra [cluster]), which is found by its
-address. Every worker must have this machine's version and code."""
+address, or whose workers are jobs of SLURM (dask-jobqueue).
+
+Every worker must have this machine's version and code. The options are declared in verbs/options.py.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import re
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -12,16 +16,22 @@ from dataclasses import dataclass
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
+from shutil import which
 from typing import TYPE_CHECKING
 
 from cavirheo.errors import InputError, listed
 from cavirheo.parallel import Flow, Job, Output
 
 if TYPE_CHECKING:
+    from dask_jobqueue import SLURMCluster
     from distributed import Client
 
-TIMEOUT = 20  # s for a scheduler to answer, and for a first worker
+SCHEDULER_TIMEOUT = 20  # s for a scheduler to answer, and for a first worker
+QUEUE_TIMEOUT = 7 * 86400  # s for the first job of a queue
 _ADDRESS = re.compile(r"(tcp|tls|ucx)://[\w.\[\]:-]+:\d{1,5}")
+# dask's profiler asks Python for the stack frames of all threads a hundred times a second. Python 3.11 can hang at this
+# call, and then the worker never returns its job
+_NO_PROFILE = "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False"
 
 
 @cache
@@ -36,8 +46,8 @@ def identity() -> str:
     return f"cavirheo {version('cavirheo')}, code {code.hexdigest()[:8]}"
 
 
-def check_workers(client: Client, notify: Callable[[str], None]) -> None:
-    """Raise InputError: no worker came within TIMEOUT, or one has another identity; the message names it."""
+def check_workers(client: Client, notify: Callable[[str], None], wait: float) -> None:
+    """Raise InputError: no worker came within `wait` s, or one has another identity; the message names it."""
 
     def probe() -> str:  # sent with its code, so that a worker without cavirheo can answer, too
         from cavirheo.workflow.cluster import identity
@@ -45,10 +55,10 @@ def check_workers(client: Client, notify: Callable[[str], None]) -> None:
         return identity()
 
     try:
-        client.wait_for_workers(1, timeout=TIMEOUT)
+        client.wait_for_workers(1, timeout=wait)
     except TimeoutError:
         address = client.scheduler_info()["address"]
-        late = f"no worker came to {address} within {TIMEOUT} s"
+        late = f"no worker came to {address} within {wait:.0f} s"
         raise InputError(f"{late}: start some, and try again", "cluster.no_worker") from None
     workers = {address: str(answer) for address, answer in client.run(probe, on_error="return").items()}
     if refused := [f"{address} ({worker})" for address, worker in sorted(workers.items()) if worker != identity()]:
@@ -93,24 +103,71 @@ def _run(required: str, function: Callable[[Job], Output], job: Job) -> Output:
 
 
 @contextmanager
-def connected(scheduler: str | None, notify: Callable[[str], None]) -> Iterator[Workers | None]:
-    """The executor of `--scheduler` ("tcp://HOST:PORT" or "tls://HOST:PORT" of a dask scheduler); None stands for this
-    machine. Workers are checked before they get work. Raises InputError: no such scheduler, no workers, or workers that
-    are refused (the message names them)."""
-    if scheduler is None:
+def connected(scheduler: str | None, slurm: int | None, notify: Callable[[str], None]) -> Iterator[Workers | None]:
+    """The executor of `--scheduler` ("tcp://HOST:PORT" or "tls://HOST:PORT" of a dask scheduler) or of `--slurm`, a
+    number of jobs; without both None, which stands for this machine. Workers are checked before they get work. Raises
+    InputError: no such scheduler, no workers, or workers that are refused (the message names them)."""
+    if scheduler is None and slurm is None:
         yield None
         return
-    if not _ADDRESS.fullmatch(scheduler):
+    if scheduler and slurm:
+        raise InputError("--scheduler and --slurm are two clusters: leave out one of them", "cluster.scheduler")
+    if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
         message = f"--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, got {scheduler!r}"
         raise InputError(message, "cluster.scheduler")
+    with _client_of(scheduler) if scheduler else _client_of_jobs(slurm or 1, notify) as client:
+        check_workers(client, notify, SCHEDULER_TIMEOUT if scheduler else QUEUE_TIMEOUT)
+        yield Workers(client)
+
+
+def _client_of(scheduler: str) -> Client:
     from distributed import Client
 
     try:
-        client = Client(scheduler, timeout=TIMEOUT)
+        return Client(scheduler, timeout=SCHEDULER_TIMEOUT)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         reason = str(error).partition("\n")[0] or "time out"
         message = f"no dask scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
         raise InputError(message, "cluster.unreachable") from None
-    with client:
-        check_workers(client, notify)
-        yield Workers(client)
+
+
+@contextmanager
+def _client_of_jobs(count: int, notify: Callable[[str], None]) -> Iterator[Client]:
+    from distributed import Client
+
+    if which("sbatch") is None:
+        message = "there is no command sbatch: give --slurm on a machine of the cluster, such as its login node"
+        raise InputError(message, "cluster.slurm")
+    with slurm_cluster() as cluster, Client(cluster) as client:
+        cluster.scale(jobs=count)
+        notify(f"{count} jobs asked of SLURM; the work begins when the first is there")
+        yield client
+
+
+def slurm_cluster() -> SLURMCluster:
+    """A scheduler in this process, without jobs yet; its jobs end with it. A job is as dask-jobqueue's own settings
+    state it (jobqueue.slurm in ~/.config/dask/*.yaml), with one thread in each process. Raises InputError: they do not,
+    or it cannot be started."""
+    import dask
+
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    from dask_jobqueue import SLURMCluster  # its import replaces the handler of Ctrl-C
+
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    from distributed.security import Security
+
+    dask.config.set({"distributed.scheduler.allowed-failures": 10})  # workers are also lost at a walltime
+    settings = dask.config.get("jobqueue.slurm")
+    try:
+        return SLURMCluster(
+            processes=settings["processes"] or settings["cores"] or 1,
+            job_script_prologue=[_NO_PROFILE, *settings["job-script-prologue"]],
+            shared_temp_directory=settings["shared-temp-directory"] or str(Path.home()),
+            scheduler_options={"dashboard_address": "127.0.0.1:0"},
+            security=Security.temporary(),
+            protocol="tls://",
+        )
+    except (ImportError, OSError, RuntimeError, TypeError, ValueError) as error:
+        message = f"no jobs of SLURM can be asked for: {error}; state it under jobqueue: slurm: in "
+        raise InputError(f"{message}~/.config/dask/jobqueue.yaml", "cluster.slurm") from None
