@@ -20,7 +20,7 @@ from cavirheo.io.files import header_of, measurement_files, pixels_of
 from cavirheo.io.shots import CurveSet, read_shots
 from cavirheo.parallel import Executor, cores
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import DOCUMENTS, result, write_report
+from cavirheo.reporting import result, write_documents
 from cavirheo.reporting.documents import curve_record
 from cavirheo.reporting.record import CurveRecord, Result
 from cavirheo.workflow.store import Store, analyse, with_source_of
@@ -35,15 +35,15 @@ State = tuple[int, ...]  # size in bytes and time of the last change in ns, of a
 
 @dataclass(eq=False, repr=False)
 class Watch:
-    """The recordings of one folder, their answers and their documents in `out`.
+    """The recordings of one folder, their answers and their documents in `outputs`.
 
-    analysis: how curves are answered. read: returns the curves of files. group: as in `read_shots`. draw, errors: as in
-    `write_report`. notify: called with a line on each problem. show: called with each new row. executor: as in
-    `analyse`.
+    analysis: how curves are answered. read: returns the curves of files. group: as in `read_shots`. draw: as in
+    `write_documents`. errors: as in `result`. notify: called with a line on each problem. show: called with each new
+    row. executor: as in `analyse`.
     """
 
     folder: Path
-    out: Path
+    outputs: Outputs
     analysis: Analysis
     read: Callable[[list[Path]], CurveSet]
     _: KW_ONLY
@@ -57,8 +57,7 @@ class Watch:
     executor: Executor | None = None
 
     def __post_init__(self) -> None:
-        self.outputs = Outputs(self.out, *DOCUMENTS)
-        self.store = Store(self.out / "watched")
+        self.store = Store(self.outputs.folder / "watched")
         # state and content of all files that were read, also of those that have been moved since
         self.files: dict[Path, tuple[State, CurveSet]] = {}
         self._seen: dict[Path, State] = {}  # states of the files at the latest look
@@ -91,7 +90,7 @@ class Watch:
         pairs = [(curve, with_source_of(answer, curve)) for curve in curves if (answer := self._answer(curve))]
         document = result(pairs, self.command, date=self.date, notes=notes, errors=self.errors)
         if pairs or not self.outputs.listed_entry("result.json"):
-            write_report(self.out, pairs, document, draw=self.draw, replace=True)
+            write_documents(self.outputs, pairs, document, draw=self.draw)
         return document
 
     @property

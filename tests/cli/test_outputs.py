@@ -22,7 +22,7 @@ from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import html, read_json, result, write_report
 from cavirheo.workflow.store import Store, analyse_all
-from cavirheo.writing.document import LIST_FILE, Claim, Outputs
+from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs, locked_folder
 
 VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": "infer shot.csv --model bdt-viscoelastic",
@@ -32,6 +32,7 @@ VERBS = {  # what each writes first, and a call that is complete but for -o
     "rheometer.json": f"rheometer {ROOT / 'examples' / 'soft_gel_strain_sweep.csv'}",
     "simulation.csv": "simulate --material newtonian(0.1) --rmax-um 100 --stretch 5 --duration-us 5",
 }
+CLAIM = Claim("cavirheo infer", {})
 
 
 def stopped(*_: object, **__: object) -> None:
@@ -64,11 +65,10 @@ def test_what_is_not_this_runs_is_not_replaced(run, inputs, name):
     (out / name).symlink_to(inputs / "nowhere")
     leaves_all(inputs, run, name, "out", f"out/{name}")
     (out / name).unlink()
-    with Claim("cavirheo elsewhere", {}).running():
-        Outputs(out, "r")
+    with locked_folder(out):
         leaves_all(inputs, run, name, "out", "in use by another run")
-    with Claim("cavirheo of yesterday", {"verb": "another"}).running():
-        Outputs(out, name).write(name, Path.write_text, "answers")
+    yesterday = Claim("cavirheo of yesterday", {"verb": "another"})
+    Outputs(yesterday, out, name).write(name, Path.write_text, "answers")
     leaves_all(inputs, run, name, "out", "cavirheo of yesterday", "-o", "--replace")
 
 
@@ -98,13 +98,12 @@ def test_a_run_knows_its_own_answers_again_and_leaves_those_of_others(run, tmp_p
 
 
 def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
-    Outputs(tmp_path, "a.csv").write("a.csv", Path.write_text, "ours")
-    assert code_of(Outputs, tmp_path, "a.csv", inputs=[tmp_path / "." / "a.csv"]) == "document.input"
-    with Claim("another", {"verb": "another"}, replace=True).running():
-        later = Outputs(tmp_path, "a.csv", "b.csv")
-        later.write("b.csv", Path.write_text, "b")
-        assert (tmp_path / "a.csv").exists()
-        later.finish()
+    Outputs(CLAIM, tmp_path, "a.csv").write("a.csv", Path.write_text, "ours")
+    assert code_of(Outputs, CLAIM, tmp_path, "a.csv", inputs=[tmp_path / "." / "a.csv"]) == "document.input"
+    later = Outputs(Claim("another", {"verb": "another"}, replace=True), tmp_path, "a.csv", "b.csv")
+    later.write("b.csv", Path.write_text, "b")
+    assert (tmp_path / "a.csv").exists()
+    later.finish()
     assert not (tmp_path / "a.csv").exists()
 
 
@@ -112,18 +111,15 @@ LINKS = [Path.symlink_to, Path.hardlink_to, lambda path, _: os.mkfifo(path)]
 
 
 @pytest.mark.parametrize("link", LINKS, ids=["link", "hard link", "pipe"])
-@pytest.mark.parametrize("name", [LIST_FILE, ".part-result.json"])
+@pytest.mark.parametrize("name", [LIST_FILE, LOCK_FILE, ".part-result.json"])
 def test_nothing_is_written_through_a_link_of_somebody_else(tmp_path, name, link):
     out, theirs = tmp_path / "out", tmp_path / "theirs"
     out.mkdir()
     theirs.write_text("measured with care")
     link(out / name, theirs)
-    with Claim("cavirheo infer", {}).running():
-        if name == LIST_FILE:
-            assert code_of(Outputs, out, "result.json") == "document.link"
-        else:
-            Outputs(out, "result.json").write("result.json", Path.write_text, "answers")
-            assert (out / "result.json").read_text() == "answers"
+    with locked_folder(out):
+        Outputs(CLAIM, out, "result.json").write("result.json", Path.write_text, "answers")
+    assert (out / "result.json").read_text() == "answers"
     assert theirs.read_text() == "measured with care"
 
 
@@ -139,11 +135,11 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
     (tmp_path / "out").mkdir()
     content = line.replace("%s", hashlib.sha256(b"x").hexdigest()) + '\n{"kind"'
     (tmp_path / "out" / LIST_FILE).write_text(content, encoding="utf-8")
-    outputs = Outputs(tmp_path / "out", "r")
+    outputs = Outputs(CLAIM, tmp_path / "out", "r")
     outputs.write("r", Path.write_text, "new")
     outputs.finish()
     assert (tmp_path / "secret").read_text() == "x"
-    Outputs(tmp_path / "out", "r")
+    Outputs(CLAIM, tmp_path / "out", "r")
 
 
 def test_another_report_or_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):

@@ -16,6 +16,7 @@ from cavirheo import load
 from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads
 from cavirheo.watch import Watch
+from cavirheo.writing.document import Claim, Outputs
 
 LINES = EXAMPLE.read_text(encoding="utf-8").splitlines(keepends=True)
 
@@ -46,7 +47,8 @@ class Bench:
     def start(self) -> None:
         analysis = KnownAnalysis(of=self.answer, seed=self.seed)
         read = partial(read_shots, um_per_px=SCALE)
-        self.watch = Watch(self.folder, self.out, analysis, read, notify=self.said.append, **self.how)
+        outputs = Outputs(Claim("cavirheo watch", {}), self.out)
+        self.watch = Watch(self.folder, outputs, analysis, read, notify=self.said.append, **self.how)
 
     def answer(self, one):
         self.asked.append(one.name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 
 from markupsafe import Markup
@@ -14,7 +13,7 @@ from cavirheo.reporting.panels import curve_panels
 from cavirheo.reporting.plane import group_panels
 from cavirheo.reporting.record import GroupRecord, Result, read_json
 from cavirheo.reporting.table import csv_rows
-from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
+from cavirheo.writing.document import Claim, Outputs, locked_folder, try_to_draw, write_json, write_rows
 
 __all__ = ["read_json", "result", "write_report"]
 
@@ -23,13 +22,7 @@ DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 
 def write_report(
-    directory: str | Path,
-    pairs: Pairs,
-    document: Result,
-    *,
-    complete: bool = True,
-    draw: bool = True,
-    replace: bool = False,
+    directory: str | Path, pairs: Pairs, document: Result, *, draw: bool = True, replace: bool = False
 ) -> None:
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
 
@@ -39,7 +32,6 @@ def write_report(
     Args:
         pairs: (curve, answer), in the order of the rows.
         document: their `result`.
-        complete: False for a run that was stopped before all curves were answered: no report.
         draw: whether the report has pictures.
         replace: whether answers of another call or command line may be replaced.
 
@@ -47,20 +39,27 @@ def write_report(
         InputError: a directory that cannot be written, a file in it that cavirheo did not write, or answers of another
             call in it.
     """
+    curves = [(curve.name, curve.source, curve.source_sha256) for curve, _ in pairs]
+    claim = Claim(document.command, {"command": document.command, "curves": curves}, replace)
+    sources = [curve.source for curve, _ in pairs if curve.source]
+    with locked_folder(directory):
+        write_documents(Outputs(claim, directory, *DOCUMENTS, inputs=sources), pairs, document, draw=draw)
+
+
+def write_documents(
+    folder: Outputs, pairs: Pairs, document: Result, *, complete: bool = True, draw: bool = True
+) -> None:
+    """As `write_report`, into the folder of a run. complete: False for one that was stopped before all curves were
+    answered: no report."""
     draw = draw and complete
-    curves = [curve for curve, _ in pairs]
-    sources = [(curve.name, curve.source, curve.source_sha256) for curve in curves]
-    claim = Claim(document.command, {"command": document.command, "curves": sources}, replace)
-    with nullcontext() if CLAIM.get() else claim.running():  # a verb of the command line has set its claim already
-        folder = Outputs(directory, *DOCUMENTS, inputs=[curve.source for curve in curves if curve.source])
-        of_curves = _curve_pictures(pairs, document, draw=draw)
-        of_groups = group_pictures(pairs, document, document.notes) if draw else {}
-        folder.write("result.json", write_json, document)
-        folder.write("result.csv", write_rows, *csv_rows(document))
-        if complete:
-            sheets = [str(curve.meta.get("contact_sheet", "")) for curve in curves] if draw else []
-            folder.write("report.html", html.write, document, of_curves, of_groups, sheets)
-        folder.finish()
+    of_curves = _curve_pictures(pairs, document, draw=draw)
+    of_groups = group_pictures(pairs, document, document.notes) if draw else {}
+    folder.write("result.json", write_json, document)
+    folder.write("result.csv", write_rows, *csv_rows(document))
+    if complete:
+        sheets = [str(curve.meta.get("contact_sheet", "")) for curve, _ in pairs] if draw else []
+        folder.write("report.html", html.write, document, of_curves, of_groups, sheets)
+    folder.finish()
 
 
 def _curve_pictures(pairs: Pairs, document: Result, *, draw: bool) -> dict[int, str]:

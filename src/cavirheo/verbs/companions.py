@@ -33,18 +33,17 @@ class Compare(options.Verb):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import by_group, read_sets
         from cavirheo.loading import load
-        from cavirheo.reporting import DOCUMENTS, comparison, write_report
+        from cavirheo.reporting import DOCUMENTS, comparison, write_documents
         from cavirheo.reporting.record import Result
-        from cavirheo.writing.document import Outputs
 
         sets = read_sets(self.references)
         answers = load(self.result, Result)
         path = self.result / "result.json" if self.result.is_dir() else self.result
-        Outputs(self.out, *DOCUMENTS, inputs=[path, *self.references])
+        outputs = run.outputs(self.out, *DOCUMENTS, inputs=[path, *self.references])
         head = run.document_fields | {"notes": [*run.notes, *answers.notes]}
         document = Result(**vars(answers) | head)
         document.add_published(by_group([group.name for group in document.groups], sets))
-        write_report(self.out, [], document, draw=False)
+        write_documents(outputs, [], document, draw=False)
         run.show(document, comparison.print_comparison)
         counts = f"{digits.counted(len(document.groups), 'group')}, {digits.counted(len(document.curves), 'shot')}"
         run.end(counts, has_problems(document), f"; report: {self.out / 'report.html'}")
@@ -60,12 +59,11 @@ class Rheometer(options.Verb):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import rheometer
-        from cavirheo.writing.document import Outputs
 
         if self.at <= 0:
             raise InputError(f"--at must be an angular frequency in rad/s, got {self.at!r}")
         files = run.files(self.files)
-        outputs = Outputs(self.out, "rheometer.json", inputs=files)
+        outputs = run.outputs(self.out, "rheometer.json", inputs=files)
         sweeps = []
         for path in files:
             try:
@@ -94,14 +92,13 @@ class CollapseTime(options.Verb, settings.Liquid):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import collapse_times
         from cavirheo.io.shots import shot_numbers
-        from cavirheo.writing.document import Outputs
 
         shot_numbers(self.shots)
         files = run.files(self.files)
         liquid = self.liquid
         if self.stretch is not None and not 1 < self.stretch < 1e3:
             raise InputError(f"--stretch must be R_max/R_0 above 1, got {self.stretch!r}", "collapse_time.stretch")
-        outputs = Outputs(self.out, "collapse-time.json", "shots.csv", inputs=files)
+        outputs = run.outputs(self.out, "collapse-time.json", "shots.csv", inputs=files)
         groups = []
         for path in files:
             try:
@@ -142,7 +139,6 @@ class Design(options.Verb, settings.Liquid, settings.BubbleOptions):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.design import DRAWS, Rig, design
-        from cavirheo.writing.document import Outputs
 
         if self.group is not None and self.result is None:
             message = "--group names a group of a result.json: give the file, or leave out --group"
@@ -157,7 +153,7 @@ class Design(options.Verb, settings.Liquid, settings.BubbleOptions):
             bubble=self.full_bubble or "real",
         )
         ranges = {name: ends for name in ("shear_modulus", "viscosity", "stretch") if (ends := getattr(self, name))}
-        outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
+        outputs = run.outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
         with run.progress_bar("answering", len(rig.settings()) * DRAWS) as advance:
             how: dict[str, Any] = {"wanted": 0.01 * self.wanted_percent, "seed": self.seed, "done": advance}
             document = design(self.result, rig, group=self.group, ranges=ranges, **how)

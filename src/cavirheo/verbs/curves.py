@@ -45,19 +45,18 @@ class _ReportVerb(options.MeasuredFiles):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import by_group, read_sets
-        from cavirheo.reporting import DOCUMENTS, write_report
+        from cavirheo.reporting import DOCUMENTS, write_documents
         from cavirheo.reporting.documents import result
         from cavirheo.reporting.record import group_names
         from cavirheo.reporting.screen import print_all, print_result
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import UNFINISHED, Store, analyse_all
-        from cavirheo.writing.document import Outputs
 
         files = run.files(self.files)
         references = self.references or []
         analyses = self.analyses
         sets = read_sets(references)
-        folder = Outputs(self.out, *DOCUMENTS, inputs=[*files, *references])
+        folder = run.outputs(self.out, *DOCUMENTS, inputs=[*files, *references])
         store = Store(self.out / UNFINISHED)
         with connected(self.scheduler, self.slurm, run.say) as executor:
             curves = self.read_curves(run, files)
@@ -80,7 +79,7 @@ class _ReportVerb(options.MeasuredFiles):
         document = result(pairs, errors=self.errors, **run.document_fields)
         document.add_laws(laws)
         document.add_published(published)
-        write_report(self.out, pairs, document, complete=not interrupted, draw=self.pictures)
+        write_documents(folder, pairs, document, complete=not interrupted, draw=self.pictures)
         if interrupted:
             run.end_interrupted(note, self.out / "result.json")
         store.remove_used()
@@ -152,6 +151,7 @@ class Watch(settings.InferOptions, options.AnsweringVerb):
 
         from cavirheo import watch
         from cavirheo.physics.simulate import load_solver
+        from cavirheo.reporting import DOCUMENTS
         from cavirheo.reporting.screen import print_line, print_result
 
         if not self.folder.is_dir():
@@ -160,7 +160,8 @@ class Watch(settings.InferOptions, options.AnsweringVerb):
         keywords |= {"command": run.command, "date": run.date, "errors": self.errors}
         if not run.quiet:
             keywords["show"] = print_line
-        watched = watch.Watch(self.folder, self.out, self.analysis, self.read_recordings, **keywords)
+        outputs = run.outputs(self.out, *DOCUMENTS)
+        watched = watch.Watch(self.folder, outputs, self.analysis, self.read_recordings, **keywords)
         load_solver()
         report = self.out / "report.html"
         watched.write()

@@ -49,7 +49,7 @@ class Measure(options.Verb):
         from cavirheo.physics.media import WATER
         from cavirheo.reporting.measured import describe, write_csv
         from cavirheo.video.formats import EXTRA
-        from cavirheo.writing.document import Outputs, try_to_draw
+        from cavirheo.writing.document import try_to_draw
         from cavirheo.writing.export import import_optional
 
         import_optional("PIL", EXTRA)
@@ -64,7 +64,7 @@ class Measure(options.Verb):
         if others:
             held = f"{self.video} holds {1 + len(others)}"
             raise InputError(f"measure takes one recording, and {held}: name one, such as {path}", "measure.one")
-        outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", inputs=[path])
+        outputs = run.outputs(self.out, "measure.json", "measured.csv", "contact.png", inputs=[path])
         camera["progress"] = partial(run.progress_bar, "measuring", unit="frames")
         measurement, curve = examine(path, **camera)
         warnings = [warning.text for warning in input_warnings.curve_warnings(curve, WATER)]
@@ -105,7 +105,6 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
         from cavirheo.physics.materials import parse
         from cavirheo.physics.media import Pulse
-        from cavirheo.writing.document import Outputs
 
         liquid = self.liquid
         law = parse(self.material)
@@ -119,7 +118,7 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
         if self.pulse:
             kilopascals, megahertz, microseconds = self.pulse
             far_field = Pulse(kilopascals * 1e3, megahertz * 1e6, microseconds * 1e-6)
-        outputs = Outputs(self.out, _FRAMES_FILE)
+        outputs = run.outputs(self.out, _FRAMES_FILE)
         forward.load_solver()
         simulation = forward.simulate(
             law,

@@ -8,8 +8,8 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
@@ -25,7 +25,7 @@ from cavirheo.writing import terminal
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
-    from cavirheo.writing.document import Document, Outputs
+    from cavirheo.writing.document import Claim, Document, Outputs
 
 _OUTPUT_OPTIONS = {"out", "replace", "quiet", "pictures", "every_shot"}
 _NEUTRAL_OPTIONS = _OUTPUT_OPTIONS | {"scheduler", "slurm", "once"}  # options that change no answer
@@ -52,6 +52,8 @@ class Run:
         self.notes: list[str] = []  # on the run as a whole
         self.printed_notes: list[str] = []  # the notes that are already printed on stderr
         self.quiet = quiet
+        self.claim: Claim | None = None  # of a verb that writes documents
+        self.folders = ExitStack()  # which the run holds
 
     @property
     def document_fields(self) -> dict[str, Any]:
@@ -72,6 +74,14 @@ class Run:
                 self.note_unreadable([str(error)])
         self.require_any(files, "file")
         return without_headers(files)
+
+    def outputs(self, folder: Path, *names: str, inputs: Iterable[Path] = ()) -> Outputs:
+        """Hold a folder until the run ends; returns its `Outputs`. Raises InputError."""
+        from cavirheo.writing.document import Outputs, locked_folder
+
+        assert self.claim is not None
+        self.folders.enter_context(locked_folder(folder))
+        return Outputs(self.claim, folder, *names, inputs=inputs)
 
     def note_unreadable(self, problems: list[str]) -> None:
         """Print on stderr which files cannot be read, note and count them."""
@@ -125,7 +135,7 @@ class Command(TyperCommand):
     """A verb of the command line."""
 
     def invoke(self, ctx: Any) -> None:
-        """Run the verb with its Claim. Raises InputError: a number is not finite; typer.Exit(130): interrupted."""
+        """Run the verb. Raises InputError: a number is not finite; typer.Exit(130): interrupted."""
         for name, value in ctx.params.items():
             for number in value if isinstance(value, tuple) else (value,):
                 if isinstance(number, float) and not isfinite(number):
@@ -139,7 +149,8 @@ class Command(TyperCommand):
                 run = Run(quiet=verb.quiet)
                 options = {name: value for name, value in vars(verb).items() if name not in _NEUTRAL_OPTIONS}
                 request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
-                with Claim(run.command, request, verb.replace).running():
+                run.claim = Claim(run.command, request, verb.replace)
+                with run.folders:
                     verb(run)
         except KeyboardInterrupt:
             raise typer.Exit(130) from None

@@ -1,7 +1,5 @@
 """Common parts of all documents that cavirheo writes: JSON records, their head, and CSV files; and safe writing: each
 file is written completely or not at all, and no file of the user or of another run is replaced.
-
-A run locks each folder that it writes into. The lock ends with the process, so a run that was killed blocks no folder.
 """
 
 from __future__ import annotations
@@ -15,15 +13,12 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
-from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import chain
 from math import inf, isfinite
 from pathlib import Path
-from stat import S_ISREG
 from tempfile import TemporaryFile
-from typing import IO, Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import IO, Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_serializer, model_validator
@@ -42,7 +37,8 @@ _log = logging.getLogger(__name__)
 MAX_BYTES = 500_000_000  # most bytes of a document that is read
 MAX_NAME_BYTES = 120  # most bytes of a name, to which an ending and a number can be added
 _MAX_PART = 60  # most letters of a name after ".part-": 240 bytes
-LIST_FILE = ".cavirheo"  # list of the files that cavirheo wrote into an output folder; locked while a run uses it
+LIST_FILE = ".cavirheo"  # list of the files that cavirheo wrote into an output folder
+LOCK_FILE = ".cavirheo.lock"  # in a folder while a run uses it
 _FIRST_KEYS = {"kind": 0, "name": 1}  # order of the keys of a record
 Kind = TypeVar("Kind", bound="Document")
 Picture = TypeVar("Picture")
@@ -189,10 +185,9 @@ def part_of(path: Path) -> Path:
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
     """Context with a temporary file beside `path`: it replaces `path` when it is complete, and is removed on an error.
-    A link of its name, or what else is no file, is removed before."""
+    What had its name, such as a link, is removed before."""
     temporary = part_of(path)
-    if not is_own(temporary):
-        temporary.unlink()
+    temporary.unlink(missing_ok=True)
     try:
         yield temporary
         temporary.replace(path)
@@ -200,30 +195,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def is_own(path: Path) -> bool:
-    """Whether there is no such path, or a file that has no other name. Raises OSError."""
-    with suppress(FileNotFoundError):
-        state = path.lstat()
-        return S_ISREG(state.st_mode) and state.st_nlink <= 1
-    return True
-
-
-def open_own(path: Path) -> IO[str]:
-    """Open a file that only cavirheo uses, to append and to read; it is made if it is missing. Raises OSError, and
-    InputError: it is a link, also a hard one, or no file."""
-
-    def opener(name: str, flags: int) -> int:
-        return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
-
-    if not is_own(path):
-        message = f"{path} is a link or no file, so nothing is written into it: remove it, or name another folder by -o"
-        raise InputError(message, "document.link")
-    return open(path, "a+", encoding="utf-8", errors="replace", opener=opener)
-
-
-@dataclass(eq=False)
-class Claim:
-    """One run of a command: it locks the folders that it writes into, and recognises its own answers in them.
+class Claim(NamedTuple):
+    """One run of a command, by which it knows its own answers again.
 
     Attributes:
         command: the command line.
@@ -234,8 +207,6 @@ class Claim:
     command: str
     request: Mapping[str, Any]
     replace: bool = False
-    _lists: dict[Path, IO[str]] = field(default_factory=dict)
-    _made_folders: list[Path] = field(default_factory=list)
 
     @property
     def key(self) -> str:
@@ -243,47 +214,40 @@ class Claim:
         text = json.dumps(self.request, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def lock_folder(self, folder: Path, new: list[Path]) -> None:
-        """Lock the list of a folder until the run ends. new: folders made for it, which are removed at the end if
-        nothing is in them. Raises OSError, and InputError: another run has locked the folder."""
-        self._made_folders += new
-        place = Path(os.path.realpath(folder)) / LIST_FILE
-        if fcntl is None or place in self._lists:
-            return
-        file = open_own(place)
-        try:
+
+@contextmanager
+def locked_folder(folder: str | Path) -> Iterator[None]:
+    """Context in which a run holds a folder, which is made, and removed at the end if nothing is in it. The lock ends
+    with the process. Raises InputError: the folder cannot be written, or another run holds it."""
+    folder = Path(folder)
+    new = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+    place = folder / LOCK_FILE
+    try:
+        with writable_folder(folder):
+            file = os.fdopen(os.open(place, os.O_RDWR | os.O_CREAT, 0o666))
+        with file:
+            _lock(file, folder)
+            try:
+                yield
+            finally:
+                with suppress(OSError):  # Windows removes no open file
+                    place.unlink()
+    finally:
+        for path in new:
+            with suppress(OSError):  # it is not empty
+                path.rmdir()
+
+
+def _lock(file: IO[str], folder: Path) -> None:
+    """Lock the file of a folder. Raises InputError: another run has locked it."""
+    try:
+        if fcntl:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.close()
-            message = f"{folder} is in use by another run: wait until it ends, or name another folder by -o"
-            raise InputError(message, "document.busy") from None
-        except OSError:  # this file system has no locks
-            pass
-        self._lists[place] = file
-
-    @contextmanager
-    def running(self) -> Iterator[None]:
-        """Context in which a command runs, or a call from Python writes. At its end the folders are unlocked, and
-        those that it made are removed if nothing is in them."""
-        before = CLAIM.set(self)
-        try:
-            yield
-        finally:
-            CLAIM.reset(before)
-            for place, file in self._lists.items():
-                with suppress(OSError):
-                    if place.stat().st_size == 0:
-                        place.unlink()
-                with suppress(OSError):  # a full disk
-                    file.close()
-            self._lists.clear()
-            for folder in self._made_folders:
-                with suppress(OSError):  # it is not empty
-                    folder.rmdir()
-
-
-CLAIM: ContextVar[Claim | None] = ContextVar("claim", default=None)
-"""The claim of the running command; None outside of one."""
+    except BlockingIOError:
+        message = f"{folder} is in use by another run: wait until it ends, or name another folder by -o"
+        raise InputError(message, "document.busy") from None
+    except OSError:  # this file system has no locks
+        pass
 
 
 class Outputs:
@@ -296,26 +260,19 @@ class Outputs:
 
     Raises:
         InputError: at once, and again before each file is written: the folder cannot be written, or one of `names`
-            exists and cavirheo did not write it, or it is one of `inputs`. At once: another run has locked the folder,
-            or its answers are there.
+            exists and cavirheo did not write it, or it is one of `inputs`. At once: the answers of another run are
+            there.
     """
 
-    def __init__(self, folder: str | Path, *names: str, inputs: Iterable[str | Path] = ()) -> None:
+    def __init__(self, claim: Claim, folder: str | Path, *names: str, inputs: Iterable[str | Path] = ()) -> None:
         self.folder: Path = Path(folder)
+        self._claim = claim
         self._inputs = {os.path.realpath(path) for path in inputs}
-        self._claim = CLAIM.get() or Claim("", {}, replace=True)
-        new = [path for path in (self.folder, *self.folder.parents) if not os.path.exists(path)]
-        with writable_folder(self.folder):  # a test that leaves no file
-            if CLAIM.get():
-                self._claim.lock_folder(self.folder, new)
-            with TemporaryFile(dir=self.folder, buffering=0) as file:
+        with writable_folder(self.folder):
+            with TemporaryFile(dir=self.folder, buffering=0) as file:  # a test that leaves no file
                 file.write(bytes(4096))
             self._listed: list[dict[str, str]] = list(self._read_list())
-            try:
-                self._check(names)
-            finally:
-                for path in [] if CLAIM.get() else new:
-                    path.rmdir()
+            self._check(names)
         for entry in [] if self._claim.replace else self._of_other_runs():
             whose = f" ({entry['command']})" if entry["command"] else ""
             message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
@@ -343,8 +300,8 @@ class Outputs:
                 writer(temporary, *content, **how)
                 about = {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
                 self._listed.append({"name": name, "sha256": sha256(temporary), **about})
-                with open_own(self.folder / LIST_FILE) as file:
-                    file.write("\n" + json.dumps(self._listed[-1]))  # on a new line, even after an incomplete one
+                with atomic_file(self.folder / LIST_FILE) as listing:
+                    listing.write_text("\n".join(map(json.dumps, self._listed)), encoding="utf-8")
 
     def finish(self) -> None:
         """Remove the files of other runs, which this one replaces."""
@@ -368,13 +325,11 @@ class Outputs:
         return next((entry for entry in reversed(entries) if entry["sha256"] == digest), None)
 
     def _read_list(self) -> Iterator[dict[str, str]]:
-        """The lines of the list; incomplete ones, and those of files in other folders, are left out."""
-        if not os.path.lexists(path := self.folder / LIST_FILE):
+        """The lines of the list; what is no such line, and those of files in other folders, are left out."""
+        path = self.folder / LIST_FILE
+        if not path.is_file():
             return
-        with open_own(path) as file:
-            file.seek(0)
-            lines = file.read().splitlines()
-        for line in lines:
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
             with suppress(ValueError, TypeError, KeyError):
                 entry = {key: str(json.loads(line)[key]) for key in ("name", "sha256", "run", "command")}
                 if Path(entry["name"]).name == entry["name"]:
