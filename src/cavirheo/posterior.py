@@ -20,7 +20,6 @@ from cavirheo.parameters import (
     Bound,
     bound_of,
     column_name,
-    is_law_parameter,
     matching,
     natural_name,
     require_name,
@@ -31,7 +30,7 @@ from cavirheo.parameters import (
 )
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
-from cavirheo.writing import digits, export, plots
+from cavirheo.writing import digits, export
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -332,27 +331,14 @@ class Posterior:
         count = len(self.theta)
         equal = at_levels(self.weights, (np.arange(count) + 0.5) / max(count, 1))
         draws = {name: self.draws(name)[equal] for name in self.parameters}
-        return export.inference_data({"posterior": draws}, self.parameters, self._attributes)
+        return export.inference_data(draws, self.parameters, self._attributes)
 
     def plot(self) -> Figure:
         """Figure of the measured radius, the band that holds 90 % of what the answer predicts, and the residual of its
         simulation. Raises InputError: the answer has no curve, or matplotlib is missing."""
-        draw: Any = resolve_name(
-            "cavirheo.reporting.figure.answer_figure"
-        )  # by its name: reporting imports this module
+        draw: Any = resolve_name("cavirheo.reporting.figure.answer_figure")  # reporting imports this module
         figure: Figure = draw(self)
         return figure
-
-    def corner(self, *names: str) -> Figure:
-        """Figure of the draws of each parameter, with the median and the central 90 %, and of each pair of them.
-
-        names: of the parameters; default: those of the law that are not exactly 0 in most draws, and the stretch.
-        Raises InputError: a point answer or a failed one has no draws, no such parameter, or corner is missing."""
-        if len(self.theta) < 2:
-            raise InputError(f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
-        usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
-        chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
-        return plots.corner_plot({name: self.draws(name) for name in chosen}, self.weights)
 
     @property
     def _attributes(self) -> dict[str, str]:

@@ -7,21 +7,23 @@ from typing import TYPE_CHECKING, Any
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.panels import curve_panels
-from cavirheo.writing import digits, plots
+from cavirheo.writing import digits
+from cavirheo.writing.export import import_optional
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDTH, _HEIGHT = 84 / 25.4, 68 / 25.4  # inches
+_SIZE = 84 / 25.4, 68 / 25.4  # inches
+_BLUE, _VERMILLION = "#0072b2", "#d55e00"  # of Okabe and Ito, distinct also for colour-blind readers
 _DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
 _STYLES: dict[str, dict[str, Any]] = {  # by look
     "measured": _DOT | {"mec": "black"},
     "outside": _DOT | {"mec": "#a0a0a0"},
     "residual": _DOT | {"mec": "black"},
-    "simulated": {"color": plots.VERMILLION, "lw": 1.0},
+    "simulated": {"color": _VERMILLION, "lw": 1.0},
     "zero": {"color": "black", "lw": 0.5},
-    "draws": {"color": plots.VERMILLION, "alpha": 0.25, "lw": 0},
-    "band": {"color": plots.BLUE, "alpha": 0.14, "lw": 0},
+    "draws": {"color": _VERMILLION, "alpha": 0.25, "lw": 0},
+    "band": {"color": _BLUE, "alpha": 0.14, "lw": 0},
 }
 
 
@@ -34,9 +36,14 @@ def answer_figure(answer: Posterior) -> Figure:
         raise InputError(message, "posterior.no_curve")
     panels = curve_panels(curve, answer.checks, answer.method)
     heights = [2, 1][: len(panels)]
-    figure, rows = plots.subplots(len(panels), 1, _WIDTH, _HEIGHT, sharex=True, height_ratios=heights)
-    figure.set_dpi(200)  # in a notebook
+    import_optional("matplotlib", "cavirheo[plot]")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=_SIZE, dpi=200, layout="constrained")
+    rows: Any = figure.subplots(len(panels), 1, squeeze=False, sharex=True, height_ratios=heights)
     for axes, panel in zip(rows[:, 0], panels, strict=True):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=8)
         axes.set(xlim=(panel.x.low, panel.x.high), ylim=(panel.y.low, panel.y.high))
         axes.set_ylabel(panel.y.label, fontsize=7)
         for layer in panel.drawn:

@@ -1,1 +1,1 @@
-"""What all packages need to write, print, draw or encode values: JSON, CSV, arrays, digits, figures, the terminal."""
+"""What all packages need to write, print or encode values: JSON, CSV, arrays, digits, the terminal."""

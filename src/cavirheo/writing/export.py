@@ -30,19 +30,15 @@ def dataframe(columns: Mapping[str, Any], attributes: Mapping[str, Any]) -> Any:
     return frame
 
 
-def inference_data(
-    groups: Mapping[str, Mapping[str, Floats]], units: Mapping[str, str], attributes: Mapping[str, str]
-) -> Any:
-    """Arrays (draws,) of each group as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on), one chain.
-
-    Raises InputError without arviz."""
+def inference_data(posterior: Mapping[str, Floats], units: Mapping[str, str], attributes: Mapping[str, str]) -> Any:
+    """Draws (k,) by parameter as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on), one chain. Raises
+    InputError without arviz."""
     arviz, xarray = import_optional("arviz"), import_optional("xarray")
-    sets = {}
-    for group, values in groups.items():
-        places = {"chain": [0], "draw": np.arange(len(next(iter(values.values()))))}
-        sets[group] = xarray.Dataset(coords=places, attrs=dict(attributes))
-        for name, draws in values.items():
-            sets[group][name] = (tuple(places), draws[None, :], {"units": units.get(name, "1")})
+    columns = {name: (("chain", "draw"), draws[None, :], {"units": units[name]}) for name, draws in posterior.items()}
+    places = {"chain": [0], "draw": np.arange(len(next(iter(posterior.values()))))}
+    data = xarray.Dataset(columns, coords=places, attrs=dict(attributes))
     tree: Any = getattr(xarray, "DataTree", None)
     kind: Any = getattr(arviz, "InferenceData", tree)
-    return tree.from_dict(sets) if kind is tree else kind(**sets)  # from ArviZ 1 on, InferenceData is DataTree
+    if kind is tree:  # from ArviZ 1 on
+        return tree.from_dict({"posterior": data})
+    return kind(posterior=data)
