@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
+from string import Formatter
 from typing import Any
 
 from cavirheo.errors import InputError, SolverError
@@ -36,10 +37,12 @@ class Message:
     @property
     def text(self) -> str:
         """The sentence with its values."""
-        family, *parts = self.code.split(".")
-        if writer := _WRITERS.get(self.code) or _WRITERS.get(family):
-            return writer(**self.parameters) if self.parameters else writer(*parts)
-        return _sentences().get(self.code, "{text}").format(**self.parameters)
+        parts = self.code.split(".")
+        if writer := _WRITERS.get(self.code) or _WRITERS.get(parts[0]):
+            return writer(**self.parameters)
+        codes = (".".join(parts[:count]) for count in range(len(parts), 0, -1))
+        template = next((_sentences()[code] for code in codes if code in _sentences()), "{text}")
+        return _Templates().format(template, *parts, **self.parameters)
 
 
 @cache
@@ -94,20 +97,14 @@ def constants_in_words(values: Mapping[str, float]) -> str:
     return ", ".join(words)
 
 
-def _spaced(name: str) -> str:
-    return name.replace("_", " ")
+def _words(name: str) -> str:
+    return "R_max" if name == "max_radius_factor" else name.replace("_", " ")
 
 
 def _repeated(times: int, equal: int, frames: int) -> str:
     cause = f"each frame seems to stand {times} times: keep one of each" if times else "keep the first of equal frames"
     count = f"{equal} of {frames} radii equal the one before, also where the bubble moves fast"
     return f"check the frames: {count}; {cause}, with its time, or add --trust-input"
-
-
-def _walls(distance: float) -> str:
-    where = f"{digits.significant(1e6 * distance, 2)} µm away"
-    advice = "give --wall-distance-um, the right scale and frame rate, or --trust-input"
-    return f"it collapses late, as beside a wall {where}: {advice}"
 
 
 def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
@@ -140,28 +137,6 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
     return f"the recording gives {what}: any value {limits}{f' {shown.unit}'.rstrip()} follows it as well"
 
 
-def _traded(name: str, other: str, **_: Any) -> str:
-    symbol, limiting = parameter_of(name).symbol, parameter_of(other).symbol
-    return f"{symbol} is only bounded: it trades against {limiting}, of whose larger or smaller values nothing is known"
-
-
-def _constant(stated: float | str, name: str, unit: str, used: object = None) -> str:
-    value = stated if isinstance(stated, str) else f"{stated:.6g}"
-    return f"{_spaced(name)} {value}{f' {unit}' if unit else ''}"
-
-
-_ADVICE = {  # by nuisance parameter
-    "time_origin": ": check the times of the frames, and that R_max was recorded",
-    "radius_scale": ": check the µm per pixel",
-    "max_radius_factor": ": check that R_max was recorded",
-}
-
-
-def _prior_end(name: str, end: str) -> str:
-    words = "R_max" if name == "max_radius_factor" else _spaced(name)
-    return f"{words} is at the {end} end of what is expected{_ADVICE.get(name, '')}"
-
-
 def _systematic(excess: float, detectable: float, exact: bool, limit: float, p_value: float) -> str:
     size = f"less than {100 * detectable:.2g}" if excess < detectable else f"{100 * excess:.1f}"
     text = "the simulation differs from the frames by more than noise explains: "
@@ -173,36 +148,8 @@ def _systematic(excess: float, detectable: float, exact: bool, limit: float, p_v
     return text if excess < detectable else f"{text}, which the interval allows for"
 
 
-def _training_range(name: str, value: float, low: float, high: float, trained_at: float = 0.0) -> str:
-    text = f"outside the training range: {'R_max' if name == 'max_radius' else name}"
-    if name == "max_radius":
-        trained = f"trained at {1e6 * trained_at:.4g} µm: right from {1e6 * low:.0f} to {1e6 * high:.0f}"
-        return f"{text} {1e6 * value:.4g} µm ({trained}; the default model knows all sizes)"
-    if name == "stretch":
-        return f"{text} {value:.3g} (trained in {low:g} to {high:g})"
-    return f"{text} (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
-
-
-def _ends(count: int, total: int, names: Sequence[str]) -> str:
-    words = ", ".join("R_max" if name == "max_radius_factor" else _spaced(name) for name in names)
-    text = f"most shots ({count} of {total}) fit only with a correction at the end of its range: {words}"
-    return f"{text}: check the µm per pixel, the frame rate, and that R_max was recorded"
-
-
-def _bubble(count: int, total: int, names: Sequence[str]) -> str:
-    words = ", ".join(map(_spaced, names))
-    text = f"most shots ({count} of {total}) fit only with a bubble at the end of its range: {words}"
-    return f"{text}: no such bubble is known, so the law may be wrong"
-
-
 def _heaps(name: str, heaps: Sequence[Any]) -> str:
     return f"the shots disagree: {parameter_of(name).symbol} {heaps_in_words(name, heaps)}"
-
-
-def _scatter(name: str, scatter: float, limit: float) -> str:
-    symbol = parameter_of(name).symbol
-    size, usual = digits.percent(scatter), digits.percent(limit)
-    return f"the shots disagree: {symbol} scatters by {size} %, of one batch of gel by less than {usual} %"
 
 
 _UNCOUNTED = {  # what is said of one shot that does not count, and of several
@@ -234,35 +181,31 @@ def _outliers(probabilities: Mapping[str, float]) -> str:
 
 _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "bound": _bound,
-    "prior_end": _prior_end,
-    "traded": _traded,
-    "training_range": _training_range,
     "check_input.frames_repeated": _repeated,
     "check_input.scale": _scale,
-    "check_input.walls": _walls,
-    "frames.other_bubble": lambda frames, since: (
-        "the end is left out, where the radius rises again as by another bubble: "
-        f"{frames} frames from {1e6 * since:.4g} µs after R_max on"
-    ),
-    "stated.used": lambda **of: f"a constant that the file states is used: {_constant(**of)}",
-    "stated.replaced": lambda stated, used, **of: (
-        f"what was given is used, not what the file states: {_constant(used, **of)}, not {_constant(stated, **of)}"
-    ),
-    "misfit.rms": lambda rms, limit: (
-        f"the simulation misses the measurement by {100 * rms:.2g} % of R_max RMS (limit {100 * limit:.2g} %)"
-    ),
     "misfit.systematic": _systematic,
-    "group.doubt.ends": _ends,
-    "group.doubt.bubble": _bubble,
     "group.doubt.heaps": _heaps,
-    "group.doubt.scatter": _scatter,
-    "group.not_given": lambda values: f"{constants_in_words(values)}: assumed, for none is given",
-    "group.doubt.misfits": lambda count, total: (
-        f"{count} of {total} recordings {'does' if count == 1 else 'do'} not follow the law"
-    ),
-    "group.doubt.switches": lambda count, total: f"{count} of {total} shots exclude the model of the others",
-    "group.doubt.trend": lambda trends: f"{', '.join(trends)} with R_max, as no constant does: wrong law or bubble?",
     "group.left_out": _left_out,
     "group.outliers": _outliers,
-    "group.scale": lambda change: f"1 % in scale or frame rate moves G by {digits.significant(change, 2)} %",
 }
+_FORMS: dict[str, Callable[[Any], str]] = {  # how a value stands in a template, by what is behind its colon
+    "symbol": lambda name: parameter_of(name).symbol,
+    "words": _words,
+    "list": lambda names: ", ".join(map(_words, names)),
+    "does": lambda count: "does" if count == 1 else "do",
+    "number": lambda value: value if isinstance(value, str) else f"{value:.6g}",
+    "unit": lambda unit: f" {unit}" if unit else "",
+    "two digits": lambda value: digits.significant(value, 2),
+    "percent": lambda share: f"{digits.percent(share)} %",
+    "µm": lambda metres: f"{1e6 * metres:.4g} µm",
+    "about µm": lambda metres: f"{digits.significant(1e6 * metres, 2)} µm",
+    "µs": lambda seconds: f"{1e6 * seconds:.4g} µs",
+    "constants": constants_in_words,
+}
+
+
+class _Templates(Formatter):
+    """str.format with _FORMS."""
+
+    def format_field(self, value: Any, form: str) -> str:
+        return _FORMS[form](value) if form in _FORMS else format(value, form)
