@@ -31,12 +31,16 @@ def answer_lines(
     model, and what to do next. A page has the same lines. out: folder of the documents."""
     refusal = _refusal(group, shots)
     lines = list[tuple[str, list[str]]]()
+    uses: dict[str, list[str]] = {}
     for name in (*SYMBOLS, *_further(group.population)):
-        line, notes = _value_line(result, group, shots, name)
+        symbol = result.shown(name).symbol
+        line, notes, use = _value_line(result, group, shots, name)
         notes += ["not to be used yet"] if refusal else []
         if line:
-            lines.append((result.shown(name).symbol, [*line, f"({'; '.join(notes)})"] if notes else line))
-    lines.append(("use", [refusal or _use(group, shots)]))
+            lines.append((symbol, [*line, f"({'; '.join(notes)})"] if notes else line))
+        if use:
+            uses.setdefault(use, []).append(symbol)
+    lines.append(("use", [refusal or _use(group, shots, uses)]))
     said = refusal or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
     known = {message.code for message in group.doubts} | ({"group.left_out"} if said else set())
     facts = [message.text for message in group.messages if message.code not in known]
@@ -85,26 +89,28 @@ def windows(shots: Sequence[CurveRecord]) -> list[str]:
 
 def _value_line(
     result: Result, group: GroupRecord, shots: Sequence[CurveRecord], name: str
-) -> tuple[list[str], list[str]]:
-    """The parts of the line of a parameter, none if nothing is known of it, and notes on it."""
+) -> tuple[list[str], list[str], str]:
+    """The parts of the line of a parameter, none if nothing is known of it; notes on it; and how it may be used, "" of
+    what is no value."""
     if heaps := group.population.heaps.get(name):
-        return [heaps_in_words(name, heaps)], []
+        return [heaps_in_words(name, heaps)], [], "not"
     value = group.population.main(name)
     liquid = name == "shear_modulus" and _settled(group).get("liquid", False)
     if not value.known:
-        return ["none: the material is a liquid"] if liquid and group.has_answer else [], []
+        return ["none: the material is a liquid"] if liquid and group.has_answer else [], [], ""
     _, factor, unit, _ = result.shown(name)
     middle, interval = digits.value_parts(value, factor)
     if value.bound == "undetermined":
-        return [interval], []
+        return [interval], [], "not"
     scatter = group.population.wide_scatters.get(name, 0.0)
     if scatter >= _NO_VALUE:
-        return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], []
+        return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], [], "not"
     notes = list[str]()
     if not middle:
-        if value.bound and not value.is_zero:
+        if not value.is_zero:
             notes.append(f"{digits.SURE}, too wide for one value" if value.bound == "wide" else "95 % sure")
-        return [f"{interval} {unit}".rstrip()], [*notes, *(["a liquid, if scale and rate are right"] if liquid else [])]
+        notes += ["a liquid, if scale and rate are right"] if liquid else []
+        return [f"{interval} {unit}".rstrip()], notes, "" if value.is_zero else "as a bound"
     if scatter:
         notes.append(f"shots scatter by {digits.percent(scatter)} %")
     if name == "shear_modulus" and group.population.switches.get("stiffening", 0.0) >= 0.5:
@@ -114,7 +120,8 @@ def _value_line(
     statistics = group.systematic.statistics.get(name)
     if not notes and statistics and value.width > _COMMON_SHARE * statistics.width:
         notes.append(f"{digits.value_parts(statistics, factor)[1]}, were scale and rate exact")
-    return [f"{middle} {unit}".rstrip(), *([f"{digits.SURE}: {interval}"] if interval else [])], notes
+    line = [f"{middle} {unit}".rstrip(), *([f"{digits.SURE}: {interval}"] if interval else [])]
+    return line, notes, "with care" if group.doubts else "with interval"
 
 
 def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
@@ -132,20 +139,17 @@ def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     return f"nothing: {shots[0].message}" if group.verdict == "failed" else ""
 
 
-def _use(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """How the parameters may be used, in a sentence."""
+def _use(group: GroupRecord, shots: Sequence[CurveRecord], uses: Mapping[str, Sequence[str]]) -> str:
+    """How the parameters may be used, in a sentence. uses: their symbols by how they may be."""
     if group.verdict == "unverified":
         return "as a first guess: a network gives one value, and no interval says how wrong it may be"
-    uses: dict[str, list[str]] = {}
-    for name in (*SYMBOLS, *_further(group.population)):
-        uses.setdefault(_use_of(group, name), []).append(digits.shown(name).symbol)
-    parts = [f"{' and '.join(symbols)} {how}" for how, symbols in uses.items() if how]
-    if not parts:
+    if not uses:
         alone = group.population.line and len(shots) > 1
         return f"the value of each shot; {group.population.line}" if alone else "nothing: no value is known"
     reasons = _disagreement(group)
     reasons += [message.text for message in group.doubts if message.code in _OF_MODEL]
-    return ", ".join(parts) + (f": {'; '.join(reasons)}" if reasons else "")
+    parts = ", ".join(f"{' and '.join(symbols)} {use}" for use, symbols in uses.items())
+    return parts + (f": {'; '.join(reasons)}" if reasons else "")
 
 
 def _disagreement(group: GroupRecord) -> list[str]:
@@ -153,17 +157,6 @@ def _disagreement(group: GroupRecord) -> list[str]:
     apart = {*group.population.heaps, *group.population.wide_scatters}
     symbols = " and ".join(symbol for name, symbol in SYMBOLS.items() if name in apart)
     return [f"the shots disagree in {symbols}"] if symbols else []
-
-
-def _use_of(group: GroupRecord, name: str) -> str:
-    """How a parameter may be used; "" where nothing is known of it."""
-    value = group.population.main(name)
-    scatter = group.population.wide_scatters.get(name, 0.0)
-    if name in group.population.heaps or value.bound == "undetermined" or scatter >= _NO_VALUE:
-        return "not"
-    if value.is_zero or not value.known:
-        return ""
-    return "as a bound" if value.bound else "with care" if group.doubts else "with interval"
 
 
 def _settled(group: GroupRecord) -> dict[str, bool]:
