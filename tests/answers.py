@@ -74,7 +74,9 @@ def answer(curve, G=6100.0, mu=0.021, *, draws=1, verdict="ok", message="", mate
     time = curve.time[after][:60]
     residual = 0.01 * np.sin(np.arange(len(time)))
     line = np.linspace(time[0], time[-1], 200)
-    said = messages(message, code="check_input.test" if verdict == "check_input" else "test")
+    said = messages(message, code="test")
+    if verdict == "check_input":  # is never without an input warning
+        said = messages(message or "it is odd", code="check_input.test")
     checks = Checks(
         verdict,
         said,

@@ -139,7 +139,7 @@ MORE = Page(
             },
             "[How](../docs/how-to/rheometer.md).",
         ),
-        Group("Write", {"cavirheo.reporting": "result write_report read_json", "cavirheo.io": "write_csv"}),
+        Group("Write", {"cavirheo.reporting": "result write_report", "cavirheo.io": "write_csv"}),
     ),
 )
 PAGES = {"python": START, "answers": ANSWERS, "laws": LAWS, "more": MORE}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pkgutil import resolve_name
@@ -31,11 +31,10 @@ from cavirheo.parameters import (
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, export
+from cavirheo.writing.document import Quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from cavirheo.writing.document import Quantity
 
 Verdict = Literal["ok", "bound", "does_not_fit", "check_input", "failed", "unverified"]
 TRUSTED: frozenset[Verdict] = frozenset(("ok", "bound"))
@@ -300,8 +299,6 @@ class Posterior:
 
     def quantity(self, name: str) -> Quantity:
         """Median, interval and bound in natural units; empty if the answer failed. Raises InputError: as `draws`."""
-        from cavirheo.writing.document import Quantity
-
         low, high = self.interval(name) or (None, None)
         return Quantity(median=self.median(name), q05=low, q95=high, bound=self.bound(name))
 
@@ -350,18 +347,6 @@ def check_level(level: object) -> None:
     value = float(level) if isinstance(level, Real) else 0.0
     if not 0 < value < 1:
         raise InputError(f"the level of an interval must be between 0 and 1, got {level!r}", "posterior.level")
-
-
-def intervals(
-    names: Sequence[str], theta: Floats, log_weight: Floats | None = None
-) -> dict[str, tuple[float, float, float]]:
-    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters); empty for a single draw."""
-    if len(theta) < 2:
-        return {}
-    ends = weighted_quantile(theta, [0.05, 0.5, 0.95], log_weight)
-    return {
-        natural_name(name): tuple(to_natural(name, column).tolist()) for name, column in zip(names, ends.T, strict=True)
-    }
 
 
 def upper_limit(values: Floats, level: float, log_weight: Floats | None = None) -> float:

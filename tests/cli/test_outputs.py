@@ -16,11 +16,11 @@ from answers import KnownAnalysis, fit, same, unanswered
 from conftest import ANSWER, BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
 from files import write_curve
 
-from cavirheo import Posterior, RadiusCurve, infer_many, read_curves
+from cavirheo import Posterior, RadiusCurve, infer_many, load, read_curves
 from cavirheo.parallel import Threads
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence
-from cavirheo.reporting import html, read_json, result, write_report
+from cavirheo.reporting import html, result, write_report
 from cavirheo.workflow.store import Store, analyse_all
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs, locked_folder
 
@@ -94,7 +94,7 @@ def test_a_run_knows_its_own_answers_again_and_leaves_those_of_others(run, tmp_p
     assert contents(tmp_path) == before
     assert run("infer", tmp_path / "a.csv", *words, "--all")[0] == 0
     assert run("infer", "b.csv", *words, "--replace")[0] == 0
-    assert read_json(tmp_path / "cavirheo-result" / "result.json").curves[0].name == "b"
+    assert load(tmp_path / "cavirheo-result" / "result.json").curves[0].name == "b"
 
 
 def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):

@@ -90,7 +90,7 @@ def test_the_best_setting_and_its_shots(quick):
 
 def row(G: float, mu: float, width: float, **more: object) -> CurveRecord:
     """Of a shot whose intervals are 10^width wide to both sides."""
-    (record,) = result([(curve := bubble("shot", group="x", source="x"), answer(curve, G, mu))], "x").curves
+    (record,) = result([(curve := bubble("shot", group="x", source="x"), answer(curve, G, mu))], command="x").curves
     values = {"shear_modulus_Pa": G, "viscosity_Pa_s": mu}
     intervals = {key: Quantity(median=x, q05=x / 10**width, q95=x * 10**width) for key, x in values.items()}
     return record.model_copy(update=intervals | more)
@@ -99,15 +99,15 @@ def row(G: float, mu: float, width: float, **more: object) -> CurveRecord:
 def test_what_is_known_is_the_answer_of_the_group(quick):
     """Of a single shot here; of several that of their population, below."""
     of_gel = row(5e3, 0.05, 0.1)
-    made = cavirheo.design(result_of([of_gel], "x"))
+    made = cavirheo.design(result_of([of_gel], command="x"))
     assert (made.shots_before, {*made.spreads_decades.values()}) == (1, {0.0})
     assert made.known["shear_modulus"].median == pytest.approx(5e3, rel=0.02)
     assert np.log10(made.known["shear_modulus"].q95 / 5e3) == pytest.approx(0.1, rel=0.15)
-    narrow = cavirheo.design(result_of([of_gel], "x"), ranges={"stretch": (5, 8)})
+    narrow = cavirheo.design(result_of([of_gel], command="x"), ranges={"stretch": (5, 8)})
     assert narrow.known["shear_modulus"] == made.known["shear_modulus"]  # a range of the stretch tells nothing of it
     soft = of_gel.model_copy(update={"shear_modulus_Pa": Quantity(q05=1e2, q95=2e3, bound="upper")})
-    assert cavirheo.design(result_of([soft], "x")).known["shear_modulus"].q95 < 2e3
-    two = result_of([of_gel, row(9e5, 0.05, 0.1, group="y")], "x")
+    assert cavirheo.design(result_of([soft], command="x")).known["shear_modulus"].q95 < 2e3
+    two = result_of([of_gel, row(9e5, 0.05, 0.1, group="y")], command="x")
     assert cavirheo.design(two, group="y").known["shear_modulus"].median == pytest.approx(9e5, rel=0.02)
     with refused("design.range", "a range of shear_modulus", "one of them"):
         cavirheo.design(two, group="y", ranges={"G": (1e3, 1e4)})
@@ -115,9 +115,9 @@ def test_what_is_known_is_the_answer_of_the_group(quick):
         cavirheo.design(two)
     for rows in ([row(9e5, 0.9, 0.1, verdict="does_not_fit")], [of_gel, of_gel]):  # two shots are no population
         with refused("design.no_answer", "give ranges"):
-            cavirheo.design(result_of(rows, "x"))
+            cavirheo.design(result_of(rows, command="x"))
     usual = of_gel.model_copy(update={"material": "auto"})  # what infer answers by default
-    assert cavirheo.design(result_of([usual], "x")).known == made.known
+    assert cavirheo.design(result_of([usual], command="x")).known == made.known
 
 
 RIGS = (
@@ -159,7 +159,7 @@ def test_infer_reaches_what_is_expected():
 def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
     """Shots of 0.05 decades each that scatter by 0.15: as many as are advised bring the material to its interval."""
     first = shots(8, 0.15, 0.05, seed=5)
-    made = result([(bubble(f"shot {k}"), one) for k, one in enumerate(first)], "x")
+    made = result([(bubble(f"shot {k}"), one) for k, one in enumerate(first)], command="x")
     record = made.groups[0].population
     one_setting = {"wanted": 0.2, "rig": Rig((2e-4, 2e-4), (1e6,))}
     plan = cavirheo.design(made, **one_setting)

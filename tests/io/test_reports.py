@@ -213,7 +213,7 @@ def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
 
 def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path):
     (curve, posterior), *others = pairs
-    broken = replace(posterior, checks=replace(posterior.checks, reconstruction_radius=np.ones(3)))  # of other length
+    broken = replace(posterior, checks=replace(posterior.checks, residual_over_rmax=np.ones(3)))  # of other length
     pairs = [(curve, broken), *others]
     written = result(pairs, COMMAND)
     write_report(tmp_path, pairs, written)

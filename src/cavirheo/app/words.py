@@ -134,7 +134,7 @@ def answers(session: Session) -> str:
     current = session.answers
     run = session.run
     if run:
-        current = Answers([], result_of(run.ready, ""), [], {})
+        current = Answers([], result_of(run.ready, command=""), [], {})
     if current is None:
         return render("hint", NO_ANSWERS)
     document = current.document

@@ -28,9 +28,9 @@ from cavirheo.inference.design import (
 from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, STRETCH_RANGE, require_name
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
 from cavirheo.physics.media import WATER, Medium, medium
-from cavirheo.reporting.record import Result, StoredMedium, log_ends, read_json
+from cavirheo.reporting.record import Result, StoredMedium
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Document, Finite, Quantity, Record
+from cavirheo.writing.document import Document, Finite, Quantity, Record, read_json
 
 STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
 SIZES = 5  # number of R_max that are tried
@@ -311,13 +311,14 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
 def _ends_of(value: Quantity, usual: Floats) -> Floats:
     """log10 of the ends of an even distribution as wide as the interval of a value; on the open side of a bound it ends
     as usual. NaN where there is neither."""
-    low, middle, high = log_ends([value])[0]
+    low, high = (np.log10(end or np.nan) for end in (value.q05, value.q95))
     if value.bound == "undetermined":
         return usual
     if value.bound == "upper":
         return np.array([min(usual[0], high - 1.0), high])
     if value.bound == "lower":
         return np.array([low, max(usual[1], low + 1.0)])
+    middle = 0.5 * (low + high) if value.bound == "wide" else np.log10(value.median or np.nan)
     return np.asarray(middle + EVEN * (high - low) / (2.0 * NORMAL_90))
 
 
@@ -325,7 +326,7 @@ def _known_by(known: Result | str | Path, group: str | None, family: Family) -> 
     """The answer of a group of a result. Raises InputError: no group has one by this law or the default model, with
     intervals or bounds of all parameters of the law; or several have."""
     if not isinstance(known, Result):
-        known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
+        known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known, Result)
     usual = family.bounds(started=True)
     found = list[tuple[Known, str]]()
     for record, rows in known.rows_by_group():

@@ -11,11 +11,11 @@ from cavirheo.reporting import html, svg
 from cavirheo.reporting.documents import Pairs, result
 from cavirheo.reporting.panels import curve_panels
 from cavirheo.reporting.plane import group_panels
-from cavirheo.reporting.record import GroupRecord, Result, read_json
+from cavirheo.reporting.record import GroupRecord, Result
 from cavirheo.reporting.table import csv_rows
 from cavirheo.writing.document import Claim, Outputs, locked_folder, try_to_draw, write_json, write_rows
 
-__all__ = ["read_json", "result", "write_report"]
+__all__ = ["result", "write_report"]
 
 MAX_PICTURES = 200  # most curves, and most groups, of a report with a picture; exceptions come first
 DOCUMENTS = ("result.json", "result.csv", "report.html")

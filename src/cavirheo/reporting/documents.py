@@ -19,7 +19,6 @@ from cavirheo.messages import Message
 from cavirheo.parameters import (
     BUBBLE,
     CAMERA,
-    LOG10,
     REFERENCE_RATE,
     VISCOSITY_AT_RATE,
     is_law_parameter,
@@ -27,7 +26,7 @@ from cavirheo.parameters import (
     wide_bound,
 )
 from cavirheo.physics.materials import viscosity_at
-from cavirheo.posterior import Posterior, Verdict, intervals
+from cavirheo.posterior import Posterior, Verdict, weighted_quantile
 from cavirheo.reporting.record import (
     MAIN_FIELDS,
     WIDE_SCATTER,
@@ -90,20 +89,17 @@ def result(
         several = len(answers) > 1 and any(len(answer.theta) > 1 for answer in answers)
         materials.append(population(answers, names=names, errors=errors) if several else None)
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    return result_of(rows, command, materials, date=date, notes=notes, errors=errors)
+    return result_of(rows, materials, errors, command=command, date=date, notes=list(notes))
 
 
 def result_of(
     rows: Sequence[CurveRecord],
-    command: str,
     materials: Sequence[Population | None] = (),
-    *,
-    date: str | None = None,
-    notes: Sequence[str] = (),
     errors: CommonErrors | None = None,
+    **head: Any,
 ) -> Result:
     """The result of these records of curves, and of their groups. materials: those of the groups; default: none.
-    errors: as of `result`."""
+    errors: as of `result`. head: fields of a `Document`."""
     members, names = members_of(rows), group_names(rows)
     materials = materials or [None] * len(members)
     groups = [
@@ -111,9 +107,7 @@ def result_of(
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
     differing = differences(dict(zip(names, materials, strict=True)))
-    return Result(
-        command=command, date=date, notes=list(notes), curves=list(rows), groups=groups, differences=differing
-    )
+    return Result(curves=list(rows), groups=groups, differences=differing, **head)
 
 
 def table(answers: Sequence[Posterior]) -> Any:
@@ -136,7 +130,7 @@ def table(answers: Sequence[Posterior]) -> Any:
             message = "an answer has no curve to name its row: set one, dataclasses.replace(answer, curve=curve)"
             raise InputError(message, "posterior.no_curve")
         rows.append(curve_record(answer.curve, answer))
-    return result_of(rows, "cavirheo.table").to_dataframe()
+    return result_of(rows, command="cavirheo.table").to_dataframe()
 
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
@@ -192,9 +186,10 @@ def _viscosity_at_rate(posterior: Posterior) -> dict[str, Quantity]:
     if not draws or viscosity_at(posterior.material, REFERENCE_RATE, draws[0]) is None:
         return {}
     viscosities = np.array([viscosity_at(posterior.material, REFERENCE_RATE, draw) for draw in draws])
-    ends = intervals((LOG10 + VISCOSITY_AT_RATE,), np.log10(viscosities)[:, None], posterior.log_weight)
-    low, median, high = ends.get(VISCOSITY_AT_RATE, (None, viscosities[0], None))
-    return {VISCOSITY_AT_RATE: Quantity.from_interval(low, float(median), high)}
+    if len(draws) == 1:
+        return {VISCOSITY_AT_RATE: Quantity(median=viscosities[0])}
+    ends = 10.0 ** weighted_quantile(np.log10(viscosities), [0.05, 0.5, 0.95], posterior.log_weight)
+    return {VISCOSITY_AT_RATE: Quantity.from_interval(*ends.tolist())}
 
 
 def _value_or_none(curve: RadiusCurve, name: str) -> float | None:
@@ -214,7 +209,7 @@ def group_record(
     """The record of a group, from the records of its curves and from its material. errors: of a single shot, as of
     `result`."""
     shots = [record for record in members if record.has_answer]
-    population, systematic = population_record(material), systematic_of(material)
+    population, systematic = _of_material(material) if material else (PopulationRecord(), Systematic())
     if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):
         population, systematic = _of_one_shot(members[0], errors)
     elif not population.has_material:
@@ -296,13 +291,11 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
 def _reason(doubted: Sequence[CurveRecord]) -> str:
     """The input warning that most of these shots have; of the first of them, if its numbers differ."""
     names = digits.distinct_names([record.name for record in doubted])
-    shots = zip(names, doubted, strict=True)
-    warnings = [(name, message) for name, record in shots for message in record.warnings or record.messages]
-    if not warnings:
-        return "see each shot"
-    code = Counter(message.code for _, message in warnings).most_common(1)[0][0]
-    name, text = next((name, message.text) for name, message in warnings if message.code == code)
-    return text if len({message.text for _, message in warnings if message.code == code}) == 1 else f"{name}: {text}"
+    warnings = [(name, message) for name, shot in zip(names, doubted, strict=True) for message in shot.warnings]
+    (code, _), *_ = Counter(message.code for _, message in warnings).most_common(1)
+    texts = {name: message.text for name, message in warnings if message.code == code}
+    name, text = next(iter(texts.items()))
+    return text if len({*texts.values()}) == 1 else f"{name}: {text}"
 
 
 def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population: PopulationRecord) -> Verdict:
@@ -363,37 +356,26 @@ def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
     return trends
 
 
-def population_record(population: Population | None) -> PopulationRecord:
-    """The record of a population for a document."""
-    if population is None:
-        return PopulationRecord()
-    fields = same_fields(PopulationRecord, population)
-    fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
-    if not len(population.centre):
-        return PopulationRecord(**fields)
-    return PopulationRecord(
-        **fields,
-        **PopulationRecord.fields_of({name: population.quantity(name) for name in population.quantities}),
-        spreads_decades={name: Quantity.from_interval(*population.scatter(name)) for name in population.names},
-    )
-
-
-def systematic_of(population: Population | None) -> Systematic:
-    """What common errors do to a population; empty where it has no draws, or where that is not known."""
-    if population is None or not len(population.centre) or not population.over_scale:
-        return Systematic()
+def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
+    """The answer of a group by its material, and what common errors do to it; empty where that is not known."""
     from cavirheo.inference.population.systematic import slopes
 
-    names = [name for name in population.over_scale if population.bound(name) is None]
-    statistics = {}
-    for name in names:
-        low, high = population.statistical_interval(name)
-        statistics[name] = Quantity(median=population.quantity(name).median, q05=low, q95=high)
-    return Systematic(
-        errors=asdict(population.errors),
-        slopes={name: slopes(name, population.over_scale[name]) for name in names},
-        statistics=statistics,
-    )
+    fields = same_fields(PopulationRecord, material)
+    fields |= {"model": f"{material.material}, {material.bubble.name}", "n": len(material.shots)}
+    systematic = Systematic()
+    if not len(material.centre):
+        return PopulationRecord(**fields), systematic
+    values = {name: material.quantity(name) for name in material.quantities}
+    fields |= PopulationRecord.fields_of(values)
+    fields["spreads_decades"] = {name: Quantity.from_interval(*material.scatter(name)) for name in material.names}
+    if material.over_scale:
+        systematic.errors = asdict(material.errors)
+    for name, change in material.over_scale.items():
+        if material.bound(name) is None:
+            low, high = material.statistical_interval(name)
+            systematic.slopes[name] = slopes(name, change)
+            systematic.statistics[name] = Quantity(median=values[name].median, q05=low, q95=high)
+    return PopulationRecord(**fields), systematic
 
 
 def differences(materials: Mapping[str, Population | None]) -> list[MaterialRatio]:

@@ -117,9 +117,8 @@ def curve_panels(curve: RadiusCurve, checks: Checks, method: str = "", what_if: 
     """The panel of the measured and simulated radius, then that of the residual, if frames were compared.
 
     checks: of the answer; if it failed, only measured points are drawn. method: of the answer. what_if: a simulation of
-    other values. Raises ValueError: a line has not as many times as values."""
+    other values."""
     has_answer = checks.verdict != "failed"
-    checks = checks if has_answer else Checks("failed")
     time_label, radius_label, points = _units_of(curve)
     time, radius = points(curve.time, curve.radius)
     simulation = f"simulation: {digits.simulation_name(method)}"
@@ -190,8 +189,6 @@ def _simulation(points: Points, checks: Checks, look: str, name: str) -> tuple[L
     names = ("reconstruction_time", "reconstruction_radius", "compared_time", "residual_over_rmax")
     arrays = (getattr(checks, name) for name in names)
     time, radius, compared_time, residual = (_NONE if values is None else values for values in arrays)
-    if len(time) != len(radius):
-        raise ValueError(f"{len(radius)} values at {len(time)} times")
     line = Layer("line", look, *points(time, radius), name)
     return line, Layer("dots", "residual", points(compared_time, _NONE)[0], 100.0 * residual)
 

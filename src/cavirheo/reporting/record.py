@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from math import inf
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer, model_validator
 from pydantic_core import to_jsonable_python
 
-from cavirheo.arrays import Floats, relative_scatter
+from cavirheo.arrays import relative_scatter
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import listed
 from cavirheo.messages import is_input_warning
@@ -25,7 +24,7 @@ from cavirheo.parameters import VISCOSITY_AT_RATE
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Heap, Pair, Verdict
-from cavirheo.writing import digits, document
+from cavirheo.writing import digits
 from cavirheo.writing.document import Document, Finite, Quantity, Record, Spread
 from cavirheo.writing.export import dataframe
 
@@ -70,16 +69,6 @@ class ParameterValues(Record):
     def main(self, name: str) -> Quantity:
         """G ("shear_modulus") or mu ("viscosity"), which is that at 1e5 1/s of a law without a constant viscosity."""
         return self.viscosity if name == "viscosity" else self.value(name)
-
-
-def log_ends(values: Iterable[Quantity]) -> Floats:
-    """(n, 3) log10 of q05, median and q95, SI; NaN where there is none. The middle of a wide interval is its median."""
-    values = list(values)
-    ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float).reshape(-1, 3)
-    logs = np.log10(np.where(ends > 0, ends, np.nan))
-    wide = [value.bound == "wide" for value in values]
-    logs[wide, 1] = 0.5 * (logs[wide, 0] + logs[wide, 2])
-    return np.asarray(logs)
 
 
 class Compared(Record):
@@ -459,11 +448,6 @@ def group_names(curves: Iterable[CurveRecord | RadiusCurve]) -> list[str]:
     members = list(members_of(curves))
     stems = [group for group, _ in members]
     return [group if stems.count(group) == 1 or not source else source for group, source in members]
-
-
-def read_json(path: str | Path) -> Result:
-    """Read a result.json. Raises InputError: there is no such file, or it is not a result of cavirheo."""
-    return document.read_json(path, Result)
 
 
 def members_of(curves: Iterable[CurveRecord | RadiusCurve]) -> dict[tuple[str, str], list[int]]:

@@ -121,17 +121,14 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
 
 
 def spread(value: Spread, factor: float = 1.0) -> str:
-    """Mean ± deviation to two digits of the deviation, '6.4 ± 1.6'; '6.44 ± 0' if it is a rounding error."""
+    """Mean ± deviation to two digits of the deviation, '6.4 ± 1.6'; '6.44' without one."""
     if value.mean is None:
         return MISSING
-    mean = value.mean * factor
-    if value.std is None:
-        return significant(mean)
+    if not value.std:
+        return significant(value.mean * factor)
     std = value.std * factor
-    if std < 1e-4 * abs(mean):
-        return f"{significant(mean)} ± {significant(std, 1) if std > 1e-12 * abs(mean) else 0}"
-    places = min(max(1 - floor(log10(std)), 0), 9) if std else 0
-    return f"{mean:.{places}f} ± {std:.{places}f}"
+    places = min(max(1 - floor(log10(std)), 0), 9)
+    return f"{value.mean * factor:.{places}f} ± {std:.{places}f}"
 
 
 def significant(value: float, count: int = 3) -> str:
