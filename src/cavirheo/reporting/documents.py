@@ -342,14 +342,14 @@ def _facts(
 def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
     """Which parameters rise or fall with R_max over these shots, 'µ rises', by more than chance (1 in 100). Shots that
     the model does not fit are among them. Ranks decide (Spearman's), so that few shots in a false mode hardly count."""
-    from scipy.stats import spearmanr
-
     followed = [shot for shot in shots if shot.trusted or shot.verdict == "does_not_fit"]
     trends = list[str]()
     for name in MATERIAL_CONSTANTS:
         pairs = np.array([(shot.max_radius_m, shot.value(name).median) for shot in followed], dtype=float)
         logs = np.log(pairs[np.all(pairs > 0.0, axis=-1)]).reshape(-1, 2)
         if len(logs) >= MIN_TREND_SHOTS and np.all(np.ptp(logs, axis=0) >= LEAST_RANGES):
+            from scipy.stats import spearmanr  # the import takes a third of a second
+
             trend = spearmanr(*logs.T)
             if trend.pvalue < CHANCE:
                 trends.append(f"{parameter_of(name).symbol} {'rises' if trend.statistic > 0 else 'falls'}")
