@@ -50,11 +50,12 @@ def test_a_frame_rate_that_can_be_two_numbers_is_refused(run):
         assert run("show", "px.csv", "--um-per-px", "3.200", "--fps", text)[0] == 0
 
 
-def sized(path: Path, factors: dict[str, float]) -> Path:
-    """A table of one motion at several scales."""
-    rows = ["shot,time_us,radius_um"]
-    for name, factor in factors.items():
-        rows += [f"{name},{1e6 * t},{1e6 * factor * r}" for t, r in zip(TIME, RADIUS, strict=True)]
+def sized(path: Path, factors: dict[str, float], sizes: tuple[str, ...] = (), title: str = "rmax_um") -> Path:
+    """A table of one motion at several scales, with a column of R_max where sizes are given."""
+    rows = ["shot,time_us,radius_um" + f",{title}" * bool(sizes)]
+    for k, (name, factor) in enumerate(factors.items()):
+        more = f",{sizes[k]}" if sizes else ""
+        rows += [f"{name},{1e6 * t},{1e6 * factor * r}{more}" for t, r in zip(TIME, RADIUS, strict=True)]
     path.write_text("\n".join(rows), encoding="utf-8")
     return path
 
@@ -89,7 +90,20 @@ def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):
     alone = [sized(tmp_path / f"{name}.csv", {name: factor}) for name, factor in (("a", 1.0), ("b", 1.5))]
     same = sized(tmp_path / "same.csv", {"a": 1.0, "b": 1.005})
     words = ["infer", *BDT, "--no-pictures", "--rmax-um", 300]
-    refusal(run(*words, several), "300", "several[a]", "several[b]", "--shots")
+    refusal(run(*words, several), "300", "several[a]", "several[b]", "rmax_um")
     assert run(*words, *alone)[0] == 2
     assert run(*words, same, "-o", "same")[0] in (0, 1)
     assert [row.max_radius_m for row in load("same").curves] == pytest.approx([300e-6] * 2)
+
+
+def test_a_column_gives_each_shot_its_r_max(tmp_path):
+    shots = {"a": 1.0, "b": 1.5, "c": 1.0}
+    found = read_shots([sized(tmp_path / "sized.csv", shots, ("310", "450.5", ""))])
+    own = read_curves(sized(tmp_path / "plain.csv", shots))[2].max_radius
+    assert [curve.max_radius for curve in found.curves] == pytest.approx([310e-6, 450.5e-6, own])
+    assert any("rmax_um" in remark for remark in found.remarks)
+    two = sized(tmp_path / "two.csv", {"a": 1.0}, ("310",)).read_text(encoding="utf-8").replace(",310\n", ",311\n", 1)
+    (tmp_path / "two.csv").write_text(two, encoding="utf-8")
+    assert "rmax_um" in read_shots([tmp_path / "two.csv"]).problems[0]
+    (curve,) = read_curves(sized(tmp_path / "no_unit.csv", {"x": 1.0}, ("3",), "Rmax"))
+    assert any("not used" in note for note in curve.notes)

@@ -24,7 +24,7 @@ from cavirheo.messages import Message
 _BDT = ("R_nondim_All", "t_nondim_All", "RmaxList")
 _ROWS = ("shift_normRnew", "Rmax", "t")
 _ESSENTIAL = {kind for form in FORMS for kind in form.kinds} | {"time"}  # kinds of arrays that a shot must have
-_OF_FRAMES = _ESSENTIAL | {"frame", "curve", "radius_std", "stretch", "stretch_std"}
+_OF_FRAMES = _ESSENTIAL | {"frame", "curve", "radius_std", "max_radius", "stretch", "stretch_std"}
 _LISTED = 12  # most names in a message
 _EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _CELL = re.compile(r"\{(\d+)\}$")  # at the end of a path

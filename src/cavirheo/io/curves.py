@@ -23,6 +23,7 @@ from cavirheo.io.files import Source
 from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.messages import Message
+from cavirheo.parameters import RADIUS
 from cavirheo.physics.media import CONSTANTS
 from cavirheo.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing.document import write_rows
@@ -38,6 +39,7 @@ _ROUNDED_SHARE, _COARSE = 0.2, 0.1  # least part of the shorter or longer interv
 _FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier times are out of order
 _LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
+SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 
 
@@ -76,11 +78,12 @@ class _Series(NamedTuple):
     deviation: Column | None
     at_rest: Column | None
     shot: Column | None
+    max_radius: Column | None
     stretches: list[Column]
 
     @property
     def used(self) -> list[Column]:
-        others = (self.clock, self.deviation, self.at_rest, self.shot)
+        others = (self.clock, self.deviation, self.at_rest, self.shot, self.max_radius)
         return [*self.radius, *self.stretches, *(column for column in others if column)]
 
 
@@ -167,7 +170,7 @@ def _series(table: Table) -> list[_Series]:
     radii = list(zip(*map(table.all, form.kinds), strict=False))
     radii = [columns for columns in radii if columns[0].unit not in ("px", "px2")] or radii
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
-    shot = table.find("curve")
+    shot, max_radius = table.find("curve"), table.find("max_radius")
     firsts = [columns[0] for columns in radii]
     if shot and len(radii) > 1:
         both = f"a column {shot.title!r} and {len(radii)} columns of radii"
@@ -187,7 +190,7 @@ def _series(table: Table) -> list[_Series]:
     at_rest = next(iter(table.all("radius at rest")), None)
     stretches = [column for kind in ("stretch", "stretch_std") for column in table.all(kind)[:1]]
     of_each = zip(radii, clock_of, deviation_of, strict=True)
-    return [_Series(form, *columns, at_rest, shot, stretches) for columns in of_each]
+    return [_Series(form, *columns, at_rest, shot, max_radius, stretches) for columns in of_each]
 
 
 def _of_each(radii: Sequence[Column], columns: Sequence[Column]) -> Sequence[Column | None]:
@@ -337,8 +340,9 @@ def _deviations(series: _Series, radius: Floats, notes: list[str]) -> Floats:
 def _ask_for(camera: Camera, series: _Series, unit: str | None, *, in_pixels: bool, notes: list[str]) -> None:
     """Raise InputError if there is no frame rate for frames without times, or no unit of the radius and no scale."""
     title, clock = series.radius[0].title, series.clock
+    scaled = series.max_radius is not None and series.max_radius.unit in LENGTH_UNITS
     missing = ["the frame rate (--fps 1e6)"] if camera.frame_rate is None else []
-    if camera.um_per_px is None and in_pixels and (missing or unit is None):
+    if camera.um_per_px is None and not scaled and in_pixels and (missing or unit is None):
         missing.append(f"the scale (--um-per-px 3.2) of {title!r}, in pixels unless its title says more")
     what = f"{clock.title!r} has numbers of frames and no times" if clock else f"{title!r} has no times"
     if camera.frame_rate is not None:
@@ -416,8 +420,10 @@ def _single(column: Column, rows: Indices) -> list[float]:
 
 
 def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: float) -> RadiusCurve:
-    """Return the curve with the stretch that the file states for these rows. largest: the number of its largest
-    radius."""
+    """Return the curve with the R_max and the stretch that the file states for these rows. largest: the number of its
+    largest radius. Raises InputError: several R_max, or an implausible one."""
+    if column := series.max_radius:
+        curve = _scaled_to_column(curve, column, rows)
     meta: dict[str, Any] = {}
     notes = []
     for column in series.stretches:
@@ -428,17 +434,36 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
             notes.append(f"{column.title!r} is not used: it changes from frame to frame, or is no stretch")
     if "stretch" in meta:
         notes.append(f"the file states the stretch {meta['stretch']:.4g} +- {meta.get('stretch_std', np.nan):.2g}")
-    elif series.at_rest:
-        title, number, unit = series.at_rest.title, float(series.at_rest.numbers[0]), series.at_rest.unit
+    elif column := series.at_rest:
         per_number = float(np.nanmax(curve.radius, initial=0.0)) / largest if largest > 0.0 else np.nan
-        at_rest = number * LENGTH_UNITS.get(unit or "", per_number)  # m
+        at_rest = float(column.numbers[0]) * LENGTH_UNITS.get(column.unit or "", per_number)  # m
         with suppress(InputError):  # no scale, or no maximum
             stretch = curve.max_radius / at_rest if at_rest > 0.0 else np.nan
             if 1.0 < stretch < 100.0:
                 meta["stretch"] = stretch
-                notes.append(f"the file states the stretch {stretch:.4g}: R_max over {title}")
-        notes += [] if meta else [f"{title!r} is not used: it gives no stretch"]
+                notes.append(f"the file states the stretch {stretch:.4g}: R_max over {column.title}")
+        notes += [] if meta else [f"{column.title!r} is not used: it gives no stretch"]
     return curve.labelled(**meta).with_notes(*notes)
+
+
+def _scaled_to_column(curve: RadiusCurve, column: Column, rows: Indices) -> RadiusCurve:
+    """Scale a curve to the R_max in these rows of a column, if any. Raises InputError: several, or implausible."""
+    if column.unit not in LENGTH_UNITS:
+        return curve.with_notes(f"{column.title!r} is not used: it names no unit of length, as rmax_um does")
+    sizes = _single(column, rows)
+    if len(sizes) > 1:
+        values = f"{len(sizes)} values for one curve, {sizes[:2]}"
+        raise InputError(f"{column.title!r} has {values}: expected its R_max in every row", "table.several_sizes")
+    if not sizes:
+        return curve
+    size = sizes[0] * LENGTH_UNITS[column.unit]
+    RADIUS.check(column.title, size, "curve.max_radius")
+    hint = f"R_max of each shot as the column {column.title!r} has it"
+    with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
+        if not curve.unscaled and abs(size / curve.max_radius - 1.0) >= SCALE_TOLERANCE:
+            hint += f": radii scaled by {size / curve.max_radius:.3g}"
+        return curve.labelled(hints=(*curve.hints, hint)).with_max_radius(size)
+    return curve
 
 
 def _read_without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:

@@ -55,6 +55,7 @@ CURVES = Vocabulary(
             "radioburbuja radiodeburbuja radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
             _UNITS,
         ),
+        "max_radius": Term("rmax truermax maxradius maximumradius", _UNITS),
         "stretch": Term("stretch lambdamax lambdamaxmean"),
         "stretch_std": Term("stretchstd lambdamaxstd"),
         "radius_std": Term(

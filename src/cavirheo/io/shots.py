@@ -21,7 +21,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, parse_number_list, printable, require
 from cavirheo.io.arrays import read_arrays
 from cavirheo.io.binary import read_variables
-from cavirheo.io.curves import Camera, read_text
+from cavirheo.io.curves import SCALE_TOLERANCE, Camera, read_text
 from cavirheo.io.files import Source, guarded
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.video.formats import is_video
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 Chosen = str | Iterable[int] | None  # which shots of a file: "1,4-7", numbered from 1 in the order of the file
 Item = TypeVar("Item")
-_SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 GROUPINGS = ("auto", "file", "folder", "name", "none")
 # the shot number at the end of a name, with the separator before it; a decimal number is no shot number
 _NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")
@@ -285,10 +284,10 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
         return scaled, []
     low, high = min(factors, key=factors.__getitem__), max(factors, key=factors.__getitem__)
     option = f"--rmax-um {1e6 * max_radius:g}"
-    if factors[high] > (1.0 + _SCALE_TOLERANCE) * factors[low]:
+    if factors[high] > (1.0 + SCALE_TOLERANCE) * factors[low]:
         ends = f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
         message = f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them"
-        mending = "give each size of shots a run of its own (--shots)"
+        mending = "give the R_max of each shot in a column rmax_um of the file, or each shot in a run of its own"
         raise InputError(f"{message}: {mending}", "option.several_scales")
     pixels = any(curve.unscaled for curve in curves)
     return scaled, [option + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]
