@@ -161,6 +161,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
+    "HDF5 attributes": (hdf5({"t_us": US, "R_um": UM, "@time": "noon", "@_v": 1, "@rho": 1e3}), "@rho, @time"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
     "arrays of numpy": (packed, "not used: about, read.me"),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
@@ -405,6 +406,15 @@ def test_a_group_states_the_constants_of_its_shots(tmp_path):
     assert (one.stretch, other.stretch) == (pytest.approx(8.0, rel=0.01), None)
     (note,) = (note for note in one.notes if note.startswith("not used"))
     assert {"a/c", "gamma", "medium/rho"} == {*note.removeprefix("not used: ").split(", ")}
+
+
+def test_a_radius_at_rest_with_a_number_is_of_the_shot_of_that_number(tmp_path):
+    alone = read_curves(put(tmp_path / "one.mat", saved(t_exp=TIME, R1_exp=RADIUS, R1_eq=25e-6)))[0]
+    assert alone.stretch == pytest.approx(8.0, rel=0.01)
+    two = saved(t_exp=TIME, R1_exp=RADIUS, R2_exp=RADIUS, R1_eq=25e-6, R2_eq=50e-6)
+    assert [curve.stretch for curve in read_curves(put(tmp_path / "two.mat", two))] == pytest.approx([8, 4], rel=0.01)
+    unnumbered = saved(t=TIME, R=RADIUS, R1_eq=25e-6)
+    assert read_curves(put(tmp_path / "r.mat", unnumbered))[0].stretch == pytest.approx(8.0, rel=0.01)
 
 
 PUBLISHED = {  # curves in the file, smallest and largest R_max in um, unusable ones

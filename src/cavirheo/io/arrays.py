@@ -15,7 +15,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed
-from cavirheo.io.binary import Arrays
+from cavirheo.io.binary import ATTRIBUTE, Arrays
 from cavirheo.io.curves import FORMS, Camera, read_each_table, read_table, stated
 from cavirheo.io.names import CURVES, STATED
 from cavirheo.io.tables import Name, Table
@@ -28,6 +28,7 @@ _OF_FRAMES = _ESSENTIAL | {"frame", "curve", "radius_std", "max_radius", "stretc
 _LISTED = 12  # most names in a message
 _EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _CELL = re.compile(r"\{(\d+)\}$")  # at the end of a path
+_AT_REST = re.compile(r"(?<![a-z])r(\d+)(?=_?eq)", re.I)  # R1_eq: a radius at rest of the arrays of a number
 
 
 def read_arrays(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
@@ -111,8 +112,12 @@ def _name(path: str, array: np.ndarray | str) -> Name:
     """Return what an array is: a single number states something of its group, several are of frames."""
     cell = _CELL.search(path)
     word = _CELL.sub("", path.rpartition("/")[2])
+    if word.startswith(ATTRIBUTE):
+        return Name()
     if not _has_frames(path, array):
-        return STATED.name(word)
+        number = _AT_REST.search(word)
+        kind, unit, _ = STATED.name(_AT_REST.sub("R", word))
+        return Name(kind, unit, number[1] if number else "")
     kind, unit, shot = CURVES.name(_EXPERIMENT.sub("", word))
     unusable = kind not in _ESSENTIAL if isinstance(array, str) else array.size <= 2 and not cell
     if unusable or word.lower() == "curve":  # rather a fitted one than labels of shots

@@ -6,6 +6,7 @@ as a group of references; versions 5 to 7 are read by scipy (matlab.py).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from math import prod
 from typing import Any
@@ -22,6 +23,8 @@ _DEEPEST = 16  # most references within each other
 _REAL = "fiub"  # numpy's dtype kinds of real numbers
 _HELD = ("#refs#", "#subsystem#")  # groups in which MATLAB holds what its variables refer to
 _NO_NUMBERS = "no array of numbers: save it as one"
+ATTRIBUTE = "@"  # before the name of an attribute of HDF5 in a path; attributes are named, and not read
+_OF_LIBRARIES = re.compile(r"MATLAB|_|[A-Z_0-9]+$")  # attributes that MATLAB, netCDF and PyTables write
 
 
 def read_variables(source: Source) -> Arrays:
@@ -75,7 +78,7 @@ def _without_objects(archive: Mapping[str, np.ndarray], name: str) -> np.ndarray
 
 
 def _hdf5_variables(source: Source) -> Arrays:
-    """Return the datasets and what they refer to, not attributes. What a link leads to is not read: a file
+    """Return the datasets, what they refer to, and the names of attributes. What a link leads to is not read: a file
     cannot show what lies elsewhere."""
     import h5py  # takes a quarter of a second
 
@@ -86,7 +89,14 @@ def _hdf5_variables(source: Source) -> Arrays:
             for part, value in _parts(file, path, item, 0) if not path.startswith(_HELD) else ():
                 found[part] = value if isinstance(value, str) else refusal(value, count) or _numbers(value)
                 count += np.size(found[part])
+            found |= _attributes(f"{path}/", item)
+        found |= _attributes("", file)
     return found
+
+
+def _attributes(place: str, item: Any) -> Arrays:
+    names = [name for name in item.attrs if not _OF_LIBRARIES.match(name)]
+    return {f"{place}{ATTRIBUTE}{name}": "an attribute of HDF5: save it as a dataset" for name in names}
 
 
 def _parts(file: Any, path: str, item: Any, depth: int) -> Iterator[tuple[str, Any]]:

@@ -187,10 +187,11 @@ def _series(table: Table) -> list[_Series]:
     clock_of = _of_each(firsts, clocks) or [table.at_most_one(clocks)] * len(firsts)
     deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
     deviation_of = _of_each(firsts, deviations if form.deviation else []) or [None] * len(firsts)
-    at_rest = next(iter(table.all("radius at rest")), None)
+    at_rest = table.all("radius at rest")
+    at_rest_of = _of_each(firsts, at_rest) or [next(iter(at_rest), None)] * len(firsts)
     stretches = [column for kind in ("stretch", "stretch_std") for column in table.all(kind)[:1]]
-    of_each = zip(radii, clock_of, deviation_of, strict=True)
-    return [_Series(form, *columns, at_rest, shot, max_radius, stretches) for columns in of_each]
+    of_each = zip(radii, clock_of, deviation_of, at_rest_of, strict=True)
+    return [_Series(form, *columns, shot, max_radius, stretches) for columns in of_each]
 
 
 def _of_each(radii: Sequence[Column], columns: Sequence[Column]) -> Sequence[Column | None]:
