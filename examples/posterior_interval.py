@@ -1,4 +1,4 @@
-"""A posterior whose draws are weighed by full simulations: intervals, effective sample size, and a picture."""
+"""A posterior whose draws are weighed by full simulations: intervals, effective sample size, and pictures."""
 
 from pathlib import Path
 
@@ -13,3 +13,4 @@ for name, unit in (("G", "Pa"), ("mu", "Pa s")):
     print(f"{name}: {answer.median(name):.4g} {unit}, 90 % interval {low:.4g} to {high:.4g}")
 print(f"{len(answer.weights)} draws are worth {1 / np.sum(answer.weights**2):.0f} independent ones")
 answer.plot().savefig("shot.png")
+answer.corner().savefig("draws.png")

@@ -50,12 +50,10 @@ cavirheo.table(answers)[["name", "shear_modulus_Pa_q05", "shear_modulus_Pa_q95"]
 answers[0].plot()
 
 # %% [markdown]
-# How the parameters depend on each other (correlation of draws): a larger G goes with a smaller stretch λ = R_max/R_0.
+# How the parameters depend on each other: a larger G goes with a smaller stretch λ = R_max/R_0.
 
 # %%
-draws = answers[0].to_dataframe()
-equal = draws.sample(2000, replace=True, weights="weight", random_state=0)
-equal[["shear_modulus_Pa", "viscosity_Pa_s", "stretch"]].corr().round(2)
+answers[0].corner()
 
 # %% [markdown]
 # ## Further

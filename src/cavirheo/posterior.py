@@ -20,6 +20,7 @@ from cavirheo.parameters import (
     Bound,
     bound_of,
     column_name,
+    is_law_parameter,
     matching,
     natural_name,
     require_name,
@@ -335,6 +336,19 @@ class Posterior:
         simulation. Raises InputError: the answer has no curve, or matplotlib is missing."""
         draw: Any = resolve_name("cavirheo.reporting.figure.answer_figure")  # reporting imports this module
         figure: Figure = draw(self)
+        return figure
+
+    def corner(self, *names: str) -> Figure:
+        """Figure of the draws of each parameter, with the median and the central 90 %, and of each pair of them.
+
+        names: of the parameters; default: those of the law that are not exactly 0 in most draws, and the stretch.
+        Raises InputError: a point answer or a failed one has no draws, no such parameter, or corner is missing."""
+        if len(self.theta) < 2:
+            raise InputError(f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
+        usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
+        chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
+        draw: Any = resolve_name("cavirheo.reporting.figure.corner_figure")
+        figure: Figure = draw({name: self.draws(name) for name in chosen}, self.weights)
         return figure
 
     @property

@@ -52,6 +52,16 @@ def test_a_missing_library_is_named(posterior, monkeypatch, name, method):
         getattr(posterior, method)()
 
 
+def test_corner_has_marginals_and_pairs_but_not_of_a_point(posterior, tmp_path):
+    pytest.importorskip("corner")
+    figure = posterior.corner()
+    assert [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()] == ["G (kPa)", "λ"]
+    figure.savefig(tmp_path / "a.png")
+    assert len(posterior.corner("lambda").axes) == 1
+    assert code_of(replace(posterior, theta=posterior.theta[:1]).corner) == "posterior.no_draws"
+    assert code_of(posterior.corner, "E") == "posterior.parameter"
+
+
 def test_an_answer_draws_its_curve(posterior, tmp_path):
     pytest.importorskip("matplotlib")
     curve = bubble("gel[2]")

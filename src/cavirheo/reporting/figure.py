@@ -1,9 +1,13 @@
-"""The picture of an answer as a figure of matplotlib, as wide as a column of a paper; readable in grey."""
+"""Figures of an answer by matplotlib, readable in grey: its curve, as wide as a column of a paper, and its draws."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.panels import curve_panels
@@ -55,4 +59,22 @@ def answer_figure(answer: Posterior) -> Figure:
     rows[-1, 0].set_xlabel(panels[0].x.label, fontsize=7)
     legend = rows[0, 0].legend(loc="upper right", frameon=False, fontsize=7, title=digits.elide(answer.name, 30))
     legend.get_title().set(fontsize=7, fontweight="bold", parse_math=False)
+    return figure
+
+
+def corner_figure(draws: Mapping[str, Floats], weights: Floats) -> Figure:
+    """Figure of the weighted draws (k,) of each parameter, by natural name in SI, with median and central 90 %, and of
+    each pair of parameters, by `corner` (Foreman-Mackey 2016, doi:10.21105/joss.00024). Raises InputError without
+    corner."""
+    corner = import_optional("corner", "cavirheo[plot]")
+    from matplotlib.figure import Figure
+
+    columns = [(digits.shown(name, float(np.median(values))), values) for name, values in draws.items()]
+    labels = [f"{shown.symbol} ({shown.unit})" if shown.unit else shown.symbol for shown, _ in columns]
+    size = 2.2 * len(draws) + 0.8
+    figure = Figure(figsize=(size, size))
+    ends = (0.05, 0.5, 0.95)
+    options = {"quantiles": ends, "title_quantiles": ends, "show_titles": True, "title_fmt": ".3g", "color": _BLUE}
+    values = np.column_stack([shown.factor * values for shown, values in columns])
+    corner.corner(values, weights=weights, labels=labels, fig=figure, **options)
     return figure
