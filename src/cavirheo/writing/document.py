@@ -243,6 +243,8 @@ def _lock(file: IO[str], folder: Path) -> None:
     try:
         if fcntl:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.fstat(file.fileno()).st_nlink:  # a run that ends at this moment has removed it
+                raise BlockingIOError
     except BlockingIOError:
         message = f"{folder} is in use by another run: wait until it ends, or name another folder by -o"
         raise InputError(message, "document.busy") from None
