@@ -55,7 +55,7 @@ class Layer:
     """Points of a panel that are drawn in one style.
 
     Attributes:
-        shape: "dots", "line" (NaN makes a gap), "area" (within corners) or "labels" (`texts` at points).
+        shape: "dots", "line", "area" (within corners) or "labels" (`texts` at points).
         look: name of the style, for which SVG and matplotlib have colours and sizes: "measured", "simulated", ...
         x: (n,) places.
         y: (n,) places.

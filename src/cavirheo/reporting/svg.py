@@ -18,8 +18,7 @@ PX = 4  # SVG units per pixel
 SIZE = (480.0, 300.0)  # px of a picture as the report shows it
 SHOT_SIZE = (380.0, 218.0)  # px of the picture of a shot among others
 GROUP_SIZE = (400.0, 340.0)  # px of each of the two pictures of a group
-_POINTS = 8000  # most points of a panel
-_LAYER_POINTS = 320  # most points of one of its layers
+_MOST_DOTS = 320  # most dots of a layer
 _LEFT, _RIGHT, _BOTTOM = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
 _ROW = 17 * PX  # height of a line of text
 _TONES = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]])  # dark blue, grey, yellow: grey prints keep the order
@@ -67,25 +66,21 @@ class Frame:
     @property
     def paths(self) -> Iterator[tuple[str, str, str]]:
         """(look, path, colour) of each layer."""
-        layers = [layer for layer in self.panel.drawn if layer.shape != "labels"]
-        most = min(_LAYER_POINTS, _POINTS // max(len(layers), 1))
-        for layer in layers:
-            if path := self._path(layer, most):
-                yield layer.look, path, "" if layer.tone is None else _colour_of(layer.tone)
+        for layer in self.panel.drawn:
+            if layer.shape != "labels":
+                yield layer.look, self._path(layer), "" if layer.tone is None else _colour_of(layer.tone)
 
-    def _path(self, layer: Layer, most: int) -> str:
-        """Path with a dot for each point, or for every k-th of more than `most`; or of the parts of a line."""
+    def _path(self, layer: Layer) -> str:
+        """Path with a dot for each point, or for every k-th of many; or of a line, without the points that lie in the
+        pixel of the one before."""
         across, down = self.across(layer.x), self.down(layer.y)
         if layer.shape == "dots":
-            every = max(-(-len(across) // most), 1)
+            every = max(-(-len(across) // _MOST_DOTS), 1)
             return f"M{'zm'.join(_steps(across[::every], down[::every]))}z"
-        finite = np.flatnonzero(np.isfinite(layer.y))
-        path = ""
-        for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else []:
-            some = part[_thinned(across[part], down[part], most)]
-            first, *steps = _steps(across[some], down[some])
-            path += f"M{first}l{' '.join(steps)}"
-        return f"{path}z" if layer.shape == "area" else path
+        moves = np.diff(np.rint(np.stack([across, down]) / PX), prepend=np.nan)
+        kept = np.any(moves != 0.0, axis=0)
+        first, *steps = _steps(across[kept], down[kept])
+        return f"M{first}l{' '.join(steps)}{'z' if layer.shape == 'area' else ''}"
 
     @property
     def names(self) -> Iterator[tuple[str, int, int, str]]:
@@ -123,16 +118,6 @@ def picture(panels: Sequence[Panel], size: tuple[float, float] = SIZE, *, with_k
     frames += [Frame(panel, _LEFT, height - _BOTTOM - below, across, below) for panel in panels[1:]]
     key = [(layer.look, _SYMBOLS.get(layer.look.split()[0], _SYMBOLS[layer.shape]), layer.name) for layer in named]
     return Markup(template("picture.svg").render(frames=frames, key=key, width=width, height=height, px=PX))
-
-
-def _thinned(x: Floats, y: Floats, most: int) -> np.ndarray:
-    """Indices of points evenly along a line, and of as many of its turns, so that a collapse stays sharp."""
-    if len(x) <= most:
-        return np.arange(len(x))
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    even = np.searchsorted(along, np.linspace(0.0, along[-1], most))
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(y))) != 0) + 1
-    return np.union1d(np.minimum(even, len(x) - 1), turns[:most])
 
 
 def _colour_of(tone: float) -> str:
