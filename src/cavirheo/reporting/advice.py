@@ -195,8 +195,6 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         return f"cavirheo show {document}   (the messages of each shot)"
     if "group.doubt.ends" in codes:
         return "the same command with the right --um-per-px (or --rmax-um) and --fps"
-    if "group.doubt.heaps" in codes:
-        return f"cavirheo infer {_first_heap(group, shots)}   (then the others by themselves)"
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
     if group.verdict == "does_not_fit" or (misfits and codes) or not {*codes}.isdisjoint(_OF_MODEL):
         return f"cavirheo which-law {_files(misfits or shots, 2)}   (whether another law follows them)"
@@ -214,17 +212,6 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         more += ["--group", group.name] if len(result.groups) > 1 else []
         return f"cavirheo design {shlex.join([str(out / 'result.json'), *more])}   (what to record)"
     return f"cavirheo cite {document}   (after a look at report.html)"
-
-
-def _first_heap(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
-    """The files of the shots in the first heap in which a group disagrees, or their numbers in the only file."""
-    names = {name for heap in next(iter(group.population.heaps.values()), [])[:1] for name in heap.shots}
-    heap = [shot for shot in shots if shot.name in names]
-    sources = {shot.source for shot in heap}
-    if any(shot.source in sources and shot.name not in names for shot in shots):
-        numbers = [str(k) for k, shot in enumerate(shots, 1) if shot.name in names]
-        return f"{shlex.quote(heap[0].source)} --shots {','.join(numbers)}"
-    return _files(heap, 3)
 
 
 def _files(shots: Sequence[CurveRecord], most: int) -> str:

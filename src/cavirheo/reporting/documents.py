@@ -145,9 +145,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         values["stretch"] = Quantity(median=finite(posterior.stretch))
     differing: dict[str, Any] = {
         "name": curve.name,
-        "max_radius_m": _value_or_none(curve, "max_radius"),
-        "time_of_max_s": _value_or_none(curve, "time_of_max"),
-        "strain_rate_per_s": _value_or_none(curve, "strain_rate"),
+        **dict.fromkeys(("max_radius_m", "time_of_max_s", "strain_rate_per_s")),
         "best": {} if checks.reconstruction_time is None else posterior.best,
         "window": Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
         "messages": sentences(checks.messages),
@@ -156,6 +154,9 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         "diagnostics": json_data(posterior.diagnostics),
         "provenance": json_data(posterior.provenance),
     }
+    with suppress(InputError):  # no R_max, or no collapse after it
+        differing |= {"max_radius_m": curve.max_radius, "time_of_max_s": curve.time_of_max}
+        differing["strain_rate_per_s"] = curve.strain_rate()
     return CurveRecord(**same_fields(CurveRecord, curve, posterior, checks) | differing | CurveRecord.fields_of(values))
 
 
@@ -190,14 +191,6 @@ def _viscosity_at_rate(posterior: Posterior) -> dict[str, Quantity]:
         return {VISCOSITY_AT_RATE: Quantity(median=viscosities[0])}
     ends = 10.0 ** weighted_quantile(np.log10(viscosities), [0.05, 0.5, 0.95], posterior.log_weight)
     return {VISCOSITY_AT_RATE: Quantity.from_interval(*ends.tolist())}
-
-
-def _value_or_none(curve: RadiusCurve, name: str) -> float | None:
-    """The value of an attribute or method of the curve; None if it raises InputError."""
-    with suppress(InputError):
-        value = getattr(curve, name)
-        return value() if callable(value) else value
-    return None
 
 
 def group_record(

@@ -174,15 +174,13 @@ class CurveRecord(ParameterValues):
     @property
     def verdict_in_words(self) -> str:
         """The verdict, and what it is about: 'bound: µ', 'wide: µ', 'check input: walls'."""
-        bounds: dict[str, str] = {}
+        words = digits.VERDICT_STYLES[self.verdict].words
         subjects = [message.code.split(".")[1].replace("_", " ") for message in self.warnings[:1]]
         if self.verdict == "bound":
             values = {symbol: self.main(name) for name, symbol in SYMBOLS.items()}
             bounds = {symbol: value.bound for symbol, value in values.items() if value.bound and not value.is_zero}
             subjects = [*bounds]
-        words = digits.VERDICT_STYLES[self.verdict].words
-        if subjects and {*bounds.values()} == {"wide"}:
-            words = "wide"
+            words = "wide" if {*bounds.values()} == {"wide"} else words
         return f"{words}: {', '.join(subjects)}" if subjects else words
 
     @property

@@ -116,24 +116,20 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collecti
 def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[str]) -> None:
     """A row for each of these shots. names: of all shots of their group. Where rows are too wide, names are shortened,
     then the stretch is left out."""
-    marks = ["" if shot.verdict == "ok" else shot.verdict_in_words for shot in shots]
-    for width in (_NAME, digits.SHORT_NAME):
+    marks = ["", *("" if shot.verdict == "ok" else shot.verdict_in_words for shot in shots)]
+    for width, with_stretch in ((_NAME, True), (digits.SHORT_NAME, True), (digits.SHORT_NAME, False)):
         short = dict(zip(names, digits.short_names(names, width), strict=True))
         heads, numbers = shots_table(result, shots, [short[shot.name] for shot in shots])
-        rows = [[*heads[:-1], ""], *([*cells[:-1], mark] for cells, mark in zip(numbers, marks, strict=True))]
-        if _table_width(rows) <= _width():
+        rows = [[*cells[:-1], mark] for cells, mark in zip([heads, *numbers], marks, strict=True)]
+        if not with_stretch:
+            rows = [[name, size, *cells] for name, size, _, *cells in rows]
+        first, *widths, last = (max(map(len, column)) for column in zip(*rows, strict=True))
+        if first + sum(widths) + last + 2 * len(rows[0]) - 2 <= _width():
             break
-    if _table_width(rows) > _width():
-        rows = [[name, size, *cells] for name, size, _, *cells in rows]
-    first, *widths, _ = (max(map(len, column)) for column in zip(*rows, strict=True))
     styles = ["", *(digits.VERDICT_STYLES[shot.verdict].terminal for shot in shots)]
     for (name, *cells, mark), style in zip(rows, styles, strict=True):
         line = [name.ljust(first), *(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))]
         _print([("  ".join(line), "" if style else "dim"), (f"  {mark}".rstrip(), style)])
-
-
-def _table_width(rows: Sequence[Sequence[str]]) -> int:
-    return sum(max(map(len, column)) + 2 for column in zip(*rows, strict=True)) - 2
 
 
 def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
