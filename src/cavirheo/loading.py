@@ -69,12 +69,7 @@ def _load(path: str | Path, kind: type[Any]) -> Document:
             held = ", ".join(file.name for file in documents) or f"none of {', '.join(NAMES)}"
             raise InputError(f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents
-    try:
-        name = str(read_object(path, MAX_BYTES).get("kind"))
-    except InputError as error:
-        if error.code != "files.json":
-            raise
-        name = ""
+    name = str(read_object(path, MAX_BYTES).get("kind"))
     if name not in KINDS:
         raise InputError(f"{path}: no document of cavirheo ({', '.join(NAMES)})", "document.other")
     return read_json(path, resolve_name(KINDS[name][0]))

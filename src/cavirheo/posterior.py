@@ -42,7 +42,7 @@ TRUSTED: frozenset[Verdict] = frozenset(("ok", "bound"))
 """Verdicts of answers that count for a material."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Checks:
     """Results of comparing the simulated answer with the measurement; None for values that could not be computed.
 
@@ -66,11 +66,11 @@ class Checks:
     rmse_over_rmax: float | None = None
     collapses: int | None = None
     t_star_end: float | None = None
-    compared_time: Floats | None = None
-    residual_over_rmax: Floats | None = None
-    predicted_over_rmax: Floats | None = None
-    reconstruction_time: Floats | None = None
-    reconstruction_radius: Floats | None = None
+    compared_time: Floats | None = field(default=None, repr=False)
+    residual_over_rmax: Floats | None = field(default=None, repr=False)
+    predicted_over_rmax: Floats | None = field(default=None, repr=False)
+    reconstruction_time: Floats | None = field(default=None, repr=False)
+    reconstruction_radius: Floats | None = field(default=None, repr=False)
     time_scale: float | None = None
 
     @property
@@ -82,17 +82,6 @@ class Checks:
     def warnings(self) -> tuple[Message, ...]:
         """The messages about the recording and its settings."""
         return tuple(message for message in self.messages if is_input_warning(message.code))
-
-    def __repr__(self) -> str:
-        """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""
-        over = "" if self.compared_time is None else f" over {len(self.compared_time)} frames"
-        words = [
-            self.verdict,
-            "" if self.rmse_over_rmax is None else f"RMSE {100 * self.rmse_over_rmax:.2g} % of R_max{over}",
-            "" if self.collapses is None else digits.counted(self.collapses, "collapse"),
-            "" if self.t_star_end is None else f"t* <= {self.t_star_end:.2g}",
-        ]
-        return f"Checks({', '.join(filter(None, words))}{': ' + self.message if self.message else ''})"
 
 
 @dataclass(frozen=True)
@@ -231,9 +220,10 @@ class Posterior:
         return self.curve.name if self.curve else ""
 
     def __repr__(self) -> str:
-        """Name, material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
+        """Name, material, method, verdict and messages, then a line per parameter: median, 90 % interval, unit."""
         of = f"{self.name}: " if self.curve else ""
-        lines = [f"Posterior({of}{self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
+        verdict = ": ".join(filter(None, [self.checks.verdict, self.checks.message]))
+        lines = [f"Posterior({of}{self.material}, {self.method}, {len(self.theta)} draws): {verdict}"]
         for name, unit in self.parameters.items():
             value = digits.quantity(self.quantity(name), unit="" if unit == "1" else unit)
             lines.append(f"  {name:<20}{value}")

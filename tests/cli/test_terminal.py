@@ -142,7 +142,7 @@ def test_show_refuses_in_one_line(run, tmp_path, name):
 def test_a_table_that_is_too_wide_for_the_terminal_loses_nothing(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "60")
     rows = [["gel 1", *["0.069 (0.056 to 0.090)"] * 4], ["gel 2", *["below 0.0096"] * 4]]
-    terminal.print_table(terminal.console(), ["shot", "a", "b", "c", "d"], rows)
+    terminal.print_table(["shot", "a", "b", "c", "d"], rows)
     printed = [line.split("  ") for line in capsys.readouterr().out.splitlines()]
     cells = [[cell.strip() for cell in line if cell.strip()] for line in printed]
     assert rows[0] in cells

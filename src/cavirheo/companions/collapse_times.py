@@ -158,7 +158,6 @@ def write_csv(path: Path, document: CollapseTimes) -> None:
 
 def print_table(document: CollapseTimes) -> None:
     """Print a row per group, then remarks on the groups."""
-    console = terminal.console()
     estimates = [group.estimate for group in document.groups if group.estimate]
     _, factor, unit, _ = digits.shown("shear_modulus", *(found.shear_modulus_Pa.largest for found in estimates))
     heads = ["material", "n", "model", f"G (90 %)\n{unit}", "µ (90 %)\nPa s", "scatter\n% of t₁"]
@@ -170,14 +169,14 @@ def print_table(document: CollapseTimes) -> None:
         G = digits.quantity(value.shear_modulus_Pa, factor, joint="\n")
         mu = digits.quantity(value.viscosity_Pa_s, joint="\n")
         rows.append([who, n, group.model, G, mu, digits.percent(value.scatter)])
-    terminal.print_table(console, heads, rows, left=("model",))
+    terminal.print_table(heads, rows, left=("model",))
     remarks = terminal.names_by_text(remark for group in document.groups for remark in _remarks(group))
-    terminal.print_remarks(console, remarks, most=5)
+    terminal.print_remarks(remarks, most=5)
     changes = [abs(change) for found in estimates if (change := found.modulus_per_percent_Pa)]
     if moves := digits.ends(changes, factor, 2):
         common = f"t₁ of all shots 1 % longer (R_max, frame rate, density) lowers G by {moves} {unit}"
-        console.print(f"intervals: from the scatter of the shots alone; {common}", style="dim")
-    terminal.print_remarks(console, {}, document.notes)
+        terminal.print_text(f"intervals: from the scatter of the shots alone; {common}", style="dim")
+    terminal.print_remarks({}, document.notes)
 
 
 def _remarks(group: CollapseGroup) -> Iterator[tuple[str, str]]:

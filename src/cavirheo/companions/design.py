@@ -175,10 +175,9 @@ def print_table(document: Design) -> None:
         ]
         for setting in document.settings
     ]
-    console = terminal.console()
-    terminal.print_table(console, heads, rows, title=title, bold=document.next)
+    terminal.print_table(heads, rows, title=title, bold=document.next)
     for line in document.sentences:
-        console.print(line, style="bold")
+        terminal.print_text(line, style="bold")
 
 
 def design(

@@ -282,21 +282,20 @@ def shared_name(files: Sequence[Path]) -> str:
 
 def print_rheometry(document: Rheometry) -> None:
     """Print the sweeps, the values of the material, and the remarks."""
-    console = terminal.console()
     _, factor, unit, _ = digits.shown("shear_modulus", *(sweep.plateau_storage_Pa for sweep in document.sweeps))
     heads = ["sweep", f"plateau G'\n{unit}", "over", "µ = G''/ω\nPa s"]
     rows = []
     for sweep in document.sweeps:
         modulus, viscosity = digits.number(sweep.plateau_storage_Pa, factor), digits.number(sweep.viscosity_Pa_s)
         rows.append([sweep.name, modulus, _range(sweep), viscosity])
-    terminal.print_table(console, heads, rows, title=f"linear range: G' within {100 * _LINEAR:g} %")
+    terminal.print_table(heads, rows, title=f"linear range: G' within {100 * _LINEAR:g} %")
     modulus = digits.spread(document.shear_modulus_Pa, factor)
     answer = f": G = {modulus} {unit} ({document.shear_modulus_from})"
     if any(sweep.kind == "frequency" for sweep in document.sweeps):
         answer += f", µ = {digits.spread(document.viscosity_Pa_s)} Pa s at {document.at_rad_per_s:g} rad/s"
-    terminal.print_text(console, answer, first=digits.printable(document.material), look="bold")
+    terminal.print_text(answer, first=digits.printable(document.material), look="bold")
     remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
-    terminal.print_remarks(console, terminal.names_by_text(remarks), document.notes)
+    terminal.print_remarks(terminal.names_by_text(remarks), document.notes)
 
 
 def _range(sweep: Sweep) -> str:

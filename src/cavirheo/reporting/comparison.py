@@ -39,9 +39,8 @@ def comparison_key(result: Result) -> str:
 
 def print_comparison(result: Result) -> None:
     """Print the table and its key."""
-    console = terminal.console()
     heads, rows = comparison_table(result)
     groups = ["", *(row[0] for row in rows)]
     rows = [["" if row[0] == above else row[0], *row[1:]] for above, row in zip(groups, rows, strict=False)]
-    terminal.print_table(console, heads, rows, left=("quantity", "method"))
-    terminal.print_text(console, comparison_key(result), style="dim")
+    terminal.print_table(heads, rows, left=("quantity", "method"))
+    terminal.print_text(comparison_key(result), style="dim")

@@ -99,18 +99,17 @@ def write_csv(path: Path, measurement: Measurement) -> None:
 
 def print_table(record: Measured) -> None:
     """Print the frames by flag, the maximum, the origin of rate and scale, the input warnings and the notes."""
-    console = terminal.console()
     used = sum(record.flags.get(flag, 0) for flag in USED)
     frames = f"{used} of {sum(record.flags.values())} frames measured"
-    console.print(f"{record.name}: {frames}, {record.width} x {record.height} pixels, {record.bits} bits")
+    terminal.print_text(f"{record.name}: {frames}, {record.width} x {record.height} pixels, {record.bits} bits")
     rows = [[flag, str(count), FLAGS[flag]] for flag, count in record.flags.items()]
-    terminal.print_table(console, ["flag", "frames", "meaning"], rows, left=["meaning"])
+    terminal.print_table(["flag", "frames", "meaning"], rows, left=["meaning"])
     top = f"R_max {record.max_radius_px:.2f} px" if record.max_radius_px else "no R_max"
     if record.max_radius_m:
         top += f", {1e6 * record.max_radius_m:.2f} µm; {digits.counted(len(record.collapse_times_s), 'collapse')}"
-    console.print(top)
+    terminal.print_text(top)
     for quantity, number in (("frames per second", record.frame_rate_hz), ("µm per pixel", record.um_per_px)):
-        console.print(f"{quantity}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
-    terminal.print_remarks(console, {warning: [record.name] for warning in record.warnings}, mark="check input:")
+        terminal.print_text(f"{quantity}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
+    terminal.print_remarks({warning: [record.name] for warning in record.warnings}, mark="check input:")
     notes = [note for note in (record.unusable, *record.notes) if note]
-    terminal.print_remarks(console, {note: [record.name] for note in notes})
+    terminal.print_remarks({note: [record.name] for note in notes})

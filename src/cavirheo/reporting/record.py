@@ -101,7 +101,7 @@ class Sentence(Record):
     """A message of an answer."""
 
     code: str
-    """Subject of the message, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected"."""
+    """Subject of the message, for programs: "check_input.scale", "bound.viscosity.upper", "misfit.rms"."""
     text: str
     """The message as a sentence."""
 

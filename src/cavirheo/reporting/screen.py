@@ -59,14 +59,13 @@ def print_all(result: Result, *, out: Path = Path()) -> None:
     shot is called by what distinguishes it."""
     names = digits.distinct_names([row.name for row in result.curves])
     rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
-    console = terminal.console()
-    terminal.print_remarks(console, curves_by_message(rows))
+    terminal.print_remarks(curves_by_message(rows))
     for group in result.groups:
         if group.laws:
             title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {LAWS_TITLE}"
-            terminal.print_table(console, LAW_HEADS, group.laws.rows, title=title)
-            terminal.print_remarks(console, {}, group.laws.sentences)
-    terminal.print_remarks(console, {}, [row.words for row in result.differences])
+            terminal.print_table(LAW_HEADS, group.laws.rows, title=title)
+            terminal.print_remarks({}, group.laws.sentences)
+    terminal.print_remarks({}, [row.words for row in result.differences])
     print_result(result, out=out, every_shot=True)
 
 

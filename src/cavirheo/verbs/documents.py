@@ -56,14 +56,13 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     remarks = [remark for remark in remarks if not any(remark in curve.notes for curve in curves)]  # those are said
     if not curves:
         raise InputError(problems[0], "show.unreadable")
-    console = terminal.console()
     heads = ["shot", "R_max\nµm", "frame rate\nkHz", "frames with\na radius", "recorded\nµs", "collapses"]
     names = digits.distinct_names([curve.name for curve in curves])
     curves = [curve.labelled(name=name) for curve, name in zip(curves, names, strict=True)]
-    console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
-    terminal.print_table(console, heads, [[curve.name, *summary_cells(curve)] for curve in curves])
-    terminal.print_remarks(console, curve_warnings(curves), most=2, mark="check input:")
-    terminal.print_remarks(console, curves_by_note(curves), remarks)
+    terminal.write(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
+    terminal.print_table(heads, [[curve.name, *summary_cells(curve)] for curve in curves])
+    terminal.print_remarks(curve_warnings(curves), most=2, mark="check input:")
+    terminal.print_remarks(curves_by_note(curves), remarks)
     for problem in problems:
         terminal.say(f"error: {problem}")
     if problems:

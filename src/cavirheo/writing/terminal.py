@@ -67,7 +67,6 @@ def progress_bar(
 
 
 def print_table(
-    to: Console,
     heads: Sequence[str],
     rows: Sequence[Sequence[str]],
     *,
@@ -89,13 +88,12 @@ def print_table(
         grid.add_row(*cells, style="bold" if k == bold else "")
     if rows:
         if title:
-            print_text(to, title, style="dim")
+            print_text(title, style="dim")
         for column, cells in zip(grid.columns, zip(*rows, strict=True), strict=True):
             column.min_width = max(map(len, cells)) if column.no_wrap else _LEAST_WORDS
-        usual = to.width
-        to.width = max(usual, to.measure(grid, options=to.options.update(width=_MAX_LINE)).minimum)
+        to = console()
+        to.width = max(to.width, to.measure(grid, options=to.options.update(width=_MAX_LINE)).minimum)
         to.print(grid)
-        to.width = usual
 
 
 def names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
@@ -114,10 +112,11 @@ def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
     return [line.replace(NO_BREAK, " ") for line in textwrap.wrap(together(text), width, max_lines=most, **how)]
 
 
-def print_text(to: Console, text: str, *, first: str = "", look: str = "", style: str = "") -> None:
+def print_text(text: str, *, first: str = "", look: str = "", style: str = "") -> None:
     """Print a text, broken into lines by `lines_of`. first: its beginning, in the style `look`."""
     from rich.text import Text
 
+    to = console()
     for line in lines_of(printable(first + text), to.width):
         head = line[: len(first)] if line.startswith(first) else ""
         to.print(Text.assemble((head, look), (line[len(head) :], style)), soft_wrap=True)
@@ -125,13 +124,13 @@ def print_text(to: Console, text: str, *, first: str = "", look: str = "", style
 
 
 def print_remarks(
-    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 5, mark: str = "•"
+    remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 5, mark: str = "•"
 ) -> None:
     """Print each of the first MOST_REMARKS texts after a mark and its names, `most` of them at most; then the notes."""
     for text, names in list(remarks.items())[:MOST_REMARKS]:
         more = f" and {len(names) - most} more" if len(names) > most else ""
-        print_text(to, f": {text}", first=f"{mark} {', '.join(names[:most])}{more}", look="bold")
+        print_text(f": {text}", first=f"{mark} {', '.join(names[:most])}{more}", look="bold")
     if len(remarks) > MOST_REMARKS:
-        print_text(to, f"{mark} {len(remarks) - MOST_REMARKS} more such remarks")
+        print_text(f"{mark} {len(remarks) - MOST_REMARKS} more such remarks")
     for note in notes:
-        print_text(to, note, first="• ")
+        print_text(note, first="• ")
