@@ -40,15 +40,14 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
 
     Args:
         path: a document with any file name, or a folder with one document.
-        kind: the class that the file must hold, and that is chosen in a folder with several documents; default: any
-            class (type checkers see a `Result`).
+        kind: the class that the file must hold; default: any (type checkers see a `Result`).
 
     Raises:
         InputError: no such file, not a file of cavirheo, or another kind.
     """
     kind = object if kind is None else kind
     expect(kind, type, "a class such as Result, of cavirheo.reporting.record")
-    loaded = _load(path, kind)
+    loaded = _load(path)
     if not isinstance(loaded, kind):
         message = f"{path} is a {type(loaded).__name__}, not a {kind.__name__}: give another file"
         raise InputError(message, "loading.kind")
@@ -60,11 +59,10 @@ def documents_in(folder: Path) -> list[Path]:
     return [folder / name for name in NAMES if (folder / name).is_file()]
 
 
-def _load(path: str | Path, kind: type[Any]) -> Document:
+def _load(path: str | Path) -> Document:
     path = as_path(path)
     if path.is_dir():
         documents = documents_in(path)
-        documents = [file for file in documents if issubclass(resolve_name(KINDS[file.stem][0]), kind)] or documents
         if len(documents) != 1:
             held = ", ".join(file.name for file in documents) or f"none of {', '.join(NAMES)}"
             raise InputError(f"{path} holds {held}: name the file", "loading.folder")

@@ -244,7 +244,8 @@ def _of_one_shot(row: CurveRecord, errors: CommonErrors | None) -> tuple[Populat
         limit = widened_limit(modulus.q95 or 0.0, errors, row.medium.pressure, row.stretch.median)
         values["shear_modulus"] = modulus.model_copy(update={"q95": limit})
     fields = PopulationRecord.fields_of(values)
-    return PopulationRecord(line="a single shot", model=row.model, n=1, switches=row.switches, **fields), systematic
+    fields |= {"line": "a single shot", "model": f"{row.material}, {row.bubble.name}", "n": 1}
+    return PopulationRecord(switches=row.switches, **fields), systematic
 
 
 def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[Message]:

@@ -153,11 +153,6 @@ class CurveRecord(ParameterValues):
     _keys = MAIN_FIELDS | {"stretch": "stretch"}
 
     @property
-    def model(self) -> str:
-        """Law and name of the bubble: 'nhkv, real'."""
-        return f"{self.material}, {self.bubble.name}"
-
-    @property
     def bubble_title(self) -> str:
         """'real bubble'; "real or the field's bubble" where a switch decides."""
         return "real or the field's bubble" if "field_bubble" in self.switches else self.bubble.title
@@ -406,11 +401,6 @@ class Result(Document):
     def shown(self, name: str) -> digits.Shown:
         """How a parameter is shown in all tables and pictures of this document: a modulus in one unit."""
         return digits.shown(name, *(curve.shear_modulus_Pa.largest for curve in self.curves))
-
-    @property
-    def parameters(self) -> list[str]:
-        """Names of the parameters that were inferred, or given for the bubble, without G, mu and the stretch."""
-        return list(dict.fromkeys(name for curve in self.curves for name in curve.other_parameters))
 
     def to_dataframe(self) -> Any:
         """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""

@@ -56,7 +56,8 @@ def parameters_of(records: Sequence[ParameterValues]) -> list[str]:
 def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number). A
     bound has no median, so that a mean of medians is one of values."""
-    first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
+    first = ["stretch", "shear_modulus", "viscosity"]
+    further = list(dict.fromkeys(name for curve in result.curves for name in curve.other_parameters))
     columns = {name: column_name(name, digits.shown(name).si) for name in (*first, *further)}
     head = ["name", "group", "source", "material", "method", "max_radius_m"]
     head += [columns[name] + end for name in first for end in _ENDS.values()]

@@ -98,11 +98,11 @@ def print_table(
 
 def names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """{text: names} of (name, text), each text once, the most frequent first; empty texts are left out."""
-    names: dict[str, dict[str, None]] = {}
+    names: dict[str, list[str]] = {}
     for name, text in texts:
-        if text:
-            names.setdefault(text, {})[name] = None
-    return {text: list(those) for text, those in sorted(names.items(), key=lambda item: -len(item[1]))}
+        if text and name not in names.setdefault(text, []):
+            names[text].append(name)
+    return dict(sorted(names.items(), key=lambda item: -len(item[1])))
 
 
 def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
