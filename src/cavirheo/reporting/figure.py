@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SIZE = 84 / 25.4, 68 / 25.4  # inches
-_BLUE, _VERMILLION = "#0072b2", "#d55e00"  # of Okabe and Ito, distinct also for colour-blind readers
+_VERMILLION = "#d55e00"  # of Okabe and Ito, distinct from black also for colour-blind readers
 _DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
 _STYLES: dict[str, dict[str, Any]] = {  # by look
     "measured": _DOT | {"mec": "black"},
@@ -27,7 +27,6 @@ _STYLES: dict[str, dict[str, Any]] = {  # by look
     "simulated": {"color": _VERMILLION, "lw": 1.0},
     "zero": {"color": "black", "lw": 0.5},
     "draws": {"color": _VERMILLION, "alpha": 0.25, "lw": 0},
-    "band": {"color": _BLUE, "alpha": 0.14, "lw": 0},
 }
 
 

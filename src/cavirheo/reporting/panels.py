@@ -55,22 +55,22 @@ class Layer:
     """Points of a panel that are drawn in one style.
 
     Attributes:
-        shape: "dots", "line", "area" (within corners) or "labels" (`texts` at points).
+        shape: "dots", "line", "area" (within corners) or "label" (`text` at a point).
         look: name of the style, for which SVG and matplotlib have colours and sizes: "measured", "simulated", ...
         x: (n,) places.
         y: (n,) places.
         name: text in the key of the picture; "": none.
         tone: of the colour, from 0 (dark) to 1 (light); None: the colour of the look.
-        texts: of labels.
+        text: of a label.
     """
 
-    shape: Literal["dots", "line", "area", "labels"]
+    shape: Literal["dots", "line", "area", "label"]
     look: str
     x: Floats
     y: Floats
     name: str = ""
     tone: float | None = None
-    texts: tuple[str, ...] = ()
+    text: str = ""
 
 
 def _band(look: str, x: Floats, ends: Floats, name: str = "", tone: float | None = None) -> Layer:
@@ -152,15 +152,12 @@ def curve_panels(curve: RadiusCurve, checks: Checks, method: str = "", what_if: 
 
 
 def _residual_panel(x: Axis, residuals: Sequence[Layer], checks: Checks) -> Panel:
-    """The panel of the residuals, with the area that holds 90 % of the predictions, or else ± RMSE."""
+    """The panel of the residuals, with the area that holds 90 % of the predictions."""
     rmse, ends = 100.0 * (checks.rmse_over_rmax or 0.0), np.array([x.low, x.high])
     note = f"RMSE {digits.significant(rmse, 2)} %" if rmse else ""
     band = list[Layer]()
     if checks.predicted_over_rmax is not None:
         band = [_band("draws", residuals[0].x, 100.0 * checks.predicted_over_rmax)]
-    elif rmse:
-        band = [_band("band", ends, np.array([[-rmse, rmse], [-rmse, rmse]]))]
-        note = f"band: ± {note}"
     largest = 1.15 * _largest([*residuals, *band], 0.1)
     zero = Layer("line", "zero", ends, np.zeros(2))
     return Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, *residuals), "residual", note)

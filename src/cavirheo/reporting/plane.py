@@ -144,7 +144,7 @@ def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Axes) ->
         beside = " beside" if place.corners is None else ""
         outside = "" if place.look == "region" else " outside"
         x, y = place.limits(low, high).mean(axis=1, keepdims=True)
-        labels.append(Layer("labels", f"shot-name{beside}{outside}", x, y, texts=(place.name,)))
+        labels.append(Layer("label", f"shot-name{beside}{outside}", x, y, text=place.name))
     names = dict(_KEY)
     layers = [replace(layer, name=names.pop(layer.look.split()[0], "")) for layer in layers]
     for place in references:

@@ -67,7 +67,7 @@ class Frame:
     def paths(self) -> Iterator[tuple[str, str, str]]:
         """(look, path, colour) of each layer."""
         for layer in self.panel.drawn:
-            if layer.shape != "labels":
+            if layer.shape != "label":
                 yield layer.look, self._path(layer), "" if layer.tone is None else _colour_of(layer.tone)
 
     def _path(self, layer: Layer) -> str:
@@ -89,16 +89,17 @@ class Frame:
         middle, centre = self.left + self.width / 2, self.top + self.height / 2
         taken = list[tuple[float, float, float]]()  # middle and half a width of each name
         for layer in self.panel.layers:
-            around = _AROUND[1:] if "beside" in layer.look else _AROUND
-            for across, down, text in zip(self.across(layer.x), self.down(layer.y), layer.texts, strict=False):
-                half = 0.5 * _LETTER * len(text)
-                for aside, below in around:
-                    x, y = float(across + aside * (half + 2 * PX)), float(down + below * _LINE)
-                    within = abs(x - middle) < self.width / 2 - half and abs(y - centre) < (self.height - _LINE) / 2
-                    if within and all(abs(x - a) >= half + wide or abs(y - b) >= _LINE for a, b, wide in taken):
-                        taken.append((x, y, half))
-                        yield f"{layer.look} middle", round(x), round(y + 4 * PX), text
-                        break
+            if layer.shape != "label":
+                continue
+            across, down = float(self.across(layer.x[0])), float(self.down(layer.y[0]))
+            half = 0.5 * _LETTER * len(layer.text)
+            for aside, below in _AROUND[1:] if "beside" in layer.look else _AROUND:
+                x, y = across + aside * (half + 2 * PX), down + below * _LINE
+                within = abs(x - middle) < self.width / 2 - half and abs(y - centre) < (self.height - _LINE) / 2
+                if within and all(abs(x - a) >= half + wide or abs(y - b) >= _LINE for a, b, wide in taken):
+                    taken.append((x, y, half))
+                    yield f"{layer.look} middle", round(x), round(y + 4 * PX), layer.text
+                    break
 
 
 def picture(panels: Sequence[Panel], size: tuple[float, float] = SIZE, *, with_key: bool = True) -> Markup:
