@@ -12,16 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.reporting.advice import answer_lines, badge_of, group_facts, model_in_words, windows
-from cavirheo.reporting.comparison import comparison_key, comparison_table
-from cavirheo.reporting.record import LAW_HEADS, LAWS_TITLE, Result
-from cavirheo.reporting.table import meaning_of, parameters_of, shots_table
+from cavirheo.reporting import advice, comparison, table
+from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
-
-_FUNCTIONS = (
-    *(answer_lines, badge_of, group_facts, model_in_words, windows, shots_table, comparison_table, comparison_key),
-    *(meaning_of, parameters_of),
-)
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -57,9 +50,7 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
         keep_trailing_newline=True,
         finalize=_printable,
     )
-    environment.globals.update({function.__name__: function for function in _FUNCTIONS})
-    environment.globals.update(digits=digits, VERDICT_STYLES=digits.VERDICT_STYLES)
-    environment.globals.update(LAW_HEADS=LAW_HEADS, LAWS_TITLE=LAWS_TITLE)
+    environment.globals.update(advice=advice, comparison=comparison, digits=digits, table=table)
     return environment.get_template(name)
 
 

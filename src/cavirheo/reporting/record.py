@@ -32,8 +32,6 @@ MAIN_FIELDS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s
 SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # of the parameters of an answer
 WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
-LAW_HEADS = ["law", "log evidence", "probability"]
-LAWS_TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
 
 
 class ParameterValues(Record):
@@ -281,6 +279,8 @@ class LawOfGroup(Record):
 class LawsOfGroup(Record):
     """The laws that were compared for the shots of a group."""
 
+    HEADS: ClassVar = ["law", "log evidence", "probability"]
+    TITLE: ClassVar = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
     shots: int
     """Number of shots over which the evidence is summed: those for which all laws have one."""
     chosen: str | None

@@ -9,7 +9,7 @@ from pathlib import Path
 from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.advice import answer_lines, group_facts, next_step, windows
 from cavirheo.reporting.comparison import print_comparison
-from cavirheo.reporting.record import LAW_HEADS, LAWS_TITLE, SYMBOLS, CurveRecord, GroupRecord, Result
+from cavirheo.reporting.record import SYMBOLS, CurveRecord, GroupRecord, Result
 from cavirheo.reporting.table import curves_by_message, shots_table
 from cavirheo.writing import digits, terminal
 
@@ -62,8 +62,8 @@ def print_all(result: Result, *, out: Path = Path()) -> None:
     terminal.print_remarks(curves_by_message(rows))
     for group in result.groups:
         if group.laws:
-            title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {LAWS_TITLE}"
-            terminal.print_table(LAW_HEADS, group.laws.rows, title=title)
+            title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {group.laws.TITLE}"
+            terminal.print_table(group.laws.HEADS, group.laws.rows, title=title)
             terminal.print_remarks({}, group.laws.sentences)
     terminal.print_remarks({}, [row.words for row in result.differences])
     print_result(result, out=out, every_shot=True)
