@@ -16,7 +16,7 @@ from cavirheo.posterior import Checks
 from cavirheo.reporting import html
 from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.documents import result_of
-from cavirheo.reporting.panels import all_curves_panel, curve_panels, preview_panels
+from cavirheo.reporting.panels import all_curves_panel, curve_panels
 from cavirheo.reporting.svg import GROUP_SIZE, picture
 from cavirheo.reporting.table import curve_warnings, curves_by_message, curves_by_note, summary_cells
 from cavirheo.writing import digits
@@ -121,7 +121,8 @@ def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
     drawn = ""
     remarks = curve_warnings([curve])
     try:
-        drawn = picture(preview_panels(curve, settings.analysis.experiment(curve).window))
+        window = settings.analysis.experiment(curve).window
+        drawn = picture(curve_panels(curve, Checks("ok", compared_time=window.time)))
     except InputError as error:
         remarks = {str(error): [curve.name]}
     sheet = curve.meta.get("contact_sheet", "")

@@ -168,19 +168,6 @@ def _largest(layers: Sequence[Layer], least: float) -> float:
     return max([least, *(float(np.nanmax(np.abs(layer.y), initial=0.0)) for layer in layers)])
 
 
-def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
-    """The panel of a curve without an answer: which frames are to be compared (those of `window`), which are outliers,
-    and which have no radius. Raises InputError: the curve has no R_max."""
-    (panel,) = curve_panels(curve, Checks("ok", compared_time=window.time))
-    time, radius = _units_of(curve)[2](curve.time, curve.radius)
-    within = (time >= panel.x.low) & (time <= panel.x.high)
-    outliers = np.isin(np.arange(len(time)), curve.spikes()) & within
-    missing = time[np.isnan(radius) & within]
-    layers = [Layer("dots", "outlier", time[outliers], radius[outliers], "stands out, kept")]
-    layers.append(Layer("dots", "missing", missing, np.zeros(len(missing)), "no radius"))
-    return [replace(panel, layers=(*panel.layers, *layers))]
-
-
 def _simulation(points: Points, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
     """(line of a simulation, points of its residual); layers without points where `checks` has no values."""
     names = ("reconstruction_time", "reconstruction_radius", "compared_time", "residual_over_rmax")

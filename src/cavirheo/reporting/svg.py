@@ -23,14 +23,7 @@ _LEFT, _RIGHT, _BOTTOM = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
 _ROW = 17 * PX  # height of a line of text
 _TONES = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]])  # dark blue, grey, yellow: grey prints keep the order
 _SYMBOLS = {"dots": "●", "line": "—", "area": "▬"}  # symbols in the key, by shape
-_SYMBOLS |= {
-    "outlier": "○",
-    "region": "▰",
-    "region-out": "▱",
-    "material": "▣",
-    "published": "▢",
-    "arrow": "→",
-}  # by look
+_SYMBOLS |= {"region": "▰", "region-out": "▱", "material": "▣", "published": "▢", "arrow": "→"}  # by look
 _LETTER, _LINE = 7 * PX, 14 * PX  # width of a letter and height of a line of the names of shots
 _AROUND = ((0, 0), (1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))  # places of a name at a point
 
