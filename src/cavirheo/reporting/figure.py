@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SIZE = 84 / 25.4, 68 / 25.4  # inches
-_VERMILLION = "#d55e00"  # of Okabe and Ito, distinct from black also for colour-blind readers
+_BLUE, _VERMILLION = "#0072b2", "#d55e00"  # of Okabe and Ito, distinct also for colour-blind readers
 _DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
 _STYLES: dict[str, dict[str, Any]] = {  # by look
     "measured": _DOT | {"mec": "black"},
