@@ -16,13 +16,14 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, printable
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io.curves import unusable_curve
-from cavirheo.io.files import header_of, measurement_files, pixels_of
+from cavirheo.io.files import measurement_files
 from cavirheo.io.shots import CurveSet, read_shots
 from cavirheo.parallel import Executor, cores
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import result, write_documents
 from cavirheo.reporting.documents import curve_record
 from cavirheo.reporting.record import CurveRecord, Result
+from cavirheo.video.formats import header_of, pixels_of
 from cavirheo.workflow.store import Store, analyse, with_source_of
 from cavirheo.writing.document import Outputs
 

@@ -20,11 +20,11 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number_list, require
 from cavirheo.inference.analysis import DEFAULT
 from cavirheo.inference.cards import shipped
-from cavirheo.io.files import pixels_of, without_headers
+from cavirheo.io.files import without_headers
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.record import CurveRecord, Result
 from cavirheo.settings import Exclude, InferOptions, checked
-from cavirheo.video.formats import is_video
+from cavirheo.video.formats import is_video, pixels_of
 from cavirheo.writing.document import short_name
 
 UPLOAD_FOLDER = "your files"  # the folder of a visitor, which names the group of single-shot files

@@ -1,23 +1,21 @@
-"""The files that the command line names; and what a file is, opened once (`Source`)."""
+"""The files that the command line names; and what a file is (`Source`)."""
 
 from __future__ import annotations
 
 import glob
-import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from io import BufferedReader
 from os.path import exists, isdir  # these two also work for names that no file can have
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, check_file, printable
+from cavirheo.errors import InputError, check_file, printable, sha256
 from cavirheo.io import limits
-from cavirheo.video.formats import ENDINGS, HEADER_ENDINGS, PIXELS_ENDING, STACK_ENDINGS, is_video
+from cavirheo.video.formats import ENDINGS, STACK_ENDINGS, is_video, pixels_of
 from cavirheo.writing import digits
 
 _TEXT_ENDINGS = {".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"}
@@ -42,23 +40,14 @@ _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is
 
 @dataclass(frozen=True)
 class Source:
-    """A file that is read: what it is, its content, and its digest. It is opened once, when the first of them is asked
-    for, and `guarded` closes it."""
+    """A file that is read."""
 
     path: Path
 
     @cached_property
-    def file(self) -> BufferedReader:
-        return self.path.open("rb")
-
-    @property
-    def size(self) -> int:
-        return self.file.seek(0, 2)
-
-    @cached_property
     def head(self) -> bytes:
-        self.file.seek(0)
-        return self.file.read(1024)
+        with self.path.open("rb") as file:
+            return file.read(1024)
 
     @cached_property
     def kind(self) -> Kind:
@@ -73,19 +62,10 @@ class Source:
             return "matlab"
         return by_start or ("empty" if not self.head else "binary" if b"\x00" in self.head else "text")
 
-    @cached_property
-    def content(self) -> bytes:
-        """All of its bytes, for files whose size is limited."""
-        self.file.seek(0)
-        return self.file.read()
-
     @property
     def sha256(self) -> str:
-        """SHA-256 of the content, in hexadecimal digits: of what was read, if the file has changed since."""
-        if "content" in vars(self):
-            return hashlib.sha256(self.content).hexdigest()
-        self.file.seek(0)
-        return hashlib.file_digest(self.file, "sha256").hexdigest()
+        """SHA-256 of the content, in hexadecimal digits."""
+        return sha256(self.path)
 
 
 @contextmanager
@@ -98,10 +78,9 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     """
     name = printable(str(path))
     check_file(path, limits.FILE, folder=folder)
-    source = Source(path)
     try:
         with np.errstate(all="ignore"):  # a damaged file may hold any number; the results are checked
-            yield source
+            yield Source(path)
     except InputError as error:
         raise error.within(name) from None
     except Exception as error:  # the libraries raise nearly any exception for damaged files
@@ -109,9 +88,6 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
             raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
         message = f"{name} cannot be read, it may be damaged ({type(error).__name__}: {str(error)[:300]})"
         raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from None
-    finally:
-        if "file" in vars(source):
-            source.file.close()
 
 
 def expand(arguments: Iterable[str | Path], notify: Callable[[str], None] = lambda _: None) -> list[Path]:
@@ -152,17 +128,6 @@ def without_headers(paths: Iterable[Path]) -> list[Path]:
     """Remove repetitions, and headers whose film is listed too. A header alone stays, so that its reader reports it."""
     unique = dict.fromkeys(paths)
     return [path for path in unique if pixels_of(path) not in unique]
-
-
-def pixels_of(path: Path) -> Path | None:
-    """Return the path of the pixels that belong to a header, existing or not; None for any other file."""
-    return path.with_suffix(PIXELS_ENDING) if path.suffix in HEADER_ENDINGS else None
-
-
-def header_of(path: Path) -> Path | None:
-    """Return the path of the header that belongs to pixels, existing or not; None for any other file."""
-    headers = [path.with_suffix(ending) for ending in HEADER_ENDINGS]
-    return next(filter(Path.exists, headers), headers[0]) if path.suffix == PIXELS_ENDING else None
 
 
 def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:

@@ -27,11 +27,9 @@ def read_workbook(path: Path) -> list[Sheet]:
         InputError: another archive ("tabular.archive"), too much of them ("limits.cells", "limits.characters"), or as
             `apart.call`.
     """
-    answer = apart.call(_sheets, str(path.absolute()), memory=limits.MEMORY, seconds=limits.SECONDS)
-    return [
-        (without_invisible(name)[0], [(k, [without_invisible(cell)[0] for cell in cells]) for k, cells in rows])
-        for name, rows in json.loads(answer)
-    ]
+    text = apart.call(_sheets, str(path.absolute()), memory=limits.MEMORY, seconds=limits.SECONDS)
+    sheets: list[Sheet] = json.loads(text)
+    return sheets
 
 
 def _sheets(path: str) -> str:
@@ -53,7 +51,7 @@ def _sheets(path: str) -> str:
     cells = 0
     for name in (tab.name for tab in tabs):
         if name not in visible:
-            sheets.append((f"{name} (hidden)", []))
+            sheets.append((_text(f"{name} (hidden)"), []))
             continue
         sheet = book.get_sheet_by_name(name)
         cells += sheet.height * sheet.width
@@ -62,7 +60,7 @@ def _sheets(path: str) -> str:
             raise InputError(f"{more}; save the table alone as CSV", "limits.cells")
         first = (sheet.start or (0, 0))[0] + 1
         rows = [(number, list(map(_text, row))) for number, row in enumerate(sheet.iter_rows(), first)]
-        sheets.append((name, [(number, texts) for number, texts in rows if any(texts)]))
+        sheets.append((_text(name), [(number, texts) for number, texts in rows if any(texts)]))
     text = json.dumps(sheets)
     limits.check(len(text), limits.TEXT, "characters in all cells")
     return text
@@ -70,4 +68,5 @@ def _sheets(path: str) -> str:
 
 def _text(cell: object) -> str:
     whole = isinstance(cell, float) and cell.is_integer() and abs(cell) < 1e15
-    return str(int(cell) if whole else cell).strip()  # type: ignore[call-overload]
+    text = str(int(cell) if whole else cell)  # type: ignore[call-overload]
+    return without_invisible(text)[0].strip()

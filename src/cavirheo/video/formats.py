@@ -336,13 +336,21 @@ def _cut_short_warning(frames: int, stated: float, precision: str = "") -> Messa
     return Message("check_input.file_cut_short", {"frames": frames, "stated": stated, "about": precision})
 
 
+def pixels_of(path: Path) -> Path | None:
+    """Return the path of the pixels that belong to a header, existing or not; None for any other file."""
+    return path.with_suffix(PIXELS_ENDING) if path.suffix.lower() in HEADER_ENDINGS else None
+
+
+def header_of(path: Path) -> Path | None:
+    """Return the path of the header that belongs to pixels, existing or not; None for any other file."""
+    headers = [path.with_suffix(ending) for ending in HEADER_ENDINGS]
+    return next(filter(Path.exists, headers), headers[0]) if path.suffix.lower() == PIXELS_ENDING else None
+
+
 def _read_mraw(path: Path) -> Footage:
     """Read a Photron film: raw pixels, described by a file of the same name, .cihx (XML) or .cih (lines)."""
-    headers = [path]
-    if path.suffix.lower() not in HEADER_ENDINGS:
-        headers = [path.with_suffix(ending) for ending in HEADER_ENDINGS]
-    header = next(filter(Path.is_file, headers), headers[0])
-    raw = path.with_suffix(PIXELS_ENDING)
+    header = header_of(path) or path
+    raw = pixels_of(path) or path
     for each in (header, raw):
         require(each.is_file(), f"{each.name} is missing beside it: pixels and header are two files", "video.mraw_pair")
     values = _photron_values(header)
