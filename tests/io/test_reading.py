@@ -458,13 +458,12 @@ def test_what_the_words_of_a_command_stand_for(tmp_path, monkeypatch):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     said = []
-    assert [str(path) for path in expand(["."], said.append)] == ["a.mat", "b.csv", "shots.csv"]
+    assert [str(path) for path in expand(Path("."), said.append)] == ["a.mat", "b.csv", "shots.csv"]
     assert said == [".: 3 files; 3 others left out"]
-    assert [str(path) for path in expand(["missing.csv", "*.csv", "b.csv", "**/*.h5"])] == [
-        "missing.csv", "b.csv", "result.csv", "shots.csv", "sub/c.h5",
-    ]  # fmt: skip
-    (tmp_path / "x[1].csv").touch()
-    assert [str(path) for path in expand(["x[1].csv", "n" * 300])] == ["x[1].csv", "n" * 300]
+    (tmp_path / "x[1].txt").touch()
     (tmp_path / "empty").mkdir()
-    assert code_of(lambda: expand(["*.xlsx"])) == "files.no_match"
-    assert code_of(lambda: expand(["empty"])) == "files.none_in_folder"
+    words = {"*.csv": ["b.csv", "result.csv", "shots.csv"], "**/*.h5": ["sub/c.h5"]}
+    words |= {name: [name] for name in ("missing.csv", "b.csv", "x[1].txt", "n" * 300)}
+    assert {word: [str(path) for path in expand(Path(word))] for word in words} == words
+    assert code_of(lambda: expand(Path("*.xlsx"))) == "files.no_match"
+    assert code_of(lambda: expand(Path("empty"))) == "files.none_in_folder"

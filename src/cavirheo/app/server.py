@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from secrets import token_bytes
 from tempfile import TemporaryDirectory
-from types import ModuleType
 from typing import Any
 
 os.environ.update(GRADIO_ANALYTICS_ENABLED="False", HF_HUB_DISABLE_TELEMETRY="1")  # before gradio is imported
@@ -78,20 +77,15 @@ class _Upload(getattr(route_utils, "GradioUploadFile", object)):  # type: ignore
             self.sha.update(token_bytes(16))
 
 
-def _replace(module: ModuleType, name: str, guard: object) -> None:
-    """Let gradio call `guard` by this private name, if this version of gradio has it."""
-    if hasattr(module, name):
-        setattr(module, name, guard)
-
-
 @contextmanager
 def running_server(
     host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None
 ) -> Iterator[tuple[str, Visitors]]:
     """Serve the page; yield (its address, its visitors). At the end, all temporary files are removed. Raises
     InputError: the port cannot be opened."""
-    _replace(processing_utils, "async_ssrf_protected_download", _refuse_url)  # clients must not make it download
-    _replace(route_utils, "GradioUploadFile", _Upload)
+    # by these private names gradio calls what downloads for clients, and what stores their uploads
+    processing_utils.async_ssrf_protected_download = _refuse_url
+    route_utils.GradioUploadFile = _Upload  # type: ignore[misc]
     with (
         TemporaryDirectory(prefix="cavirheo-app-") as temporary,
         closing(Visitors(limits or VisitorLimits())) as visitors,

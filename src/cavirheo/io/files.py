@@ -90,28 +90,24 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
         raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from None
 
 
-def expand(arguments: Iterable[str | Path], notify: Callable[[str], None] = lambda _: None) -> list[Path]:
-    """Return the files that the arguments of a command name, in their order, each once. An argument is a file; a
-    folder, for its measurement files, sorted, without hidden files and files written by cavirheo (a folder of images is
-    one recording); or a pattern (`gel_*.mat`) that the shell did not expand. A film and its header count as one file.
-    `notify` is called for each folder with one line on how many of its files are read.
+def expand(argument: Path, notify: Callable[[str], None] = lambda _: None) -> list[Path]:
+    """Return the files that an argument of a command names: a file; of a folder, its measurement files, sorted, without
+    hidden files and files written by cavirheo (a folder of images is one recording); or the matches of a pattern
+    (`gel_*.mat`) that the shell did not expand. `notify` is called for a folder with one line on how many of its files
+    are read.
 
     A missing or unreadable file is returned too: its reader raises the error, and the other files are still read.
 
     Raises InputError: no measurement in a folder ("files.none_in_folder"), or no match of a pattern ("files.no_match").
     """
-    paths: list[Path] = []
-    for path in map(Path, arguments):
-        if isdir(path):
-            paths += _files_of_folder(path, notify)
-        elif exists(path) or not glob.has_magic(str(path)):
-            paths.append(path)
-        elif matches := [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if not isdir(name)]:
-            paths += matches
-        else:
-            message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
-            raise InputError(message, "files.no_match")
-    return without_headers(paths)
+    if isdir(argument):
+        return _files_of_folder(argument, notify)
+    if exists(argument) or not glob.has_magic(str(argument)):
+        return [argument]
+    if matches := [Path(name) for name in sorted(glob.glob(str(argument), recursive=True)) if not isdir(name)]:
+        return matches
+    message = f"{argument}: no file matches; give the names of files, or of the folder that holds them"
+    raise InputError(message, "files.no_match")
 
 
 def measurement_files(folder: Path) -> tuple[list[Path], int]:

@@ -247,10 +247,12 @@ def _with_unique_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
     for k, curve in enumerate(curves):
         sharing.setdefault(curve.name, []).append(k)
     for name, places in sharing.items():
+        if len(places) == 1:
+            continue
         with_folders = [f"{Path(curves[k].source).resolve().parent.name}/{name}" for k in places]
         numbered = [f"{name} ({k})" for k in range(1, len(places) + 1)]
         names = with_folders if len({*with_folders}) == len(places) else numbered
-        for k, new in zip(places, names if len(places) > 1 else [name], strict=True):
+        for k, new in zip(places, names, strict=True):
             curves[k] = curves[k].labelled(name=new)
     return curves
 

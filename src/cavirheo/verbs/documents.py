@@ -52,7 +52,7 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     from cavirheo.io.shots import read_shots
     from cavirheo.reporting.table import curve_warnings, curves_by_note, summary_cells
 
-    curves, problems, remarks = read_shots(expand([path]), **keywords)
+    curves, problems, remarks = read_shots(expand(path), **keywords)
     remarks = [remark for remark in remarks if not any(remark in curve.notes for curve in curves)]  # those are said
     if not curves:
         raise InputError(problems[0], "show.unreadable")

@@ -63,13 +63,14 @@ class Run:
         return terminal.progress_bar(label, total, visible=not self.quiet, unit=unit)
 
     def files(self, patterns: list[Path]) -> list[Path]:
-        """Return the files of the folders and patterns; one without any file is refused alone."""
+        """Return the files of the folders and patterns, each once, and a film with its header as one; a folder or a
+        pattern without any file is refused alone."""
         from cavirheo.io.files import expand, without_headers
 
         files: list[Path] = []
         for pattern in patterns:
             try:
-                files += expand([pattern], self.say)
+                files += expand(pattern, self.say)
             except InputError as error:
                 self.note_unreadable([str(error)])
         self.require_any(files, "file")
