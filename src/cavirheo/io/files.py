@@ -105,7 +105,7 @@ def expand(argument: Path, notify: Callable[[str], None] = lambda _: None) -> li
     if exists(argument) or not glob.has_magic(str(argument)):
         return [argument]
     if matches := [Path(name) for name in sorted(glob.glob(str(argument), recursive=True)) if not isdir(name)]:
-        return matches
+        return without_headers(matches)
     message = f"{argument}: no file matches; give the names of files, or of the folder that holds them"
     raise InputError(message, "files.no_match")
 
