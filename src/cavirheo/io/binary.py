@@ -1,7 +1,7 @@
 """Files of arrays become named arrays: MATLAB's, HDF5, and the .npy and .npz of numpy.
 
 MATLAB's version 7.3 is HDF5, with arrays transposed, cells as references, a struct as a group, and an array of structs
-as a group of references; versions 5 to 7 are read by scipy (matlab.py).
+as a group of references.
 """
 
 from __future__ import annotations
@@ -9,19 +9,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from math import prod
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cavirheo.errors import InputError
-from cavirheo.io import limits
+from cavirheo.io import apart, limits
 from cavirheo.io.files import Source
-from cavirheo.io.matlab import AN_OBJECT, COMPLEX_NUMBERS, read_matlab
 
 Arrays = dict[str, np.ndarray | str]  # by their paths: radius, group/radius, structs(2)/R, cells{3}; or what they are
-_DEEPEST = 16  # most references within each other
+_DEEPEST = 16  # most references, structs or cells within each other
 _REAL = "fiub"  # numpy's dtype kinds of real numbers
 _HELD = ("#refs#", "#subsystem#")  # groups in which MATLAB holds what its variables refer to
+_AN_OBJECT = "an object: of a table or timetable T save table2struct(T, 'ToScalar', true)"
+_COMPLEX_NUMBERS = "an array of complex numbers: save real(...) of it"
 _NO_NUMBERS = "no array of numbers: save it as one"
 ATTRIBUTE = "@"  # before the name of an attribute of HDF5 in a path; attributes are named, and not read
 _OF_LIBRARIES = re.compile(r"MATLAB|_|[A-Z_0-9]+$")  # attributes that MATLAB, netCDF and PyTables write
@@ -29,15 +31,61 @@ _OF_LIBRARIES = re.compile(r"MATLAB|_|[A-Z_0-9]+$")  # attributes that MATLAB, n
 
 def read_variables(source: Source) -> Arrays:
     """Return the arrays of numbers of a file by their paths (name, struct/field, group/dataset), and for any other
-    variable a text that says what it is; none of a file of another kind.
+    variable a text that says what it is.
 
     Raises InputError: the file violates its format, or exceeds a limit.
     """
     if source.kind in ("matlab73", "hdf5"):
         return _hdf5_variables(source)
     if source.kind == "matlab":
-        return read_matlab(source.path)
-    return _numpy_variables(source) if source.kind == "numpy" else {}
+        return _read_matlab(source.path)
+    return _numpy_variables(source)
+
+
+def _read_matlab(path: Path) -> Arrays:
+    """Read a file of MATLAB of version 5 to 7, by scipy in a process of its own: scipy 1.17 ends it with a segmentation
+    fault for some damaged files. Raises InputError: as `apart.call`."""
+    found = apart.call(_matlab_variables, str(path.absolute()), memory=limits.MEMORY, seconds=limits.SECONDS)
+    assert isinstance(found, dict)
+    return found
+
+
+def _matlab_variables(path: str) -> dict[str, Any]:
+    """In the child."""
+    from scipy.io import loadmat
+
+    variables = [(name, value) for name, value in loadmat(path).items() if not name.startswith("__")]
+    return {part: inner for name, value in variables for part, inner in _matlab_parts(name, value, 0)}
+
+
+def _matlab_parts(path: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
+    """Yield (path, array of numbers, or what it is) of a variable and of all that is in it."""
+    from scipy.io import matlab
+    from scipy.sparse import issparse
+
+    if isinstance(value, matlab.MatlabOpaque | matlab.MatlabFunction):
+        name = bytes(value["s0"].item()).decode("latin-1") if path == "None" else path  # scipy loses its name
+        yield name, _AN_OBJECT
+    elif issparse(value):
+        yield path, "a sparse array: save full(...) of it"
+    elif isinstance(value, str) or value.dtype.kind not in "fiubcOV":
+        yield path, "a text"
+    elif value.dtype.kind == "c":
+        yield path, _COMPLEX_NUMBERS
+    elif value.dtype.kind in _REAL:
+        too_many = f"an array of {value.size} numbers: more than {limits.SAMPLES} are not read"
+        yield path, value if value.size <= limits.SAMPLES else too_many
+    elif depth == _DEEPEST or (path.endswith("}") and not value.dtype.names):
+        yield path, "cells within cells"
+    elif value.size > limits.CURVES:
+        yield path, f"a row of {value.size} cells or structs: more than {limits.CURVES} are not read"
+    else:
+        for k, element in enumerate(value.ravel(order="F"), 1):
+            if not value.dtype.names:
+                yield from _matlab_parts(f"{path}{{{k}}}", element, depth + 1)
+            for field in value.dtype.names or ():
+                inner = f"{path}({k})" if value.size > 1 else path
+                yield from _matlab_parts(f"{inner}/{field}", element[field], depth + 1)
 
 
 def _numpy_variables(source: Source) -> Arrays:
@@ -130,9 +178,9 @@ def _parts(file: Any, path: str, item: Any, depth: int) -> Iterator[tuple[str, A
 def _meaning(item: Any) -> str:
     """Return what a dataset is that holds no real numbers, else ""."""
     if "MATLAB_object_decode" in item.attrs:
-        return AN_OBJECT
+        return _AN_OBJECT
     if item.dtype.kind == "c" or (item.dtype.names == ("real", "imag")):
-        return COMPLEX_NUMBERS
+        return _COMPLEX_NUMBERS
     return "" if item.dtype.kind in _REAL and item.attrs.get("MATLAB_class") != b"char" else _NO_NUMBERS
 
 
