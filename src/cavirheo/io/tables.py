@@ -252,8 +252,8 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
 
     Raises:
         InputError: the file exceeds a limit (limits.py), is damaged, or is neither text nor a workbook. Or, with the
-            codes of the vocabulary: no rows ("empty"), no header ("columns"), nothing below it ("rows", if there is
-            such a code), cells without titles or the reverse ("width"), two units ("units").
+            codes of the vocabulary: no rows ("empty"), no header ("columns"), nothing below it ("rows"), cells without
+            titles or the reverse ("width"), two units ("units").
     """
     sheets = _read_sheets(source, vocabulary)
     tables = [table for sheet in sheets for table in _tables(sheet)]
@@ -264,7 +264,7 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
         _note_sheets(tables, sheets)
     if not tables:
         raise _no_titles(sheets, vocabulary)
-    if "rows" in vocabulary.codes and not any(table.rows for table in tables):
+    if not any(table.rows for table in tables):
         message = f"a header in row {tables[0].line} but no rows of numbers below it; {vocabulary.expected}"
         raise vocabulary.error("rows", message)
     return tables
