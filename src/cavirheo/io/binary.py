@@ -91,18 +91,18 @@ def _matlab_parts(path: str, value: Any, depth: int) -> Iterator[tuple[str, Any]
 def _numpy_variables(source: Source) -> Arrays:
     """Return the arrays of an .npz file, or the columns of the array in an .npy file: times and radii (n, 2), radii
     alone, or named fields. Raises InputError: no array of numbers, or no such shape."""
-    limits.check(source.path.stat().st_size, limits.TEXT, "bytes of arrays")
-    with source.path.open("rb") as file:
-        try:
-            loaded: Any = np.load(file, allow_pickle=False)
-        except ValueError as error:
-            message = f"the array cannot be read ({error}): save numbers alone, numpy.save(file, numpy.stack([t, R]))"
-            raise InputError(message, "tabular.array") from None
-        if isinstance(loaded, np.ndarray):
-            columns = _columns(loaded)
-        else:
-            limits.check(sum(part.file_size for part in loaded.zip.infolist()), limits.TEXT, "bytes of arrays")
-            columns = {name: _without_objects(loaded, name) for name in loaded.files}
+    limits.check(source.size, limits.TEXT, "bytes of arrays")
+    source.file.seek(0)
+    try:
+        loaded: Any = np.load(source.file, allow_pickle=False)
+    except ValueError as error:
+        message = f"the array cannot be read ({error}): save numbers alone, numpy.save(file, numpy.stack([t, R]))"
+        raise InputError(message, "tabular.array") from None
+    if isinstance(loaded, np.ndarray):
+        columns = _columns(loaded)
+    else:
+        limits.check(sum(part.file_size for part in loaded.zip.infolist()), limits.TEXT, "bytes of arrays")
+        columns = {name: _without_objects(loaded, name) for name in loaded.files}
     return {name: column if column.dtype.kind in _REAL else _NO_NUMBERS for name, column in columns.items()}
 
 

@@ -1,19 +1,21 @@
-"""The files that the command line names; and what a file is (`Source`)."""
+"""The files that the command line names; and what a file is, opened once (`Source`)."""
 
 from __future__ import annotations
 
 import glob
+import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from io import BufferedReader
 from os.path import exists, isdir  # these two also work for names that no file can have
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, check_file, printable, sha256
+from cavirheo.errors import InputError, check_file, printable
 from cavirheo.io import limits
 from cavirheo.video.formats import ENDINGS, STACK_ENDINGS, is_video, pixels_of
 from cavirheo.writing import digits
@@ -40,14 +42,23 @@ _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is
 
 @dataclass(frozen=True)
 class Source:
-    """A file that is read."""
+    """A file that is read: what it is, its content, and its digest. It is opened once, when the first of them is asked
+    for, and `guarded` closes it."""
 
     path: Path
 
     @cached_property
+    def file(self) -> BufferedReader:
+        return self.path.open("rb")
+
+    @property
+    def size(self) -> int:
+        return self.file.seek(0, 2)
+
+    @cached_property
     def head(self) -> bytes:
-        with self.path.open("rb") as file:
-            return file.read(1024)
+        self.file.seek(0)
+        return self.file.read(1024)
 
     @cached_property
     def kind(self) -> Kind:
@@ -62,10 +73,19 @@ class Source:
             return "matlab"
         return by_start or ("empty" if not self.head else "binary" if b"\x00" in self.head else "text")
 
+    @cached_property
+    def content(self) -> bytes:
+        """All of its bytes, for files whose size is limited."""
+        self.file.seek(0)
+        return self.file.read()
+
     @property
     def sha256(self) -> str:
-        """SHA-256 of the content, in hexadecimal digits."""
-        return sha256(self.path)
+        """SHA-256 of the content, in hexadecimal digits: of what was read, if the file has changed since."""
+        if "content" in vars(self):
+            return hashlib.sha256(self.content).hexdigest()
+        self.file.seek(0)
+        return hashlib.file_digest(self.file, "sha256").hexdigest()
 
 
 @contextmanager
@@ -78,9 +98,10 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     """
     name = printable(str(path))
     check_file(path, limits.FILE, folder=folder)
+    source = Source(path)
     try:
         with np.errstate(all="ignore"):  # a damaged file may hold any number; the results are checked
-            yield Source(path)
+            yield source
     except InputError as error:
         raise error.within(name) from None
     except Exception as error:  # the libraries raise nearly any exception for damaged files
@@ -88,6 +109,9 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
             raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
         message = f"{name} cannot be read, it may be damaged ({type(error).__name__}: {str(error)[:300]})"
         raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from None
+    finally:
+        if "file" in vars(source):
+            source.file.close()
 
 
 def expand(argument: Path, notify: Callable[[str], None] = lambda _: None) -> list[Path]:

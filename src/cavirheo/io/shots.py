@@ -1,6 +1,6 @@
 """Read the curves of a file; and the shots of one run: each recording once, with a unique name, in its group.
 
-The way of a file: its path is checked (`files.guarded`). The first bytes choose the reader: a text or a
+The way of a file: its path is checked and opened once (`files.Source`). The first bytes choose the reader: a text or a
 workbook (`tables`), or a file of arrays (`binary`, `arrays`), becomes tables with named columns, whose titles `names`
 understands; `curves` makes RadiusCurves of them.
 """

@@ -344,10 +344,9 @@ def _titles_with_units(titles: list[str], rows: list[Row], vocabulary: Vocabular
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     if source.kind in ("text", "empty"):
-        limits.check(source.path.stat().st_size, limits.TEXT, "bytes of text")
-        content = source.path.read_bytes()
-        limits.check(content.count(b"\n") + 1, limits.ROWS, "lines")
-        sheets = [_text_table(_decoded(content), vocabulary)]
+        limits.check(source.size, limits.TEXT, "bytes of text")
+        limits.check(source.content.count(b"\n") + 1, limits.ROWS, "lines")
+        sheets = [_text_table(_decoded(source.content), vocabulary)]
     elif source.kind == "workbook":
         from cavirheo.io.workbook import read_workbook
 
