@@ -73,24 +73,26 @@ def _add_line(row: Mapping[str, str], where: str, sets: Sets) -> None:
     values[quantity] = PublishedValue(mean=in_si[0], std=in_si[1], source=row.get("source", ""))
 
 
-def read_sets(paths: Iterable[str | Path]) -> list[Sets]:
+def read_sets(paths: Iterable[str | Path]) -> list[tuple[str, Sets]]:
     """Read the sets of the tables; and those of all other files, which must hold sweeps of one material: a single set.
+    Both with the names of their files.
 
     Raises InputError: a file cannot be read, or holds neither sets nor sweeps.
     """
-    sets, files = Sets(), list[Path]()
+    sets, tables, files = Sets(), list[Path](), list[Path]()
     for path in map(Path, paths):
         try:
             sets |= read_references(path)
+            tables.append(path)
         except InputError as error:
             if error.code != NO_SETS:
                 raise
             files.append(path)
-    sources = [sets] if sets else []
+    sources = [(listed(map(str, tables)), sets)] if sets else []
     if files:
         sweeps = [sweep for path in files for sweep in _sweeps(path)]
         rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
-        sources.append({rheometry.material: rheometry.published})
+        sources.append((listed(map(str, files)), {rheometry.material: rheometry.published}))
     return sources
 
 
@@ -106,19 +108,19 @@ def _sweeps(path: Path) -> list[rheometer.Sweep]:
         raise InputError(message, error.code) from None
 
 
-def by_group(names: Iterable[str], sources: Iterable[Sets]) -> dict[str, Published]:
+def by_group(names: Iterable[str], sources: Iterable[tuple[str, Sets]]) -> dict[str, Published]:
     """The values of each set by the group of the same name; those of a source with one set that has no such group, by
-    all groups.
+    all groups. sources: as of `read_sets`.
 
     Raises InputError: a source has several sets, and no group has the name of one.
     """
     names, merged = list(names), dict[str, Published]()
-    for sets in sources:
+    for files, sets in sources:
         values: Mapping[str, Published] = sets
         if sets.keys().isdisjoint(names):
             if len(sets) > 1:
                 message = f"no set of published values has the name of a group (sets {listed(sets)}; groups "
-                raise InputError(f"{message}{listed(names)}): give both the same name", "references.groups")
+                raise InputError(f"{message}{listed(names)}): give both the same name", "references.groups", files)
             values = dict.fromkeys(names, next(iter(sets.values())))
         for group, published in values.items():
             merged[group] = {**merged.get(group, {}), **published}
