@@ -50,7 +50,8 @@ class Budget:
     """How many evaluations a posterior takes.
 
     Attributes:
-        scans: scans of the prior at most.
+        scans: scans of the prior at most. Of an agarose shot with violent collapses one climb in 60 reaches the highest
+            maximum, and 8 scans missed it in 2 of 4 seeds.
         scanned: draws of a scan. Climbs find more maxima than a longer scan.
         climbed: places among them from which climbs begin.
         begun: first steps of these climbs, without a discrepancy.
@@ -65,7 +66,7 @@ class Budget:
         most: simulations.
     """
 
-    scans: int = 8
+    scans: int = 32
     scanned: int = 600
     climbed: int = 16
     begun: int = 4
