@@ -426,7 +426,8 @@ class Result(Document):
     def add_published(self, published: Mapping[str, Published]) -> None:
         """Add published values to the groups with these names, and a note on those with other names."""
         if others := [name for name in published if name not in [group.name for group in self.groups]]:
-            self.notes.append(f"published values of {listed(others)}: no group here has this name")
+            note = f"published values of {listed(others)}: no group here has this name"
+            self.notes += [note] if note not in self.notes else []
         for group in self.groups:
             group.published |= {method: dict(values) for method, values in published.get(group.name, {}).items()}
 
