@@ -85,6 +85,15 @@ def test_files_of_one_name_in_two_folders_are_told_apart(tmp_path):
     assert groups == {"file": ["s1", "s1", "s2"], "folder": ["one", "two", "two"]}
 
 
+def test_a_recording_that_was_also_written_with_fewer_digits_counts_once(tmp_path):
+    files = [tmp_path / f"{name}.csv" for name in ("one", "rounded", "other")]
+    for file, radii in zip(files, (RADIUS, np.round(RADIUS, 8), 1.002 * RADIUS), strict=True):
+        text_table(file, "time_us,radius_um", 1e6 * TIME, 1e6 * radii)
+    found = read_shots(files)
+    assert [one.name for one in found.curves] == ["one", "other"]
+    assert "rounded" in found.remarks[0]
+
+
 def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):
     several = sized(tmp_path / "several.csv", {"a": 1.0, "b": 1.5})
     alone = [sized(tmp_path / f"{name}.csv", {name: factor}) for name, factor in (("a", 1.0), ("b", 1.5))]

@@ -7,7 +7,6 @@ understands; `curves` makes RadiusCurves of them.
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -34,6 +33,7 @@ Item = TypeVar("Item")
 GROUPINGS = ("auto", "file", "folder", "name", "none")
 # the shot number at the end of a name, with the separator before it; a decimal number is no shot number
 _NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")
+ROUNDED, ROUNDED_TIME = 3e-4, 0.02  # of R_max, and of a frame interval: most that rounding changes
 _EXPECTED = (
     "expected .mat (R_nondim_All + t_nondim_All + RmaxList, or Rnew + t), .csv or .txt (columns time_us,radius_um), "
     ".h5 (groups with time and radius), .xlsx, .xls or .ods"
@@ -196,8 +196,8 @@ def read_shots(
 ) -> CurveSet:
     """Read all curves of all files; `options` are those of `read_curves`. A RadiusCurve among the files is used as is.
 
-    A recording that is given twice (the same samples, in any file) is used once, with a remark. If several curves have
-    the same name, their folders are put before it.
+    A recording that is given twice (the same samples, perhaps rounded, in any file) is used once, with a remark. If
+    several curves have the same name, their folders are put before it.
 
     Args:
         max_radius: m, the true R_max, to which all curves are scaled by the same factor.
@@ -230,15 +230,31 @@ def read_shots(
 
 def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
     """Return (the curves without repeated recordings, a remark on each repetition)."""
-    first: dict[bytes, RadiusCurve] = {}
+    kept: dict[int, list[tuple[float, RadiusCurve]]] = {}  # by number of samples; with the largest radius
+    unique: list[RadiusCurve] = []
     remarks: list[str] = []
     for curve in curves:
-        origin = f"{curve.source}: {curve.name}: {curve.unusable}"  # of a curve without samples
-        content = curve.time.tobytes() + curve.radius.tobytes() or origin.encode()
-        if (earlier := first.setdefault(hashlib.sha256(content).digest(), curve)) is not curve:
+        alike, largest = kept.setdefault(len(curve.time), []), float(np.nanmax(curve.radius, initial=0.0))
+        near = (one for size, one in alike if abs(size - largest) <= ROUNDED * size)
+        if earlier := next((one for one in near if _same_recording(one, curve)), None):
             copy, original = (f"{each.name} ({each.source})" for each in (curve, earlier))
             remarks.append(f"{copy} is the same recording as {original}: it is counted once")
-    return list(first.values()), remarks
+        else:
+            alike.append((largest, curve))
+            unique.append(curve)
+    return unique, remarks
+
+
+def _same_recording(first: RadiusCurve, second: RadiusCurve) -> bool:
+    """Whether two curves with as many samples are of one recording, perhaps rounded; without samples, whether they are
+    the same part of a file."""
+    if not len(first.time):
+        return (first.source, first.name, first.unusable) == (second.source, second.name, second.unusable)
+    both = np.stack([first.radius, second.radius])
+    interval = (first.time[-1] - first.time[0]) / len(first.time)
+    apart = np.abs(np.diff(both, axis=0)) > ROUNDED * np.nanmax(both)
+    late = np.abs(first.time - second.time) > ROUNDED_TIME * interval
+    return np.array_equal(*np.isnan(both)) and not np.any(apart) and not np.any(late)
 
 
 def _with_unique_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
