@@ -3,26 +3,24 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest import ROOT, WATER, messages
+from conftest import messages
 
 import cavirheo
-from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
-from cavirheo.companions import rheometer
-from cavirheo.companions.collapse_times import CollapseTimes, read_table
-from cavirheo.companions.rheometer import read_sweeps
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, load, simulate
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
-from cavirheo.posterior import Checks
+from cavirheo.posterior import Checks, Evidence
+from cavirheo.reporting import result, write_report
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
 CENTRE = np.array([3.8, -1.4])  # log10 of 6.3 kPa and 0.04 Pa s
 FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
 GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
-SWEEP = str(ROOT / "examples" / "soft_gel_{}_sweep.csv")
 
 
 @dataclass(frozen=True)
@@ -111,6 +109,10 @@ def with_verdict(posterior: Posterior, verdict: str, *said: Message) -> Posterio
     return replace(posterior, checks=replace(posterior.checks, verdict=verdict, messages=said))
 
 
+def with_evidence(posterior: Posterior, log: float, error: float = 0.1) -> Posterior:
+    return replace(posterior, evidence=Evidence(log, error))
+
+
 def seen(mean, width, draws=600, *, seed=0, names=NAMES, **more) -> Posterior:
     """Draws of a Gaussian posterior with exactly this mean (d,) and standard deviation."""
     rng = np.random.default_rng(seed)
@@ -130,19 +132,16 @@ def shots(n, spread=0.05, width=0.05, *, seed=1, centre=CENTRE, away=()) -> list
     return [seen(truth + width * rng.standard_normal(2), width, seed=i) for i, truth in enumerate(truths)]
 
 
-def sweeps_of(names: Sequence[str]) -> rheometer.Rheometry:
-    """Both sweeps of the example under each name."""
-    kinds = [sweep for kind in ("strain", "frequency") for sweep in read_sweeps(SWEEP.format(kind))]
-    named = [sweep.model_copy(update={"name": name}) for sweep in kinds for name in names]
-    return rheometer.rheometry(named, names[0], command="", date="", notes=[])
+def document_of(pairs: Sequence[tuple[RadiusCurve, Posterior]], command: str = COMMAND, **about: Any) -> Any:
+    """The document of these curves and answers."""
+    return result(pairs, command, **about)
 
 
-def times_of(names: Sequence[str]) -> CollapseTimes:
-    """Collapse times of a material under each name."""
-    group = read_table(ROOT / "tests" / "cases" / "times.csv")
-    group.answer("nhkv", WATER)
-    groups = [group.model_copy(update={"name": name}) for name in names]
-    return CollapseTimes(command="", material="nhkv", medium={"density": WATER.density}, groups=groups)
+def written(folder: Path | str, pairs: Sequence[tuple[RadiusCurve, Posterior]], command: str = COMMAND, **about) -> Any:
+    """It, written with its report and loaded again."""
+    how = {name: about.pop(name) for name in ("draw", "replace") if name in about}
+    write_report(folder, pairs, document_of(pairs, command, **about), **how)
+    return load(folder)
 
 
 class Page(HTMLParser):

@@ -1,9 +1,7 @@
 """The report of several curves in a real Chromium: sorted, opened by links, no outside request."""
 
 import pytest
-from answers import COMMAND, answer, bubble, unanswered
-
-from cavirheo.reporting import result, write_report
+from answers import answer, bubble, unanswered, written
 
 SIZES = {"wide": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
 EVIL = "</script><img src=x onerror=alert(1)>"
@@ -17,7 +15,7 @@ def report(tmp_path_factory):
     pairs = [(bubble(f"shot[{k}]", f"g{k % 2}", f"g{k % 2}.csv"), answer(bubble(), G)) for k, G in moduli]
     doubtful = answer(bubble(), 4e3, verdict="check_input", message="the frame rate is odd")
     pairs += [(bubble(f"shot[5] {EVIL}"), doubtful), (bubble("shot[6]"), unanswered("cell 3 is empty"))]
-    write_report(folder, pairs, result(pairs, COMMAND))
+    written(folder, pairs)
     return (folder / "report.html").as_uri()
 
 

@@ -1,47 +1,53 @@
 """`cavirheo cite`: sources and numbers that a paper must name."""
 
+import json
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import zip_longest
 from math import inf
+from pathlib import Path
 
 import pytest
+from answers import written
 from conftest import BDT, EXAMPLE, FIELD, REAL, WATER, done, refusal
 from files import write_curve
 
 from cavirheo import Bubble, Medium, infer_many, load, read_curves
 from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import ZHU2025
-from cavirheo.reporting import result
-from cavirheo.reporting.citation import MEDIUM_KEYS, methods_paragraph, references, references_of_law
-from cavirheo.writing.document import write_json
 
 
 @pytest.fixture(scope="module")
-def document():
+def document(tmp_path_factory) -> dict:
+    """Of two shots, as it is written."""
+    folder = tmp_path_factory.mktemp("cited")
     curves = read_curves(EXAMPLE)[:2]
-    return result(list(zip(curves, infer_many(curves, model=BDT[1]), strict=True)), "a script", date="2025-01-02")
+    written(folder, list(zip(curves, infer_many(curves, model=BDT[1]), strict=True)), date="2025-01-02", draw=False)
+    return json.loads((folder / "result.json").read_text("utf-8"))
 
 
-def cited(document, *rows: dict, **changes) -> tuple[str, set[str]]:
-    """The paragraph of the document, whose first curves have these values, and the keys of its sources."""
-    curves = [curve.model_copy(update=row) for curve, row in zip_longest(document.curves, rows, fillvalue={})]
-    paragraph, sources = methods_paragraph(document.model_copy(update={"curves": curves, **changes}))
-    keys = {source[source.index("{") + 1 : source.index(",")] for source in sources}
-    assert len(keys) == len(sources)
-    assert [key for key in keys if key not in paragraph] == []
-    return paragraph, keys
+@pytest.fixture
+def cited(run, document):
+    """(the paragraph, its sources by their keys) of the document, whose first curves have these values."""
+
+    def cite(*rows: dict, **changes: object) -> tuple[str, dict[str, str]]:
+        curves = [curve | row for curve, row in zip_longest(document["curves"], rows, fillvalue={})]
+        Path("result.json").write_text(json.dumps(document | {"curves": curves} | changes, default=asdict), "utf-8")
+        paragraph, *entries = done(run("cite", "result.json")).strip().split("\n\n")
+        sources = {entry[entry.index("{") + 1 : entry.index(",")]: entry for entry in entries}
+        assert len(sources) == len(entries)
+        assert {*re.findall(r"[\[ ](\w+\d{4})[\],]", paragraph.partition("Command:")[0])} == {*sources}
+        return paragraph, sources
+
+    return cite
 
 
-def test_the_command_cites_only_what_was_used(run, document, tmp_path):
-    write_json(tmp_path / "result.json", document)
-    out = done(run("cite", "result.json"))
-    keys, named = set(re.findall(r"@\w+\{(\w+),", out)), set(re.findall(r"[\[ ](\w+\d{4})[\],]", out.partition("@")[0]))
-    assert keys == named
-    assert {"Estrada2018", "Keller1980", "Bu2025"} <= keys
-    failed = [curve.model_copy(update={"verdict": "failed"}) for curve in document.curves]
-    assert methods_paragraph(document.model_copy(update={"curves": failed})) == ("", [])
-    (tmp_path / "other.json").write_text('{"x": 1}')
+def test_the_command_cites_only_what_was_used(run, cited, document):
+    assert {"Estrada2018", "Keller1980", "Bu2025"} <= cited()[1].keys()
+    failed = [curve | {"verdict": "failed"} for curve in document["curves"]]
+    Path("result.json").write_text(json.dumps(document | {"curves": failed}), "utf-8")
+    refusal(run("cite", "result.json"), "no curve of this result has an answer")
+    Path("other.json").write_text('{"x": 1}')
     refusal(run("cite", "other.json"))
 
 
@@ -56,20 +62,21 @@ CITED = {  # an answer's sources among these, and what it has
 
 
 @pytest.mark.parametrize("sources", CITED)
-def test_sources_are_those_of_wall_laws_contents_and_comparison(document, sources):
+def test_sources_are_those_of_wall_laws_contents_and_comparison(cited, sources):
     row = {"material": "power-law", **CITED[sources]}
-    assert cited(document, row, row)[1] & {*OPTIONAL.split()} == {*sources.split()}
+    assert cited(row, row)[1].keys() & {*OPTIONAL.split()} == {*sources.split()}
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_every_law_has_full_references(law, document):
+def test_every_law_has_full_references(law, cited):
     row = {"material": law, "bubble": REAL}
-    assert {*references_of_law(law)} <= cited(document, row, row)[1]
-    assert len(references_of_law(law)) == len(re.findall("doi:", LAWS[law].__doc__ or ""))
-    for source in (references()[key] for key in [*references_of_law(law), *MEDIUM_KEYS.values()]):
+    _, sources = cited(row, row)
+    for doi in re.findall(r"doi:(\S+?)[.,;)]*(?=\s|$)", LAWS[law].__doc__ or ""):
+        assert any(f"doi = {{{doi}}}" in source for source in sources.values())
+    for source in sources.values():
         assert source.count("{") == source.count("}")
         fields = dict(re.findall(r"^  (\w+) = \{(.+)\},?$", source, re.MULTILINE))
-        assert {"author", "title", "year"} < set(fields)
+        assert {"author", "title", "year"} < {*fields}
         if source.startswith("@article"):
             assert re.fullmatch(r"10\.\d{4,}/\S+", fields["doi"])
             assert "et al" not in fields["author"]
@@ -83,9 +90,9 @@ MEDIUMS = [
 
 
 @pytest.mark.parametrize(("first", "second", "named"), MEDIUMS)
-def test_the_medium_is_that_of_each_answer_whatever_the_command_says(document, first, second, named):
+def test_the_medium_is_that_of_each_answer_whatever_the_command_says(cited, first, second, named):
     command = "cavirheo infer 'a.csv --medium yang2020 --density 900"
-    paragraph, _ = cited(document, {"medium": first}, {"medium": second}, command=command)
+    paragraph, _ = cited({"medium": first}, {"medium": second}, command=command)
     assert named in paragraph
     assert "900" not in paragraph.partition("Command:")[0]
 

@@ -12,15 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import KnownAnalysis, fit, same, unanswered
+from answers import KnownAnalysis, fit, same, unanswered, with_evidence, written
 from conftest import ANSWER, BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
 from files import write_curve
 
 from cavirheo import Posterior, RadiusCurve, infer_many, load, read_curves
 from cavirheo.parallel import Threads
-from cavirheo.physics import simulate
-from cavirheo.posterior import Evidence
-from cavirheo.reporting import html, result, write_report
 from cavirheo.workflow.store import Store, analyse_all
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs, locked_folder
 
@@ -43,7 +40,9 @@ def stopped(*_: object, **__: object) -> None:
 def inputs(tmp_path, monkeypatch):
     """shot.csv; nothing may be computed."""
     write_curve(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
-    monkeypatch.setattr(simulate, "load_solver", lambda *_, **__: pytest.fail("the outputs were not tried before"))
+    monkeypatch.setattr(
+        "cavirheo.physics.simulate.load_solver", lambda *_, **__: pytest.fail("the outputs were not tried before")
+    )
     return tmp_path
 
 
@@ -143,14 +142,14 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
 
 
 def test_another_report_or_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):
-    write_report(tmp_path, solved[:1], result(solved[:1], "first"))
+    written(tmp_path, solved[:1], "first")
     before = contents(tmp_path)
     for pairs, command in ((solved[:1], "second"), (solved[1:], "first")):
-        assert code_of(write_report, tmp_path, pairs, result(pairs, command)) == "document.other_run"
+        assert code_of(written, tmp_path, pairs, command) == "document.other_run"
     assert contents(tmp_path) == before
-    monkeypatch.setattr(html, "write", stopped)
+    monkeypatch.setattr("cavirheo.reporting.html.write", stopped)
     with pytest.raises(KeyboardInterrupt):
-        write_report(tmp_path, solved[:1], result(solved[:1], "second"), replace=True)
+        written(tmp_path, solved[:1], "second", replace=True)
     after = contents(tmp_path)
     assert after["report.html"] == before["report.html"]
     assert "second" in after["result.json"].decode()
@@ -167,7 +166,7 @@ def answer(solved) -> Posterior:
     _, found = solved[1]
     more = {"nothing": None, "infinite": float("inf"), "pair": (1, 2.5), "list": [True, "µ"], 3: {"x": {}}}
     weights = np.linspace(-3, 0, len(found.theta))
-    return replace(found, provenance=found.provenance | more, evidence=Evidence(1.25), log_weight=weights)
+    return with_evidence(replace(found, provenance=found.provenance | more, log_weight=weights), 1.25)
 
 
 def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path, answer):

@@ -1,31 +1,29 @@
 """`cavirheo design`: expected intervals of shots that were not taken, and how many are needed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from answers import CENTRE, answer, bubble, seen, shots
+from answers import CENTRE, bubble, document_of, seen, shots, with_verdict
 from conftest import done, error_of, refused
+from scipy.stats import norm
 
 import cavirheo
 from cavirheo import Rig
-from cavirheo.arrays import NORMAL_90
-from cavirheo.companions import design as companion
 from cavirheo.inference import design
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.design import Setting, shots_wanted
-from cavirheo.reporting.documents import result, result_of
-from cavirheo.reporting.record import CurveRecord
-from cavirheo.writing.document import Quantity
 
+NORMAL_90 = norm.ppf(0.95)
 NHKV = Family("nhkv")
 LAW = np.log10([[6e3, 0.05]])
-GOOD = Setting(250e-6, 1e6, 2.5e-6, frames=120)
+GOOD = design.Setting(250e-6, 1e6, 2.5e-6, frames=120)
 
 
 def one(seed: int = 0) -> design.Draws:
     return design.Draws(NHKV, LAW, np.array([6.0]), seed=seed)
 
 
-def told(setting: Setting) -> design.Expectation:
+def told(setting: design.Setting) -> design.Expectation:
     ((found,),) = one().expectations([setting])
     return found
 
@@ -37,7 +35,7 @@ def test_a_film_shows_the_bubble_that_is_asked_for_and_tells_more_with_less_nois
     assert np.array_equal(curve.radius, one(3).films(GOOD)[0].curve.radius)
     how = ((1e6, 1.7e-6), (2.5e5, 3.7e-6), (1e6, 7.5e-6))
     good = told(GOOD)
-    quiet, slow, loud = (told(Setting(250e-6, rate, noise, frames=120)) for rate, noise in how)
+    quiet, slow, loud = (told(design.Setting(250e-6, rate, noise, frames=120)) for rate, noise in how)
     assert np.all(quiet.half_width < loud.half_width)
     assert np.all(good.half_width < slow.half_width)
     assert np.linalg.det(good.information) > np.linalg.det(loud.information)
@@ -46,9 +44,9 @@ def test_a_film_shows_the_bubble_that_is_asked_for_and_tells_more_with_less_nois
 def test_information_adds_and_scatter_takes_away():
     one, known = np.diag([1.0 / 0.1**2, 1.0 / 0.05**2]), np.diag([1e6, 1e6])
     half = NORMAL_90 * 0.1 / np.sqrt(25)  # what 25 shots reach, the first parameter being the worse
-    assert [shots_wanted(one, known, half * factor) for factor in (1.0001, 0.9999)] == [25, 26]
-    assert shots_wanted(one, np.diag([1e-8, 1e-8]), half) == 0  # known already
-    assert shots_wanted(np.zeros((2, 2)), known, half) == np.inf
+    assert [design.shots_wanted(one, known, half * factor) for factor in (1.0001, 0.9999)] == [25, 26]
+    assert design.shots_wanted(one, np.diag([1e-8, 1e-8]), half) == 0  # known already
+    assert design.shots_wanted(np.zeros((2, 2)), known, half) == np.inf
     one = np.array([[200.0, -90.0], [-90.0, 600.0]])
     exact = np.linalg.inv(np.linalg.inv(one) + 0.1**2 * np.eye(2))
     assert design.material_information(one, 0.1**2 * np.eye(2)) == pytest.approx(exact)
@@ -73,7 +71,7 @@ def quick(monkeypatch):
         return [[one(s) if s.frame_rate > 1.5e5 else None] * len(draws.law) for s in settings]
 
     monkeypatch.setattr(design.Draws, "expectations", expected)
-    monkeypatch.setattr(companion, "DRAWS", 40)
+    monkeypatch.setattr("cavirheo.companions.design.DRAWS", 40)
 
 
 def test_the_best_setting_and_its_shots(quick):
@@ -88,36 +86,35 @@ def test_the_best_setting_and_its_shots(quick):
     assert made.known["shear_modulus"].median == pytest.approx(6.3e3, rel=0.3)
 
 
-def row(G: float, mu: float, width: float, **more: object) -> CurveRecord:
-    """Of a shot whose intervals are 10^width wide to both sides."""
-    (record,) = result([(curve := bubble("shot", group="x", source="x"), answer(curve, G, mu))], command="x").curves
-    values = {"shear_modulus_Pa": G, "viscosity_Pa_s": mu}
-    intervals = {key: Quantity(median=x, q05=x / 10**width, q95=x * 10**width) for key, x in values.items()}
-    return record.model_copy(update=intervals | more)
+def shot(G: float, mu: float, group="x"):
+    """A curve and an answer whose intervals are 0.1 decades wide to both sides."""
+    return bubble("shot", group=group, source=group), seen(np.log10([G, mu]), 0.1 / NORMAL_90, 2000)
 
 
 def test_what_is_known_is_the_answer_of_the_group(quick):
     """Of a single shot here; of several that of their population, below."""
-    of_gel = row(5e3, 0.05, 0.1)
-    made = cavirheo.design(result_of([of_gel], command="x"))
+    curve, gel = shot(5e3, 0.05)
+    made = cavirheo.design(document_of([(curve, gel)]))
     assert (made.shots_before, {*made.spreads_decades.values()}) == (1, {0.0})
     assert made.known["shear_modulus"].median == pytest.approx(5e3, rel=0.02)
     assert np.log10(made.known["shear_modulus"].q95 / 5e3) == pytest.approx(0.1, rel=0.15)
-    narrow = cavirheo.design(result_of([of_gel], command="x"), ranges={"stretch": (5, 8)})
+    narrow = cavirheo.design(document_of([(curve, gel)]), ranges={"stretch": (5, 8)})
     assert narrow.known["shear_modulus"] == made.known["shear_modulus"]  # a range of the stretch tells nothing of it
-    soft = of_gel.model_copy(update={"shear_modulus_Pa": Quantity(q05=1e2, q95=2e3, bound="upper")})
-    assert cavirheo.design(result_of([soft], command="x")).known["shear_modulus"].q95 < 2e3
-    two = result_of([of_gel, row(9e5, 0.05, 0.1, group="y")], command="x")
+    bounded = np.column_stack([np.linspace(1.0, np.log10(2e3), 2000), gel.theta[:, 1]])
+    soft = document_of([(curve, replace(gel, theta=bounded))])
+    assert soft.curves[0].shear_modulus_Pa.bound == "upper"
+    assert cavirheo.design(soft).known["shear_modulus"].q95 < 2e3
+    two = document_of([(curve, gel), shot(9e5, 0.05, "y")])
     assert cavirheo.design(two, group="y").known["shear_modulus"].median == pytest.approx(9e5, rel=0.02)
     with refused("design.range", "a range of shear_modulus", "one of them"):
         cavirheo.design(two, group="y", ranges={"G": (1e3, 1e4)})
     with refused("design.groups", "--group", "x, y"):
         cavirheo.design(two)
-    for rows in ([row(9e5, 0.9, 0.1, verdict="does_not_fit")], [of_gel, of_gel]):  # two shots are no population
+    for pairs in ([(curve, with_verdict(gel, "does_not_fit"))], [(curve, gel)] * 2):  # two shots are no population
         with refused("design.no_answer", "give ranges"):
-            cavirheo.design(result_of(rows, command="x"))
-    usual = of_gel.model_copy(update={"material": "auto"})  # what infer answers by default
-    assert cavirheo.design(result_of([usual], command="x")).known == made.known
+            cavirheo.design(document_of(pairs))
+    usual = document_of([(curve, replace(gel, material="auto"))])  # what infer answers by default
+    assert cavirheo.design(usual).known == made.known
 
 
 RIGS = (
@@ -159,7 +156,7 @@ def test_infer_reaches_what_is_expected():
 def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
     """Shots of 0.05 decades each that scatter by 0.15: as many as are advised bring the material to its interval."""
     first = shots(8, 0.15, 0.05, seed=5)
-    made = result([(bubble(f"shot {k}"), one) for k, one in enumerate(first)], command="x")
+    made = document_of([(bubble(f"shot {k}"), one) for k, one in enumerate(first)])
     record = made.groups[0].population
     one_setting = {"wanted": 0.2, "rig": Rig((2e-4, 2e-4), (1e6,))}
     plan = cavirheo.design(made, **one_setting)

@@ -1,14 +1,10 @@
 """Groups of five simulated shots of one gel (6 kPa, 0.050 Pa s), changed as the name of the file says: none of what is
 wrong comes out as a value."""
 
-from pathlib import Path
-
 import pytest
 from conftest import ROOT
 
-from cavirheo import infer, infer_many, read_curves
-from cavirheo.io.shots import read_shots
-from cavirheo.reporting import result
+from cavirheo import infer, load, read_curves
 
 CASES = ROOT / "tests" / "cases" / "truth"
 DOUBTED = {  # verdicts that are right, and a code that the messages of group or shots have
@@ -20,12 +16,11 @@ DOUBTED = {  # verdicts that are right, and a code that the messages of group or
 }
 
 
-def group_of(name: str):
+def group_of(name: str, run):
     """The group's record, and those of its shots."""
     path = next(path for path in (CASES / name, CASES / f"{name}.csv") if path.exists())
-    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-    curves = read_shots([Path(file) for file in files]).curves
-    made = result(list(zip(curves, infer_many(curves), strict=True)), "")
+    run("infer", path, "--no-pictures", "--quiet", "-o", "r")
+    made = load("r")
     (group,) = made.groups
     return group, made.curves
 
@@ -38,16 +33,16 @@ def test_smoothed_radii_are_an_input_warning():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DOUBTED)
-def test_what_is_wrong_is_doubted(name):
-    group, shots = group_of(name)
+def test_what_is_wrong_is_doubted(name, run):
+    group, shots = group_of(name, run)
     verdicts, code = DOUBTED[name]
     assert group.verdict in verdicts
     assert code in [message.code for record in (group, *shots) for message in record.messages]
 
 
 @pytest.mark.slow
-def test_a_clean_group_holds_the_truth_and_says_what_it_rests_on():
-    group, _ = group_of("base")
+def test_a_clean_group_holds_the_truth_and_says_what_it_rests_on(run):
+    group, _ = group_of("base", run)
     assert group.verdict == "ok"
     modulus, viscosity = group.value("shear_modulus"), group.value("viscosity")
     assert modulus.q05 < 6e3 < modulus.q95

@@ -4,7 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import CENTRE, FLAT, NAMES, answer, bubble, seen, shots
+from answers import (
+    CENTRE,
+    FLAT,
+    NAMES,
+    answer,
+    bubble,
+    document_of,
+    seen,
+    shots,
+    unanswered,
+    with_evidence,
+    with_verdict,
+)
 from conftest import FIELD, REAL, code_of, slow
 from scipy.stats import norm
 
@@ -13,8 +25,6 @@ from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPRE
 from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import hidden_modulus
 from cavirheo.physics.collapse import analytic_time
-from cavirheo.posterior import Checks, Evidence
-from cavirheo.reporting import result
 
 EXACT = CommonErrors(0.0, 0.0, 0.0, 0.0)
 
@@ -79,8 +89,8 @@ def test_what_does_not_count_is_counted():
     good, point = shots(4), seen(CENTRE, 0.05, 600)
     others = [
         replace(point, theta=point.theta[:1]),
-        replace(point, theta=point.theta[:0], checks=Checks("failed")),
-        replace(point, checks=Checks("does_not_fit")),
+        unanswered(),
+        with_verdict(point, "does_not_fit"),
         seen(CENTRE[1:], 0.05, names=NAMES[1:]),
         good[0],
     ]
@@ -114,7 +124,7 @@ def one_sided(n, viscosity, error, *, seed=0, spread=0.05, tilt=0.0) -> tuple[li
         mu = np.interp(rng.uniform(size=1000), share / share[-1], logs)
         theta = np.column_stack([modulus + tilt * (viscosity - 10.0**mu) + 0.05 * rng.standard_normal(1000), mu])
         one = replace(seen(CENTRE, 0.05), theta=theta)
-        answers.append(replace(one, checks=Checks("bound" if one.bound("viscosity") else "ok")))
+        answers.append(with_verdict(one, "bound" if one.bound("viscosity") else "ok"))
     return answers, np.array(measured)
 
 
@@ -196,9 +206,9 @@ def test_groups_of_a_document_are_told_apart():
     for name, centre, seed in (("soft", CENTRE, 1), ("stiff", CENTRE + np.array([0.4, 0.0]), 2)):
         for k, one in enumerate(shots(6, seed=seed, centre=centre)):
             curve = bubble(f"{name}[{k + 1}]", name)
-            pairs.append((curve, replace(one, checks=answer(curve).checks, stretch=8.0, evidence=Evidence(10.0, 0.1))))
-    assert not result(pairs[:1], "x").groups[0].population.has_material  # a single shot
-    document = result(pairs, "cavirheo infer")
+            pairs.append((curve, with_evidence(replace(one, checks=answer(curve).checks, stretch=8.0), 10.0)))
+    assert not document_of(pairs[:1]).groups[0].population.has_material  # a single shot
+    document = document_of(pairs)
     apart = {one.parameter: one for one in document.differences}["shear_modulus"]
     assert (apart.first, apart.second) == ("stiff", "soft")
     assert apart.probability_higher > 0.99
@@ -220,8 +230,8 @@ def switched(seed, liquid=0.0, stiffening=0.0, field=0.0, *, mu=0.03, draws=400)
     theta = np.column_stack([modulus, alpha, viscosity, damping])[order]
     flat = {NAMES[0]: FLAT[NAMES[0]], NAMES[1]: FLAT[NAMES[1]], "log10_stiffening": (-3.0, 0.5)}
     found = {"liquid": liquid, "stiffening": stiffening, "field_bubble": field}
-    about = {"prior": flat, "switches": found, "bubble": REAL, "log_weight": np.zeros(draws)}
-    return Posterior(names, ("Pa", "1", "Pa s", "1"), theta, Checks("ok"), "auto", "verified", **about)
+    about = {"prior": flat, "switches": found, "bubble": REAL, "log_weight": np.zeros(draws), "material": "auto"}
+    return replace(seen(CENTRE, 0.05), names=names, units=("Pa", "1", "Pa s", "1"), theta=theta, **about)
 
 
 GROUPS = {  # switches of the shots, and law, viscosity and bubble of the material
@@ -255,7 +265,7 @@ def test_shots_of_one_material_share_its_switches(name):
 
 def test_a_doubtful_shot_has_no_vote_in_the_switches():
     liquids, gel = [switched(k, liquid=0.95) for k in range(2)], switched(9)
-    wrong = replace(gel, checks=Checks("does_not_fit"))
+    wrong = with_verdict(gel, "does_not_fit")
     assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True).answers} == {"newtonian"}
     plain = seen(CENTRE, 0.05)  # by another law
     assert share_switches([plain], only_trusted=True).answers == [plain]

@@ -10,11 +10,8 @@ from answers import answer, bubble, seen, unanswered
 from conftest import code_of, refused
 
 from cavirheo import Posterior, load, table
-from cavirheo.posterior import Checks
 from cavirheo.reporting.measured import Measured
 from cavirheo.reporting.record import Result
-
-CHECKS = Checks("ok", (), 0.0064, 4, 4.02, *np.zeros((4, 9000)))
 
 
 @pytest.fixture
@@ -22,7 +19,7 @@ def posterior() -> Posterior:
     rng = np.random.default_rng(0)
     theta = np.column_stack([3.8 + 0.05 * rng.standard_normal(900), 8.5 + 0.2 * rng.standard_normal(900)])
     return Posterior(
-        ("log10_shear_modulus", "stretch"), ("Pa", "1"), theta, CHECKS, "nhkv", "verified",
+        ("log10_shear_modulus", "stretch"), ("Pa", "1"), theta, answer(bubble()).checks, "nhkv", "verified",
         {"long": list(range(9000))}, log_weight=0.5 * rng.standard_normal(900) - 700.0,
     )  # fmt: skip
 
@@ -36,7 +33,7 @@ def test_draws_have_natural_units_and_their_weights(posterior):
     assert frame["weight"].idxmax() == np.argmax(posterior.log_weight)
     assert frame.attrs["verdict"] == "ok"
     assert replace(posterior, log_weight=None).to_dataframe()["weight"].std() == 0.0
-    assert max(len(repr(posterior)), len(repr(CHECKS))) < 400  # their arrays are not shown
+    assert max(len(repr(posterior)), len(repr(posterior.checks))) < 400  # their arrays are not shown
     pytest.importorskip("arviz")
     data = posterior.to_arviz()
     assert data["posterior"]["shear_modulus"].attrs["units"] == "Pa"
@@ -70,7 +67,7 @@ def test_an_answer_draws_its_curve(posterior, tmp_path):
     drawn = replace(posterior, curve=curve, checks=replace(checks, predicted_over_rmax=ends))
     assert (drawn.name, posterior.name) == ("gel[2]", "")
     drawn.plot().savefig(tmp_path / "a.png")
-    replace(drawn, theta=posterior.theta[:0], checks=Checks("failed")).plot().savefig(tmp_path / "b.png")
+    replace(unanswered(), curve=curve).plot().savefig(tmp_path / "b.png")
     assert code_of(posterior.plot) == "posterior.no_curve"
 
 

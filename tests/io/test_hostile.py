@@ -14,7 +14,6 @@ from files import put
 from scipy.io import savemat
 
 from cavirheo import InputError, SolverError, read_curves
-from cavirheo.io import limits
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "nightly"))
 from apart import each_apart
@@ -70,7 +69,7 @@ def test_a_large_recording_is_read_and_numbers_beyond_all_bounds_print_nothing(t
     path, t = tmp_path / "long.h5", np.arange(100_000) * 1e-9
     with h5py.File(path, "w") as file:
         file["time"], file["radius"] = t, 1e-4 * (0.2 + np.abs(np.cos(t / 9e-6)))
-    assert len(read_curves(path)[0].time) == 100_000 < limits.SAMPLES / 10
+    assert len(read_curves(path)[0].time) == 100_000
     for radius in (1e308, np.nan):
         np.savetxt(tmp_path / "a.txt", np.c_[np.arange(50.0), np.full(50, radius), np.full(50, -radius)])
         error_of(read_curves, tmp_path / "a.txt")

@@ -2,23 +2,17 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from answers import COMMAND, FLAT, NAMES, Page, answer, bubble
+from answers import FLAT, NAMES, Page, answer, bubble, document_of, written
 from conftest import done, rows_of
 
-from cavirheo import load, population
+from cavirheo import population
 from cavirheo.app import words
 from cavirheo.app.session import Answers
-from cavirheo.parameters import parameter_of, units
-from cavirheo.reporting import result, write_report
-from cavirheo.reporting.advice import answer_lines
-from cavirheo.reporting.citation import methods_paragraph
-from cavirheo.reporting.comparison import comparison_table
-from cavirheo.reporting.screen import print_result
-from cavirheo.writing import digits
 
 UPPER = 10.0 ** FLAT[NAMES[1]][0]  # lower end of the range of a viscosity, Pa s
 
@@ -40,45 +34,52 @@ def pairs():
     return pairs
 
 
-def test_all_outputs_of_a_run_say_the_same_number_and_a_bound_has_none(pairs, run, tmp_path, monkeypatch, capsys):
+SHOWN = r"^(?:G|µ) +(?:([\d.]+ k?Pa(?: s)?) +90 % sure: ([\d.]+ to [\d.]+)|(below [\d.]+ Pa s) +\(95 % sure\))"
+
+
+def spaced(text: str) -> str:
+    return " ".join(text.split())  # also at spaces that do not break
+
+
+def test_all_outputs_of_a_run_say_the_same_number_and_a_bound_has_none(pairs, run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    document = result(pairs, COMMAND)
-    write_report(tmp_path / "out", pairs, document)
-    read = load(tmp_path / "out")
-    print_result(document)
-    screen = capsys.readouterr().out
-    page = " ".join(Page((tmp_path / "out" / "report.html").read_text(encoding="utf-8")).text)
-    answered = Answers(pairs, document, [], {})
-    app = " ".join(Page(words.answers(SimpleNamespace(answers=answered, run=None, stale=False))).text)
-    cited, _ = methods_paragraph(read)
-    table = "set,method,quantity,mean\nknown,IMR,G_kPa,5\nbounded,IMR,G_kPa,5\n"
-    (tmp_path / "values.csv").write_text(table)
-    done(run("compare", "out", "--references", "values.csv", "-o", "compared"))
-    _, rows = comparison_table(load(tmp_path / "compared"))
-    compared = {(group, quantity): words for group, quantity, method, words, _ in rows if method == "cavirheo"}
-    for group, of in zip(read.groups, (pairs[:5], pairs[5:]), strict=True):
-        material = population([made for _, made in of])
-        for name, symbol, unit, factor in (("shear_modulus", "G", "kPa", 1e-3), ("viscosity", "µ", "Pa s", 1.0)):
-            value = group.value(name)
-            assert value == material.quantity(name)
-            bounded = (group.name, name) == ("bounded", "viscosity")
-            assert (value.bound, value.median is None) == (("upper", True) if bounded else (None, False))
-            assert compared[group.name, f"{symbol}, {unit}"] == digits.quantity(value, factor)
-            middle, interval = digits.value_parts(value, factor)
-            line = rf"{symbol}\s+{re.escape(f'{interval} {unit}' if bounded else f'{middle} {unit}')}"
-            texts = {"screen": screen, "page": page, "app": app}
-            plain = {where: text.replace(digits.NO_BREAK, " ") for where, text in texts.items()}
-            assert [where for where, text in plain.items() if not re.search(line, text)] == []
-            assert (interval if bounded else f"{middle} {unit} (90 %: {interval})") in cited
-    for row, (_, made) in zip(rows_of(tmp_path / "out" / "result.csv"), pairs, strict=True):
+    read = written("out", pairs)
+    Path("values.csv").write_text("set,method,quantity,mean\nknown,IMR,G_kPa,5\nbounded,IMR,G_kPa,5\n", "utf-8")
+    compared = done(run("compare", "out", "--references", "values.csv", "-o", "compared"))
+    cited = done(run("cite", "out"))
+    page = spaced(" ".join(Page(Path("out/report.html").read_text("utf-8")).text))
+    session = SimpleNamespace(answers=Answers(pairs, document_of(pairs), [], {}), run=None, stale=False)
+    app = spaced(" ".join(Page(words.answers(session)).text))
+    screen = re.findall(SHOWN, done(run("show", "out")), re.MULTILINE)
+    places = [(group, name) for group in read.groups for name in ("shear_modulus", "viscosity")]
+    for (group, name), (middle, interval, bound) in zip(places, screen, strict=True):
+        value = group.value(name)
+        members = pairs[:5] if group.name == "known" else pairs[5:]
+        assert value == population([made for _, made in members]).quantity(name)
+        bounded = (group.name, name) == ("bounded", "viscosity")
+        assert (value.bound, value.median is None, bool(bound)) == ("upper" if bounded else None, bounded, bounded)
+        symbol, factor = ("G", 1e-3) if name == "shear_modulus" else ("µ", 1.0)
+        numbers = [float(one) for one in re.findall(r"[\d.]+", f"{middle} {interval} {bound}")]
+        exact = [value.q95] if bounded else [value.median, value.q05, value.q95]
+        assert numbers == pytest.approx([factor * one for one in exact], rel=0.02)
+        for text in (page, app):
+            assert f"{symbol} {bound or middle}" in text
+            assert interval in text
+        assert (bound or f"{middle} (90 %: {interval})") in cited
+        assert (bound.removesuffix(" Pa s") or f" {middle.split()[0]} ({interval})") in compared
+    for row, (_, made) in zip(rows_of("out/result.csv"), pairs, strict=True):
         for column, name in (("shear_modulus_Pa", "G"), ("viscosity_Pa_s", "mu")):
             assert row[column] == ("" if made.bound(name) else repr(made.median(name)))
             assert row[f"{column}_bound"] == (made.bound(name) or "")
             assert float(row[f"{column}_q95"]) == made.interval(name)[1]
 
 
-@pytest.mark.parametrize("law", ["power-law", "herschel-bulkley"])
-def test_an_asked_for_law_shows_each_of_its_parameters_once(law):
+LAWS = {"power-law": ("1", "Pa s"), "herschel-bulkley": ("1", "Pa s", "Pa")}  # units of the parameters
+SYMBOLS = {"exponent": "n", "reference_viscosity": "µ_ref", "yield_stress": "tau_y"}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_an_asked_for_law_shows_each_of_its_parameters_once(law, run):
     truth = {"exponent": -0.4, "reference_viscosity": -1.7, **({"yield_stress": 1.0} if law != "power-law" else {})}
     rng, pairs, names = np.random.default_rng(4), [], tuple(f"log10_{name}" for name in truth)
     ranges = dict.fromkeys(names, (-4.0, 3.0))
@@ -86,11 +87,10 @@ def test_an_asked_for_law_shows_each_of_its_parameters_once(law):
         curve = bubble(f"gel[{k}]", "gel", "gel.csv", top=2e-4 + 1e-5 * rng.standard_normal())
         made = answer(curve, draws=400, material=law)
         theta = np.array([*truth.values()]) + 0.03 * rng.standard_normal((400, len(truth)))
-        made = replace(made, names=names, units=units(names), theta=theta, prior=ranges, method="verified", curve=curve)
+        made = replace(made, names=names, units=LAWS[law], theta=theta, prior=ranges, method="verified", curve=curve)
         pairs.append((curve, made))
-    document = result(pairs, COMMAND)
-    (group, shots), *_ = document.rows_by_group()
-    lines = [line for line in answer_lines(document, group, shots) if line[0] not in ("use", "check", "next")]
-    assert sorted(label for label, _ in lines) == sorted(parameter_of(name).symbol for name in truth)
-    for name, value in truth.items():
-        assert float(dict(lines)[parameter_of(name).symbol][0].split()[0]) == pytest.approx(10.0**value, rel=0.05)
+    written("out", pairs, draw=False)
+    shown = re.findall(r"^(\S+) +([\d.]+) .*90 % sure: ", done(run("show", "out")), re.MULTILINE)
+    expected = {SYMBOLS[name]: 10.0**value for name, value in truth.items()}
+    assert sorted(symbol for symbol, _ in shown) == sorted(expected)
+    assert {symbol: float(value) for symbol, value in shown} == pytest.approx(expected, rel=0.05)

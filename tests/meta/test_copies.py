@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from answers import same, shots, unanswered
+from answers import document_of, same, shots, unanswered, with_evidence
 from conftest import EXAMPLE
 
 import cavirheo
 from cavirheo import Bubble, InputError, Medium, SolverError
 from cavirheo.physics.materials import LAWS, Material, parse
 from cavirheo.physics.media import Pulse, Trace
-from cavirheo.posterior import Evidence
-from cavirheo.reporting import result
 
 WAYS = {"pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)), "copy": copy.copy, "deepcopy": copy.deepcopy}
 
@@ -39,8 +37,8 @@ def held() -> dict[str, Any]:
         "simulation": cavirheo.simulate(gel, max_radius=2e-4, stretch=6.0, time=time),
         "pulse": Pulse(1e5, 1e6, 1e-6), "trace": Trace(time, 1e5 * time), "bubble": Bubble("kinetic"),
         "rig": cavirheo.Rig(frames=64),
-        "evidence": Evidence(-3.0, 0.1), "errors": cavirheo.CommonErrors(0.02),
-        "document": result(list(zip(curves, answers, strict=True)), "cavirheo infer"),
+        "evidence": with_evidence(answers[0], -3.0).evidence, "errors": cavirheo.CommonErrors(0.02),
+        "document": document_of(list(zip(curves, answers, strict=True))),
         "input error": InputError("no file", "reading.missing"), "solver error": SolverError("too many steps"),
     }  # fmt: skip
 

@@ -2,19 +2,20 @@
 
 import json
 import re
+import tempfile
 import tomllib
 from pathlib import Path
 
 import h5py
 import numpy as np
-from answers import answer, bubble, sweeps_of, times_of
+from answers import answer, bubble, written
 from broken_recipes import RIGHT
 from files import Make, cells, hdf5, ods_row, put, saved, saved73, write_ods, write_xls, write_xlsx
 from files import lines as rows
+from typer.testing import CliRunner
 
-from cavirheo.reporting import result
+from cavirheo import verbs
 from cavirheo.training.recipe import PointRecipe
-from cavirheo.writing.document import as_json
 
 TIME = np.arange(-8.0, 92.0)  # us
 RADIUS = 250 * (0.12 + 0.88 * np.abs(np.cos(np.pi * TIME / 46)) * np.exp(-np.maximum(TIME, 0) / 70))  # um
@@ -104,6 +105,9 @@ def content(name: str, folder: Path) -> bytes:
 
 def documents() -> dict[str, str]:
     """One document of each kind, as the program writes it."""
-    shots = [(bubble(f"shot[{k}]"), answer(bubble(), 6e3 + 100 * k, draws=40)) for k in range(3)]
-    made = {"collapse-time": times_of("a"), "rheometer": sweeps_of("a")}
-    return {f"{name}.json": as_json(one) for name, one in {"result": result(shots, "x"), **made}.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        written(folder, [(bubble(f"shot[{k}]"), answer(bubble(), 6e3 + 100 * k, draws=40)) for k in range(3)])
+        for verb, name in {"collapse-time": "times.csv", "rheometer": "frequency.csv"}.items():
+            path = put(Path(folder, name), TEXTS[name])
+            CliRunner().invoke(verbs.app, [verb, str(path), "--quiet", "-o", f"{folder}/{verb}"])
+        return {path.name: path.read_text("utf-8") for path in Path(folder).rglob("*.json")}
