@@ -22,7 +22,6 @@ from scipy.stats import norm
 
 from cavirheo import CommonErrors, Posterior, population
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE
-from cavirheo.inference.population.switches import share_switches
 from cavirheo.inference.population.systematic import hidden_modulus
 from cavirheo.physics.collapse import analytic_time
 
@@ -248,30 +247,21 @@ GROUPS = {  # switches of the shots, and law, viscosity and bubble of the materi
 def test_shots_of_one_material_share_its_switches(name):
     """Two heaps of draws, of a liquid and of a gel: the material has those of one of them alone."""
     shares, law, viscosity, bubble_model = GROUPS[name]
-    answers = [switched(k, **share) for k, share in enumerate(shares)]
-    shared = share_switches(answers, only_trusted=True).answers
-    assert {one.material for one in shared} == {law}
-    assert {one.bubble for one in shared} == {bubble_model}
-    for one in shared:
-        assert one.median("viscosity") == pytest.approx(viscosity, rel=0.06)
-        assert ("shear_modulus" in one.parameters) == (law != "newtonian")
-        assert ("stiffening" in one.parameters) == (law == "fung + newtonian")
-        assert not np.isinf(one.theta).any()
-    found = population(answers)
-    assert found.material == law
+    found = population([switched(k, **share) for k, share in enumerate(shares)])
+    assert (found.material, found.bubble) == (law, bubble_model)
+    assert found.median("viscosity") == pytest.approx(viscosity, rel=0.06)
+    assert ("shear_modulus" in found.determined) == (law != "newtonian")
+    assert ("stiffening" in found.determined) == (law == "fung + newtonian")
     low, high = found.interval("viscosity")
     assert low < viscosity < high < 1.5 * low
 
 
 def test_a_doubtful_shot_has_no_vote_in_the_switches():
-    liquids, gel = [switched(k, liquid=0.95) for k in range(2)], switched(9)
-    wrong = with_verdict(gel, "does_not_fit")
-    assert {one.material for one in share_switches([*liquids, wrong], only_trusted=True).answers} == {"newtonian"}
-    plain = seen(CENTRE, 0.05)  # by another law
-    assert share_switches([plain], only_trusted=True).answers == [plain]
+    liquids, gel = [switched(k, liquid=0.95) for k in range(3)], switched(9)
+    assert population([*liquids, with_verdict(gel, "does_not_fit")]).material == "newtonian"
     assert population([*(switched(k, field=1.0) for k in range(4)), gel]).left_out == {"other_switches": 1}
-    real = replace(plain, switches={"field_bubble": 0.2})  # another law has the switch of its bubble alone
-    assert share_switches([real, real], only_trusted=True).answers == [real, real]
+    real = [replace(one, switches={"field_bubble": 0.2}) for one in shots(4)]  # another law: that of its bubble alone
+    assert (population(real).material, len(population(real).shots)) == ("nhkv", 4)
 
 
 @pytest.mark.parametrize(
