@@ -104,7 +104,7 @@ def until(fine: Callable[[], bool], seconds: float = 20.0) -> None:
 
 
 LONGEST = (
-    "test_truth", "test_app_browser", "test_app", "test_fit", "test_bubble_model",
+    "test_truth", "test_app_browser", "test_app", "test_fit",
     "test_documentation", "test_population", "test_inference", "test_limits", "test_training", "test_corpus",
 )  # fmt: skip
 

@@ -65,6 +65,7 @@ infer shot.csv --model nobody.onnx
 measure film.mraw
 measure film.mraw --roi 0,0,99,99
 which-law missing.csv --laws nhkv,foo | foo
+which-law shot.csv --laws nhkv | nhkv
 infer missing.csv --rmax-um -5 | got '-5'
 simulate -o o --rmax-um 90 --stretch 5 --material nhkv(2e3) | viscosity
 simulate -o o --rmax-um 90 --stretch 5 --material gent | gent(shear_modulus [Pa], limit [-])

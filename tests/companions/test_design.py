@@ -41,17 +41,6 @@ def test_a_film_shows_the_bubble_that_is_asked_for_and_tells_more_with_less_nois
     assert np.linalg.det(good.information) > np.linalg.det(loud.information)
 
 
-def test_information_adds_and_scatter_takes_away():
-    one, known = np.diag([1.0 / 0.1**2, 1.0 / 0.05**2]), np.diag([1e6, 1e6])
-    half = NORMAL_90 * 0.1 / np.sqrt(25)  # what 25 shots reach, the first parameter being the worse
-    assert [design.shots_wanted(one, known, half * factor) for factor in (1.0001, 0.9999)] == [25, 26]
-    assert design.shots_wanted(one, np.diag([1e-8, 1e-8]), half) == 0  # known already
-    assert design.shots_wanted(np.zeros((2, 2)), known, half) == np.inf
-    one = np.array([[200.0, -90.0], [-90.0, 600.0]])
-    exact = np.linalg.inv(np.linalg.inv(one) + 0.1**2 * np.eye(2))
-    assert design.material_information(one, 0.1**2 * np.eye(2)) == pytest.approx(exact)
-
-
 ABOUT = np.diag([100.0, 400.0])
 RANGES = {"shear_modulus": (2e3, 2e4), "viscosity": (0.02, 0.2), "stretch": (5, 8)}
 

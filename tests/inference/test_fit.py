@@ -1,4 +1,5 @@
-"""The least-squares fit: truth recovered, nuisances, bounds, failures, windows, what it says of itself."""
+"""The least-squares fit: truth recovered, nuisances, windows; and models of the bubble, also by `infer`: what was
+simulated is found again."""
 
 import re
 from dataclasses import replace
@@ -7,9 +8,10 @@ from functools import partial
 import numpy as np
 import pytest
 from answers import GEL, fit, holds, simulated
-from conftest import WATER, slow
+from conftest import REAL, WATER, code_of, slow
 
-from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
+from cavirheo.physics.bubble import ACCOMMODATION, Damage
 from cavirheo.physics.materials import parse
 from validation.challenge import run_scipy
 
@@ -98,3 +100,66 @@ def test_a_fit_is_the_conventional_least_squares(truth):
         assert abs(np.log10(answer.best[name]) - middle) < 0.7 * width, name
         assert abs(np.log10(answer.median(name)) - middle) < 0.5 * width, name
         assert 0.7 < (high - low) / (2.0 * 1.645 * width) < 1.4, name
+
+
+# --- contents, damage, walls and vapour
+
+SOFT = NeoHookeanKelvinVoigt(5e3, 0.01)
+QUICKLY = dict(trust_input=True, material="nhkv")
+
+
+def bubble(noise=0.004, accommodation=ACCOMMODATION, **within):
+    """A shot of the soft gel in which the bubble is of this model."""
+    return shot(SOFT, 6.0, seed=0, noise=noise, frames=90, within=Bubble(accommodation=accommodation, **within))
+
+
+@pytest.mark.parametrize(
+    ("true", "fitted"),
+    [
+        slow(dict(contents="kinetic"), Bubble("kinetic")),
+        slow(dict(confinement_inertia=0.2), Bubble(confinement_inertia="free")),
+        slow(dict(confinement_damping=0.3), Bubble(confinement_damping="free")),
+        slow(dict(vapour_excess=3e3), Bubble(vapour_excess="free")),
+        slow(dict(damage=Damage(0.4, 1.5)), Bubble(damage="strain")),
+    ],
+    ids=str,
+)
+def test_a_fit_finds_what_was_simulated(true, fitted):
+    answer = fit(bubble(noise=0.0004, **true), bubble=fitted, **QUICKLY)
+    damage = true.get("damage", Damage(1.0))
+    true = {"accommodation": 0.07, "damage_modulus": damage.modulus, "damage_radius": damage.radius, **true}
+    found = {name: value for name, value in answer.best.items() if name in answer.parameters and name in true}
+    assert len(found) == (1 if damage.modulus == 1.0 else 2)
+    assert found == pytest.approx({name: true[name] for name in found}, rel=0.15)
+    assert answer.best["shear_modulus"] == pytest.approx(5e3, rel=0.1)
+    assert answer.bubble.contents == true.get("contents", "equilibrium")
+
+
+def test_what_is_given_is_not_inferred():
+    answer = fit(bubble(contents="kinetic"), bubble=Bubble("kinetic", 0.05, confinement_damping=0.1), **QUICKLY)
+    assert not {"accommodation", "confinement_damping"} & set(answer.parameters)
+    assert (answer.best["accommodation"], answer.best["confinement_damping"]) == (0.05, 0.1)
+
+
+def test_a_wall_at_a_distance_adds_the_inertia_of_its_image():
+    distant, confined = bubble(wall_distance=2e-3), bubble(confinement_inertia=250e-6 / 4e-3)
+    assert distant.radius == pytest.approx(confined.radius)
+    assert distant.radius != pytest.approx(bubble().radius, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("way", "code"),
+    [
+        (dict(bubble=Bubble(accommodation=0.07)), "option.idle"),
+        (dict(bubble=Bubble(damage=Damage(0.5))), "option.damage"),
+        (dict(material="newtonian", bubble=Bubble(damage="strain")), "physics.damage_without_elasticity"),
+        (dict(bubble="dry"), "option.bubble"),
+        (dict(bubble=Bubble(wall_distance=200e-6)), "physics.wall_too_near"),
+        (dict(bubble=REAL, model="bdt-viscoelastic"), "option.bubble"),
+        (dict(material="honey"), "law.not_fittable"),
+        (dict(material="newtonian", model="bdt-viscoelastic"), "option.material"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(way, code):
+    for call in (infer, fit) if way.keys() <= {"bubble", "material"} else (infer,):
+        assert code_of(call, bubble(), **way) == code

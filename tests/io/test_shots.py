@@ -8,26 +8,24 @@ from conftest import BDT, ROOT, code_of, refusal, refused
 from files import RADIUS, TIME, text_table
 
 from cavirheo import load, read_curves
-from cavirheo.io.shots import read_shots, shot_numbers
 
 FILE = ROOT / "examples" / "stiff_gel.mat"
 
 
 def test_numbers_and_ranges_are_read():
-    texts = {"1,4-7": [1, 4, 5, 6, 7], " 3 ": [3], "7,2-2,7": [2, 7]}
-    assert {text: shot_numbers(text) for text in texts} == texts
-    assert shot_numbers([2, 1]) == shot_numbers(np.arange(1, 3)) == [1, 2]
+    texts = {"1,3-5": [1, 3, 4, 5], " 3 ": [3], "5,2-2,5": [2, 5]}
+    names = [curve.name for curve in read_curves(FILE)]
+    for shots, numbers in (*texts.items(), ([2, 1], [1, 2]), (np.arange(1, 3), [1, 2])):
+        assert [curve.name for curve in read_curves(FILE, shots=shots)] == [names[k - 1] for k in numbers]
 
 
 @pytest.mark.parametrize("given", ["", "0", "a", "1,,2", "3-2", "1-", "-1", "1.5", "1-2-3", [0], [], ["x"], "9999999"])
 def test_what_is_no_list_of_shots_is_refused(given):
-    assert code_of(shot_numbers, given) == "option.shots"
+    assert code_of(read_curves, FILE, shots=given) == "option.shots"
 
 
 def test_verbs_answer_the_chosen_shots_alone_by_their_names(run):
-    every, some = read_curves(FILE), read_curves(FILE, shots=[3, 1])
-    assert [curve.name for curve in some] == [every[0].name, every[2].name]
-    assert np.array_equal(some[1].radius, every[2].radius, equal_nan=True)
+    every = read_curves(FILE)
     with refused("reading.shots", FILE.name):
         read_curves(FILE, shots=f"1,{len(every) + 1}")
     name = every[1].name
@@ -66,32 +64,31 @@ def test_files_of_one_name_are_one_group_and_a_unit_told_by_its_size_is_said_onc
     stems |= {"stiff_1": "stiff", "7": tmp_path.name, "8": tmp_path.name}
     for k, name in enumerate(stems):
         text_table(tmp_path / f"{name}.csv", "time,radius", 1e6 * TIME, (1e6 + 1e4 * k) * RADIUS)
-    found = read_shots([f"{name}.csv" for name in stems], group="name")
-    assert [one.group for one in found.curves] == [*stems.values()]
-    assert len(found.remarks) == 2  # of time and of radius
-    assert all("um" in remark or "us" in remark for remark in found.remarks)
-    status, *_ = run("infer", "soft_1.csv", "stiff_1.csv", *BDT, "--group", "name", "--no-pictures")
-    assert status in (0, 1)
-    assert [one.name for one in load("cavirheo-result").groups] == ["soft", "stiff"]
+    run("infer", *(f"{name}.csv" for name in stems), *BDT, "--group", "name", "--no-pictures", "-o", "out")
+    made = load("out")
+    assert [one.group for one in made.curves] == [*stems.values()]
+    assert len(made.notes) == 2  # of time and of radius
+    assert all("um" in note or "us" in note for note in made.notes)
 
 
-def test_files_of_one_name_in_two_folders_are_told_apart(tmp_path):
-    files = [tmp_path / place for place in ("one/s1.csv", "two/s1.csv", "two/s2.csv")]
+def test_files_of_one_name_in_two_folders_are_told_apart(run):
+    files = [Path(place) for place in ("one/s1.csv", "two/s1.csv", "two/s2.csv")]
     for k, file in enumerate(files):
         file.parent.mkdir(exist_ok=True)
         text_table(file, "time_us,radius_um", 1e6 * TIME, (1e6 + 1e4 * k) * RADIUS)
-    assert [one.name for one in read_shots(files).curves] == ["one/s1", "two/s1", "s2"]
-    groups = {how: [one.group for one in read_shots(files, group=how).curves] for how in ("file", "folder")}
-    assert groups == {"file": ["s1", "s1", "s2"], "folder": ["one", "two", "two"]}
+    for how, groups in {"file": ("s1", "s1", "s2"), "folder": ("one", "two", "two")}.items():
+        run("infer", *files, *BDT, "--group", how, "--no-pictures", "-o", how)
+        assert [one.name for one in load(how).curves] == ["one/s1", "two/s1", "s2"]
+        assert tuple(one.group for one in load(how).curves) == groups
 
 
-def test_a_recording_that_was_also_written_with_fewer_digits_counts_once(tmp_path):
+def test_a_recording_that_was_also_written_with_fewer_digits_counts_once(run, tmp_path):
     files = [tmp_path / f"{name}.csv" for name in ("one", "rounded", "other")]
     for file, radii in zip(files, (RADIUS, np.round(RADIUS, 8), 1.002 * RADIUS), strict=True):
         text_table(file, "time_us,radius_um", 1e6 * TIME, 1e6 * radii)
-    found = read_shots(files)
-    assert [one.name for one in found.curves] == ["one", "other"]
-    assert "rounded" in found.remarks[0]
+    run("infer", *files, *BDT, "--no-pictures", "-o", "out")
+    assert [one.name for one in load("out").curves] == ["one", "other"]
+    assert "rounded" in load("out").notes[0]
 
 
 def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):
@@ -105,14 +102,14 @@ def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):
     assert [row.max_radius_m for row in load("same").curves] == pytest.approx([300e-6] * 2)
 
 
-def test_a_column_gives_each_shot_its_r_max(tmp_path):
+def test_a_column_gives_each_shot_its_r_max(run, tmp_path):
     shots = {"a": 1.0, "b": 1.5, "c": 1.0}
-    found = read_shots([sized(tmp_path / "sized.csv", shots, ("310", "450.5", ""))])
+    found = read_curves(sized(tmp_path / "sized.csv", shots, ("310", "450.5", "")))
     own = read_curves(sized(tmp_path / "plain.csv", shots))[2].max_radius
-    assert [curve.max_radius for curve in found.curves] == pytest.approx([310e-6, 450.5e-6, own])
-    assert any("rmax_um" in remark for remark in found.remarks)
+    assert [curve.max_radius for curve in found] == pytest.approx([310e-6, 450.5e-6, own])
+    assert "rmax_um" in run("show", "sized.csv")[1]
     two = sized(tmp_path / "two.csv", {"a": 1.0}, ("310",)).read_text(encoding="utf-8").replace(",310\n", ",311\n", 1)
     (tmp_path / "two.csv").write_text(two, encoding="utf-8")
-    assert "rmax_um" in read_shots([tmp_path / "two.csv"]).problems[0]
+    refusal(run("show", "two.csv"), "rmax_um")
     (curve,) = read_curves(sized(tmp_path / "no_unit.csv", {"x": 1.0}, ("3",), "Rmax"))
     assert any("not used" in note for note in curve.notes)

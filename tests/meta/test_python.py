@@ -9,8 +9,6 @@ from conftest import refused
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve
-from cavirheo.inference.which_law import rank_laws
-from cavirheo.parameters import matching
 from cavirheo.physics.media import medium
 
 TIME = np.arange(100) * 1e-6
@@ -42,7 +40,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     *((lambda law=law: cavirheo.fit(CURVE, law), law) for law in ("jelly", "nhkv(8e3, 0.1)")),
     (lambda: cavirheo.fit(CURVE, stretch="seven"), "plateau"),
     (lambda: cavirheo.fit(CURVE, free="clock"), "t0, scale, rmax"),
-    (lambda: rank_laws([CURVE], "nhkv"), "nhkv"),
     (lambda: simulate("nhkv"), "NeoHookeanKelvinVoigt"),
     (lambda: simulate(max_radius=250), "0.00025 m"),
     (lambda: simulate(bubble="field"), "'field'"),
@@ -99,6 +96,5 @@ def test_a_parameter_is_named_by_symbol_natural_name_or_column():
     assert shot.interval("G")[0] < shot.median("G") < shot.interval("G")[1]
     with refused("posterior.parameter", "stretch", "best"):  # it is known, and not inferred
         shot.interval("lambda")
-    names = ["viscosity", "viscosity_2", "stiffening", "a law's own"]
-    assert [matching(given, names) for given in ("mu", "mu_2", "alpha", "a law's own")] == names
-    assert matching("E", names) is None
+    several = replace(shot, names=("log10_viscosity", "log10_viscosity_2"), units=("Pa s", "Pa s"))
+    assert [several.median(given) for given in ("mu", "mu_2")] == [several.median(name) for name in several.parameters]
