@@ -1,15 +1,21 @@
 """The training problem: prior, identity, and the way between a shot and the reference scale. Training sets: the same
-bytes however they are made, nothing lost, nothing mixed. Thousands of recordings stay on the disk, and nothing is
+bytes however they are made, nothing lost, nothing mixed; damaged or hostile ones are refused in one line. Nothing is
 unpickled."""
 
+import os
 import re
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
-from conftest import LIQUID, PROBLEM, ROOT, WATER, code_of, contents, refused
+from broken_recipes import RIGHT
+from conftest import LIQUID, PROBLEM, ROOT, WATER, code_of, contents, error_of, refusal, refused
 from scipy.stats import kstest
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian
@@ -171,3 +177,82 @@ def test_only_what_this_machine_compiled_itself_is_unpickled():
     words = r"\b(import|from) (pickle|cloudpickle|dill|joblib|shelve|marshal)\b|allow_pickle=True|torch\.load"
     sources = (ROOT / "src").rglob("*.py")
     assert [path.name for path in sources if re.search(words, path.read_text("utf-8"))] == ["cache.py"]
+
+
+# --- damaged and hostile sets, and a disk that is full
+
+
+@pytest.fixture
+def shards(instant, tmp_path) -> Path:
+    generate(PROBLEM, 1100, tmp_path / "set", progress=False)
+    return tmp_path / "set"
+
+
+def stored(name, make):
+    """Instead of the data set `name` a link, or what create_dataset makes of the settings that `make` gives of it."""
+
+    def damage(path):
+        with h5py.File(path, "a") as file:
+            new = make(file[name][:] if name != "status" else file[name].asstr()[:])
+            del file[name]
+            if isinstance(new, dict):
+                file.create_dataset(name, **new)
+            elif new:
+                file[name] = new
+
+    return damage
+
+
+PETABYTE = {"shape": (10**12, 100), "dtype": "f4", "chunks": (10, 100)}
+SHARDS = {  # what is done to one of three files, and the code by which their set is refused
+    "no theta": (stored("theta", lambda kept: None), "dataset."),
+    "theta of a column more": (stored("theta", lambda kept: {"data": np.c_[kept, kept]}), "dataset."),
+    "radius of text": (stored("radius", lambda kept: {"data": kept.astype("S8")}), "dataset."),
+    "radius of another file": (stored("radius", lambda kept: h5py.ExternalLink("other", "radius")), "dataset."),
+    "radius of a petabyte": (stored("radius", lambda kept: PETABYTE), "limits."),
+    "cut short": (lambda path: os.truncate(path, 1000), "dataset.unreadable"),
+    "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "dataset.unreadable"),
+    "in another's place": (lambda path: shutil.copy(path, path.with_name("shard-00001.h5")), "dataset.shape"),
+}
+
+
+@pytest.mark.parametrize("name", SHARDS)
+def test_broken_shard(shards, name):
+    damage, code = SHARDS[name]
+    damage(shards / "shard-00000.h5")
+    said = error_of(load, shards)
+    assert said.code.startswith(code)
+    assert "shard-" in str(said)
+
+
+def test_a_set_that_does_not_fit_is_refused_before_it_is_made(instant, tmp_path, monkeypatch):
+    said = error_of(generate, PROBLEM, 10**12, tmp_path, progress=False)
+    assert (said.code, list(tmp_path.iterdir())) == ("dataset.size", [])
+    error_of(generate, PROBLEM, 10**40, tmp_path, progress=False)
+    generate(PROBLEM, 20, tmp_path / "small", progress=False)
+    with monkeypatch.context() as full:  # what is there needs no space again
+        full.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+        assert generate(PROBLEM, 20, tmp_path / "small", progress=False).simulated == 0
+
+
+@pytest.fixture
+def small(tmp_path) -> Path:
+    (tmp_path / "small.toml").write_text(RIGHT.replace("n = 100", "n = 20").replace("width = 16", "width = 8"))
+    return tmp_path / "small.toml"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+@pytest.mark.parametrize("most", [0, 3000])
+def test_a_full_disk(small, tmp_path, most):
+    """HDF5 itself would end the process."""
+    import resource
+
+    PROBLEM.simulate_many([[-2.0, 5.0]])  # what is compiled is kept before the disk is full
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+
+    words = [sys.executable, "-m", "cavirheo", "generate", small, "-o", tmp_path / "data", "-n", "20"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=limit)
+    refusal((done.returncode, done.stdout, done.stderr))
+    assert list((tmp_path / "data").iterdir()) == []

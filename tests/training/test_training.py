@@ -1,15 +1,18 @@
-"""Training: it learns, it resumes exactly, and what is exported is what was trained."""
+"""Training: it learns, it resumes exactly, and what is exported is what was trained; networks and recipes that are
+damaged or hostile are refused in one line."""
 
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
-from broken_recipes import RIGHT
+from broken_models import BROKEN, FRAMES, sound
+from broken_recipes import RECIPES, RIGHT
 from conftest import ROOT, code_of, error_of
 
 from cavirheo.inference.bdt import network_of
 from cavirheo.inference.cards import card as read_card
+from cavirheo.inference.cards import path_of, shipped
 from cavirheo.inference.emulator import emulator
 from cavirheo.inference.problem import TrainingProblem
 from cavirheo.training.dataset import generate, load
@@ -35,6 +38,36 @@ lr = 0.1
 [export]
 name = "tiny"
 """
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_model(tmp_path, name):
+    code, write = BROKEN[name]
+    path = write(tmp_path)
+    assert code_of(lambda: network_of(str(path))(np.ones((1, FRAMES)))) == code
+
+
+def test_a_model_is_named_by_its_file_or_its_folder(tmp_path):
+    path = sound(tmp_path)
+    np.savez(tmp_path / "test.npz", inputs=np.ones(3))  # without a card: it is none
+    assert path_of(str(tmp_path)) == path_of(str(path)) == path
+    assert np.isfinite(network_of(str(tmp_path))(np.ones((2, FRAMES)))).all()
+    for name in ("honey", "network.onnx", str(tmp_path / "nowhere"), ""):
+        assert code_of(path_of, name) == "model.unknown"
+    assert code_of(network_of, "emulator") == code_of(emulator, str(path)) == "model.kind"
+
+
+def test_shipped_networks_are_those_of_their_cards():
+    for name, path in shipped().items():
+        read = emulator if read_card(path)["kind"] == "emulator" else network_of
+        assert read(name).sha256 == read_card(path)["weights"]["sha256"]
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_broken_recipe(tmp_path, name):
+    content, named = RECIPES[name]
+    (tmp_path / "r.toml").write_bytes(content)
+    assert named in str(error_of(read_recipe, tmp_path / "r.toml")).removeprefix(str(tmp_path))
 
 
 @pytest.fixture
