@@ -1,7 +1,7 @@
 """Curves of known truth, and answers that are not computed, for tests of what is done with answers."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,6 @@ from conftest import messages
 
 import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, load, simulate
-from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
 from cavirheo.posterior import Checks, Evidence
 from cavirheo.reporting import result, write_report
@@ -21,17 +20,6 @@ COMMAND = "cavirheo infer shots.mat -o out"
 CENTRE = np.array([3.8, -1.4])  # log10 of 6.3 kPa and 0.04 Pa s
 FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
 GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
-
-
-@dataclass(frozen=True)
-class KnownAnalysis(Analysis):
-    """`of(curve)` is the answer."""
-
-    of: Callable[[RadiusCurve], Posterior] | None = None
-
-    def answer(self, curve: RadiusCurve, **_: Any) -> Posterior:
-        assert self.of
-        return self.of(curve)
 
 
 def simulated(material=GEL, *, frames=80, frame=1e-6, noise=0.0, seed=3, within=None, **given) -> RadiusCurve:

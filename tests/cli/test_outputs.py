@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import KnownAnalysis, fit, same, unanswered, with_evidence, written
+from answers import fit, same, unanswered, with_evidence, written
 from conftest import ANSWER, BDT, EXAMPLE, ROOT, code_of, contents, refusal, until
 from files import write_curve
 
 from cavirheo import Posterior, RadiusCurve, infer_many, load, read_curves
+from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads
 from cavirheo.workflow.store import Store, analyse_all
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs, locked_folder
@@ -179,10 +180,10 @@ def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path, answer):
     assert Store(tmp_path).get("nothing") is None
 
 
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer, monkeypatch):
     curves, asked, most = read_curves(EXAMPLE), [], 2
 
-    def of(curve):
+    def of(_, curve, **__):
         if len(asked) == most:
             raise KeyboardInterrupt
         asked.append(curve.name[-2])
@@ -190,8 +191,9 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
 
     def answers(curves, seed=0):
         store = Store(tmp_path / "unfinished")
-        return store, analyse_all(curves, {"": KnownAnalysis(of=of, seed=seed)}, store, Threads(1))[""]
+        return store, analyse_all(curves, {"": Analysis(seed=seed)}, store, Threads(1))[""]
 
+    monkeypatch.setattr(ANSWER, of)
     _, found = answers(curves)
     assert list(found) == [0, 1]
     most = 99
@@ -213,15 +215,11 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
 
 
-def test_a_failed_answer_is_asked_for_again(tmp_path):
+def test_a_failed_answer_is_asked_for_again(tmp_path, monkeypatch):
     asked = []
-
-    def fails(curve):
-        asked.append(curve.name)
-        return unanswered("too little memory")
-
+    monkeypatch.setattr(ANSWER, lambda _, curve, **__: asked.append(curve.name) or unanswered("too little memory"))
     for _ in range(2):
-        analyse_all(read_curves(EXAMPLE)[:1], {"": KnownAnalysis(of=fails)}, Store(tmp_path), Threads(1))
+        analyse_all(read_curves(EXAMPLE)[:1], {"": Analysis()}, Store(tmp_path), Threads(1))
     assert len(asked) == 2
 
 
