@@ -227,7 +227,7 @@ def test_a_failed_answer_is_asked_for_again(tmp_path, monkeypatch):
 def test_ctrl_c_writes_what_was_answered(tmp_path, number):
     curve = read_curves(EXAMPLE)[0]
     for k in range(40):
-        write_curve(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
+        write_curve(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 4e-3 * k)))
     words = [sys.executable, "-m", "cavirheo", "infer", *BDT, ".", "-o", "out"]
     how = {"cwd": tmp_path, "text": True, "stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
     call = subprocess.Popen(words, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **how)
