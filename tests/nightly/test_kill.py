@@ -53,7 +53,7 @@ def test_killed_at_random_moments(tmp_path):
     for place in (whole, folder):
         place.mkdir(parents=True)
         for k in range(SHOTS):
-            write_curve(place / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
+            write_curve(place / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 4e-3 * k)))
     assert call(whole) == 0, (whole.parent / "said").read_text()
     chance, before = random.Random(0), set[str]()
     for _ in range(KILLS):
