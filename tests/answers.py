@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest import messages
 
 import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, load, simulate
@@ -20,6 +19,11 @@ COMMAND = "cavirheo infer shots.mat -o out"
 CENTRE = np.array([3.8, -1.4])  # log10 of 6.3 kPa and 0.04 Pa s
 FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
 GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
+
+
+def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
+    """Messages with a sentence of their own each."""
+    return tuple(Message(code, {"text": text}) for text in texts if text)
 
 
 def simulated(material=GEL, *, frames=80, frame=1e-6, noise=0.0, seed=3, within=None, **given) -> RadiusCurve:

@@ -17,7 +17,6 @@ import pytest
 
 from cavirheo import Bubble, InputError, Medium, verbs
 from cavirheo.inference.problem import TrainingProblem
-from cavirheo.messages import Message
 from cavirheo.prior import Prior
 
 LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}
@@ -36,11 +35,6 @@ NEEDED = {  # a library of an extra, and the files of tests that need it
 collect_ignore_glob = [glob for name, globs in NEEDED.items() if not find_spec(name) for glob in globs]
 if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
     collect_ignore_glob += ["meta/test_document*.py", "meta/test_site.py"]
-
-
-def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
-    """Messages with a sentence of their own each."""
-    return tuple(Message(code, {"text": text}) for text in texts if text)
 
 
 def slow(*case: object, **about: Any) -> Any:

@@ -12,7 +12,6 @@ DOUBTED = {  # verdicts that are right, and a code that the messages of group or
     "mixed": ({"check_input"}, "group.doubt.heaps"),
     "double_big": ({"does_not_fit", "check_input"}, "misfit.rms"),
     "ellipse": ({"does_not_fit", "check_input"}, "misfit.systematic"),
-    "savgol7": ({"check_input"}, "check_input.smoothed"),
 }
 
 

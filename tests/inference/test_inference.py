@@ -15,7 +15,6 @@ from files import write_curve
 import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, predict_radius, read_curves
 from cavirheo.inference import input_warnings
-from cavirheo.landmarks import RAYLEIGH
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")
 infer_many = partial(cavirheo.infer_many, model="bdt-viscoelastic")
@@ -105,7 +104,7 @@ def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
 def recorded(law, stretch, max_radius=250e-6, *, start=0.0, periods=5.0, frames=80, noise=0.006, seed=0, **bubble):
     """A recording of so many first collapses and frames, from `start` of the first collapse after R_max on."""
     elastic = (2.5 - 2.8 / stretch) * getattr(law, "shear_modulus", 0.0) / WATER.pressure
-    first = RAYLEIGH * WATER.time_scale(max_radius) / np.sqrt(1.0 + elastic)
+    first = 0.9147 * WATER.time_scale(max_radius) / np.sqrt(1.0 + elastic)
     about = {"max_radius": max_radius, "stretch": stretch, "noise": noise, "seed": seed, "within": Bubble(**bubble)}
     curve = simulated(law, time=first * np.linspace(start, periods, frames), **about)
     return RadiusCurve(curve.time, np.maximum(curve.radius, 1e-7))
