@@ -12,6 +12,7 @@ import cavirheo
 from cavirheo import Rig
 from cavirheo.inference import design
 from cavirheo.inference.assumptions import Family
+from cavirheo.reporting import write_report
 
 NORMAL_90 = norm.ppf(0.95)
 NHKV = Family("nhkv")
@@ -104,6 +105,15 @@ def test_what_is_known_is_the_answer_of_the_group(quick):
             cavirheo.design(document_of(pairs))
     usual = document_of([(curve, replace(gel, material="auto"))])  # what infer answers by default
     assert cavirheo.design(usual).known == made.known
+
+
+@pytest.mark.parametrize(("count", "advised"), [(1, True), (2, False)])
+def test_no_design_is_advised_that_would_be_refused(run, tmp_path, count, advised):
+    curve, gel = shot(5e3, 0.05)
+    limits = np.column_stack([np.linspace(1.0, np.log10(2e3), 2000), gel.theta[:, 1]])
+    pairs = [(curve, with_verdict(replace(gel, theta=limits), "bound"))] * count
+    write_report(tmp_path / "result", pairs, document_of(pairs), draw=False)
+    assert ("next  cavirheo design" in done(run("show", "result"))) == advised
 
 
 RIGS = (

@@ -206,7 +206,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
         return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
-    if group.verdict == "bound":
+    if group.verdict == "bound" and (len(shots) == 1 or group.population.has_material):
         law = "newtonian" if _settled(group).get("liquid", False) else group.population.model.partition(",")[0]
         more = [] if law in ("auto", "nhkv") else ["--material", law]
         more += ["--group", group.name] if len(result.groups) > 1 else []
