@@ -234,6 +234,7 @@ def test_the_scale_and_the_rate_that_a_stack_states(tmp_path, name):
     found = read(tmp_path / "a.tif")
     assert np.array_equal(found.frames, frames)
     assert (found.um_per_px, found.frame_rate) == (scale and pytest.approx(scale), rate and pytest.approx(rate))
+    assert found.notes == (("the file states 4 um per pixel",) if scale else ())  # true also where the user gives it
 
 
 def test_parts_of_a_recording(folder, whole):

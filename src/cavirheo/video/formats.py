@@ -188,7 +188,7 @@ def _read_stack(path: Path) -> Footage:
             kinds = f"a stack along {' and '.join(several)} (T: times, C: channels, Z: depths)"
             raise InputError(f"{kinds}: save one channel and one depth alone", "video.stack")
         notes = [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
-        notes += [f"{scale:.4g} um per pixel, as the file states"] if scale else []
+        notes += [f"the file states {scale:.4g} um per pixel"] if scale else []
         try:
             one_page = (file.imagej_metadata or {}).get("images", 1) > len(file.pages)  # large stacks of ImageJ
             images = file.asarray() if one_page else _join_frames(_grey(page.asarray()) for page in file.pages)
