@@ -94,5 +94,5 @@ run("cavirheo cite gel", shell=True, check=True)
 
 # %% [markdown]
 # ## Your own gel
-# Put the density of your gel into the command (`--density`): 2 % of it change G by about 1 kPa.
+# Put the density of your gel into the command (`--density`): 2 % of it change this G by 1.5 kPa.
 # Then read [how far an answer can be trusted](../../docs/how-far.md).

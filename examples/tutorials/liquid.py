@@ -39,7 +39,7 @@ run("cavirheo infer liquid.csv --material newtonian -o liquid", shell=True, chec
 # %% [markdown]
 # Each row has the median of µ and its 90 % interval.
 # The interval of each shot holds 0.06 Pa s, or should in nine of ten cases.
-# The last row is mean ± standard deviation of the shots.
+# The line below the rows is µ of the material, with the errors of scale and frame rate that all shots share.
 #
 # ## And with the wrong law?
 # The law of a gel, `nhkv`, contains the liquid as a limit, with G = 0; here is the first shot with it.
