@@ -315,9 +315,10 @@ class Posterior:
     def to_arviz(self) -> Any:
         """The draws as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on): "posterior" holds the
         parameters in natural units (attribute "units"), one chain of draws of equal weight, which are resampled
-        systematically by their weights. Raises InputError without arviz."""
+        systematically by their weights. Raises InputError: a failed answer has no draws, or arviz is missing."""
+        self._require_draws(1)
         count = len(self.theta)
-        equal = at_levels(self.weights, (np.arange(count) + 0.5) / max(count, 1))
+        equal = at_levels(self.weights, (np.arange(count) + 0.5) / count)
         draws = {name: self.draws(name)[equal] for name in self.parameters}
         return export.inference_data(draws, self.parameters, self._attributes)
 
@@ -333,13 +334,17 @@ class Posterior:
 
         names: of the parameters; default: those of the law that are not exactly 0 in most draws, and the stretch.
         Raises InputError: a point answer or a failed one has no draws, no such parameter, or corner is missing."""
-        if len(self.theta) < 2:
-            raise InputError(f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
+        self._require_draws(2)
         usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
         chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
         draw: Any = resolve_name("cavirheo.reporting.figure.corner_figure")
         figure: Figure = draw({name: self.draws(name) for name in chosen}, self.weights)
         return figure
+
+    def _require_draws(self, least: int) -> None:
+        if len(self.theta) < least:
+            why = "failed" if self.checks.verdict == "failed" else f"is one value, by {self.method}"
+            raise InputError(f"the answer has no draws, for it {why}", "posterior.no_draws", self.name)
 
     @property
     def _attributes(self) -> dict[str, str]:

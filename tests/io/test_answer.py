@@ -40,6 +40,7 @@ def test_draws_have_natural_units_and_their_weights(posterior):
     assert data["posterior"]["shear_modulus"].dims == ("chain", "draw")
     counts = [np.count_nonzero(data["posterior"]["stretch"].values == value) for value in posterior.theta[:, 1]]
     assert np.max(np.abs(counts - 900 * posterior.weights)) <= 1.0  # resampled by their weights
+    assert code_of(posterior.without_draws().to_arviz) == "posterior.no_draws"
 
 
 @pytest.mark.parametrize(("name", "method"), [("pandas", "to_dataframe"), ("arviz", "to_arviz")])
@@ -84,7 +85,7 @@ def test_answers_are_a_table_in_which_a_bound_is_no_median():
     assert pandas.isna(frame["viscosity_Pa_s"][1])
     assert frame["shear_modulus_Pa"].count() == 2
     assert frame["verdict"].tolist() == ["ok", "ok", "failed"]
-    for wrong, code in ([known], "posterior.no_curve"), (["gel"], "input.type"):
+    for wrong, code in ([known], "posterior.no_curve"), (["gel"], "input.type"), (known, "input.type"):
         assert code_of(table, wrong) == code
 
 

@@ -6,7 +6,7 @@ setting would tell; this module averages it, counts the shots that are needed, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import NORMAL_90, Floats
-from cavirheo.errors import InputError, expect_whole, listed, require
+from cavirheo.errors import InputError, as_path, expect, expect_whole, listed, require
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.design import (
     MOST_SHOTS,
@@ -69,6 +69,8 @@ class Rig:
         medium(self.medium)
         Options(bubble=bubble_of(self.bubble))
         radii = self.max_radius
+        expect(radii, Sized, "max_radius=(low, high) in m")
+        expect(self.frame_rate, Sized, "a list of frame rates, frame_rate=[1e6] in 1/s")
         if len(radii) != 2 or not 0 < radii[0] <= radii[1]:
             message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
             raise InputError(message, "design.max_radius")
@@ -325,7 +327,8 @@ def _known_by(known: Result | str | Path, group: str | None, family: Family) -> 
     """The answer of a group of a result. Raises InputError: no group has one by this law or the default model, with
     intervals or bounds of all parameters of the law; or several have."""
     if not isinstance(known, Result):
-        known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known, Result)
+        path = as_path(known)
+        known = read_json(path / "result.json" if path.is_dir() else path, Result)
     usual = family.bounds(started=True)
     found = list[tuple[Known, str]]()
     for record, rows in known.rows_by_group():

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, as_numbers
-from cavirheo.errors import InputError, SolverError, brief, expect_whole, require
+from cavirheo.errors import InputError, SolverError, brief, expect, expect_whole, require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
 from cavirheo.inference.experiment import Experiment
@@ -51,6 +51,7 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
     Raises InputError: an answer without draws or curve, a time that is not finite, a level outside 0 to 1, fewer than
     two draws; SolverError: more than half of the draws cannot be simulated.
     """
+    expect(posterior, Posterior, "an answer of infer or fit")
     time = as_numbers("time", time)
     fine = time.ndim == 1 and len(time) > 0 and bool(np.all(np.isfinite(time)))
     require(fine, f"times must be one row of finite numbers, got {brief(time.tolist())}", "curve.time")

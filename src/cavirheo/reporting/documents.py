@@ -123,9 +123,11 @@ def table(answers: Sequence[Posterior]) -> Any:
     Raises:
         InputError: no answers, an answer without its curve, or pandas is missing.
     """
+    expected = "a list of answers of infer_many or fit_many"
+    expect(answers, Iterable, expected)
     rows = []
     for answer in answers:
-        expect(answer, Posterior, "a list of answers of infer_many or fit_many")
+        expect(answer, Posterior, expected)
         if answer.curve is None:
             message = "an answer has no curve to name its row: set one, dataclasses.replace(answer, curve=curve)"
             raise InputError(message, "posterior.no_curve")

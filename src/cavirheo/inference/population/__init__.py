@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -68,6 +68,7 @@ def population(
     Raises:
         InputError: no answers, or names of another length.
     """
+    expect(answers, Iterable, "a list of answers of infer_many or fit_many")
     own = list(answers)
     for answer in own:
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
