@@ -2,6 +2,7 @@
 check, each against closed forms or the solver."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_t, norm
 from threadpoolctl import threadpool_limits
 
-from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
+from cavirheo import Bubble, InputError, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
 from cavirheo.inference.answer import REJECTED, open_ends, predictive_check, trades
 from cavirheo.inference.assumptions import FREE, Family, Options
 from cavirheo.inference.emulator import INPUTS, RADII, RATES, Bubbles, Camera, elastic_stress, emulator, mean_viscosity
@@ -91,6 +92,29 @@ def test_the_emulator_is_told_the_viscosity_that_the_solver_uses(law):
     for row, parameters, rate in zip(viscosity, x, rates, strict=True):
         expected = -look_up(table_of(family.material(parameters)), rate)[0] / (4.0 * rate)
         assert row == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("law", ["oldroyd-b", "carreau-yasuda"])
+def test_materials_that_cannot_be_have_no_frames_whoever_is_beside_them(law):
+    family, rng = Family(law), np.random.default_rng(1)
+    x = rng.uniform(*family.bounds().T, (40, len(family.parameters)))
+    possible = np.ones(40, dtype=bool)
+    for i, place in enumerate(x):
+        with suppress(InputError):
+            family.material(place)
+            continue
+        possible[i] = False
+
+    def frames(places):
+        ones, zeros = np.ones(len(places)), np.zeros(len(places))
+        sizes = 2e-4 * ones, 7.0 * ones, 0.1 * ones
+        bubbles = Bubbles(family.material(places), WATER, *sizes, zeros, zeros, zeros, ones, ones)
+        camera = Camera(np.linspace(0.0, 6e-5, 9), np.zeros(1), np.ones(1), zeros)
+        return np.isfinite(emulator().radius(bubbles, camera)).all(axis=1)
+
+    assert 0 < np.count_nonzero(possible) < 40
+    assert np.array_equal(frames(x), possible)
+    assert np.array_equal([frames(x[[i]])[0] for i in range(40)], possible)
 
 
 def test_the_emulator_follows_the_solver():

@@ -353,7 +353,7 @@ class CarreauYasuda(_Thinning):
     def __post_init__(self) -> None:
         super().__post_init__()
         thins = np.less_equal(self.exponent, 1) | np.greater_equal(self.zero_rate, self.infinite_rate)
-        if not np.any(thins):  # of many materials at once, if all are such
+        if np.ndim(thins) == 0 and not thins:  # of many materials at once, such ones have no frames
             rates = f"with an exponent above 1, got {self.exponent!r}, zero_rate must not be below infinite_rate, got "
             why = f"{rates}{self.zero_rate!r} and {self.infinite_rate!r} Pa s: the viscosity would become negative"
             raise InputError(why, "physics.negative_viscosity")

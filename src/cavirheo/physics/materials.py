@@ -133,15 +133,17 @@ class OldroydB(Material):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.retardation_time > self.relaxation_time:
+        slower = np.greater(self.retardation_time, self.relaxation_time)
+        if np.ndim(slower) == 0 and slower:  # of many materials at once, such ones have no frames
             both = f"{self.retardation_time!r} and {self.relaxation_time!r} s"
             why = f"the retardation time must not exceed the relaxation time, got {both}"
             raise InputError(why, "physics.retardation_time")
 
     def parts(self) -> Parts:
-        solvent = Newtonian(self.viscosity * self.retardation_time / self.relaxation_time)
-        share = 1 - self.retardation_time / self.relaxation_time
-        return Parts(None, solvent, (UpperConvectedMaxwell(self.viscosity * share, self.relaxation_time),))
+        ratio = self.retardation_time / self.relaxation_time
+        share: Any = 1 - ratio if np.ndim(ratio) == 0 else np.where(ratio <= 1, 1 - ratio, np.nan)
+        arm = UpperConvectedMaxwell(self.viscosity * share, self.relaxation_time)
+        return Parts(None, Newtonian(self.viscosity * ratio), (arm,))
 
 
 @dataclass(frozen=True)

@@ -153,9 +153,10 @@ def _fitting(clauses: Sequence[str]) -> str:
 def _say(label: str, text: str, *, style: str = "", most: int = 1) -> None:
     """Print a label and a text in at most `most` lines of the terminal, broken between words; a single line is not
     broken."""
-    lines = terminal.lines_of(text, _width() - _LABEL, most) if most > 1 else [text]
+    head = f"{label} ".ljust(_LABEL)
+    lines = terminal.lines_of(text, _width() - len(head), most) if most > 1 else [text]
     for k, line in enumerate(lines):
-        _print([((label if k == 0 else "").ljust(_LABEL), "bold"), (line, style)])
+        _print([(head if k == 0 else " " * len(head), "bold"), (line, style)])
 
 
 def _print(parts: Sequence[tuple[str, str]]) -> None:
