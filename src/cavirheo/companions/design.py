@@ -178,6 +178,7 @@ def print_table(document: Design) -> None:
         for setting in document.settings
     ]
     terminal.print_table(heads, rows, title=title, bold=document.next)
+    terminal.print_remarks({}, document.notes)
     for line in document.sentences:
         terminal.print_text(line, style="bold")
 
@@ -227,6 +228,7 @@ def design(
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
         command="cavirheo.design",
+        notes=list(before.doubts),
         material=rig.material,
         bubble=bubble,
         medium=medium(rig.medium),
@@ -289,11 +291,12 @@ def _row(
 class Known(NamedTuple):
     """What is known of a material. ends: log10 of the ends of an even distribution of each parameter of the law, then
     of the stretch. spreads: (l,) standard deviation of the shots about the material, decades. shots: on which this is
-    based."""
+    based. doubts: why this is doubtful."""
 
     ends: dict[str, Floats]
     spreads: Floats
     shots: int
+    doubts: Sequence[str] = ()
 
 
 def _known(known: Result | str | Path | None, group: str | None, family: Family, given: dict[str, Floats]) -> Known:
@@ -341,7 +344,8 @@ def _known_by(known: Result | str | Path, group: str | None, family: Family) -> 
             stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
             both["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])
             spreads = [answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in family.parameters]
-            found.append((Known(both, np.array(spreads), answer.n - len(answer.outliers)), record.name))
+            doubts = [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
+            found.append((Known(both, np.array(spreads), answer.n - len(answer.outliers), doubts), record.name))
     names = ", ".join(name for _, name in found) or ", ".join(record.name for record in known.groups)
     if not found:
         message = f"no answer of {family.name} with intervals for {group or 'any group'} (groups: {names})"

@@ -41,6 +41,7 @@ class Compare(options.Verb):
         path = self.result / "result.json" if self.result.is_dir() else self.result
         outputs = run.outputs(self.out, *DOCUMENTS, inputs=[path, *self.references])
         head = run.document_fields | {"notes": [*run.notes, *answers.notes]}
+        head["command"] = f"{answers.command}; {run.command}"  # `cite` quotes what made the answers, too
         document = Result(**vars(answers) | head)
         document.add_published(by_group([group.name for group in document.groups], sets))
         write_documents(outputs, [], document, draw=False)
@@ -157,5 +158,6 @@ class Design(options.Verb, settings.Liquid, settings.BubbleOptions):
         with run.progress_bar("answering", len(rig.settings()) * DRAWS) as advance:
             how: dict[str, Any] = {"wanted": 0.01 * self.wanted_percent, "seed": self.seed, "done": advance}
             document = design(self.result, rig, group=self.group, ranges=ranges, **how)
-        run.write_document(outputs, document.model_copy(update=run.document_fields))
+        fields = run.document_fields | {"notes": [*run.notes, *document.notes]}
+        run.write_document(outputs, document.model_copy(update=fields))
         run.end(f"written to {self.out}")
