@@ -49,8 +49,8 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     expect(kind, type, "a class such as Result, of cavirheo.reporting.record")
     loaded = _load(path)
     if not isinstance(loaded, kind):
-        message = f"{path} is a {type(loaded).__name__}, not a {kind.__name__}: give another file"
-        raise InputError(message, "loading.kind")
+        wanted = kind.model_fields["kind"].default if issubclass(kind, Document) else kind.__name__
+        raise InputError(f"{path} is a {loaded.kind}, not a {wanted}: give another file", "loading.kind")
     return loaded
 
 
