@@ -252,7 +252,7 @@ def _same_recording(first: RadiusCurve, second: RadiusCurve) -> bool:
         return (first.source, first.name, first.unusable) == (second.source, second.name, second.unusable)
     both = np.stack([first.radius, second.radius])
     interval = (first.time[-1] - first.time[0]) / len(first.time)
-    apart = np.abs(np.diff(both, axis=0)) > ROUNDED * np.nanmax(both)
+    apart = np.abs(np.diff(both, axis=0)) > ROUNDED * np.nanmax(both, initial=0.0)
     late = np.abs(first.time - second.time) > ROUNDED_TIME * interval
     return np.array_equal(*np.isnan(both)) and not np.any(apart) and not np.any(late)
 

@@ -199,7 +199,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     if group.verdict == "does_not_fit" or (misfits and codes) or not {*codes}.isdisjoint(_OF_MODEL):
         return f"cavirheo which-law {_files(misfits or shots, 2)}   (whether another law follows them)"
     if codes:
-        return f"look at {out / 'report.html'}   (which shots lie apart)"
+        return f"look at the shots in {out / 'report.html'}   (which of them lie apart)"
     if group.verdict == "unverified":
         return f"cavirheo infer {_files(shots, 2)}"
     limited = _settled(group).get("liquid", False) and not group.population.viscosity.bound

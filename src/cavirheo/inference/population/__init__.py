@@ -74,6 +74,8 @@ def population(
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
     require(bool(own), "a population needs answers of shots, got none", "population.none")
     expect_whole(seed, "seed", 0, "option.seed")
+    errors = CommonErrors() if errors is None else errors
+    expect(errors, CommonErrors, "CommonErrors(scale=0.02), or none")
     shots = _shot_names(own) if names is None else list(names)
     require(len(shots) == len(own), f"names must have one entry for each of the {len(own)} answers", "population.names")
     shared = share_switches(own, only_trusted=only_trusted)
@@ -87,7 +89,7 @@ def population(
         shots=tuple(shots[i] for i in likelihoods),
         left_out=left_out,
         switches=shared.switches,
-        errors=errors or CommonErrors(),
+        errors=errors,
     )
     if counted and shared.liquid_possible:
         empty = replace(empty, modulus_limit=_modulus_limit(counted, shared.modulus_limit, empty.errors))
