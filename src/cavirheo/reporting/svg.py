@@ -19,6 +19,7 @@ SIZE = (480.0, 300.0)  # px of a picture as the report shows it
 SHOT_SIZE = (380.0, 218.0)  # px of the picture of a shot among others
 GROUP_SIZE = (400.0, 340.0)  # px of each of the two pictures of a group
 _MOST_DOTS = 320  # most dots of a layer
+_CELL = 4 * PX  # of a line that is drawn by one point
 _LEFT, _RIGHT, _BOTTOM = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
 _ROW = 17 * PX  # height of a line of text
 _TONES = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]])  # dark blue, grey, yellow: grey prints keep the order
@@ -64,14 +65,15 @@ class Frame:
                 yield layer.look, self._path(layer), "" if layer.tone is None else _colour_of(layer.tone)
 
     def _path(self, layer: Layer) -> str:
-        """Path with a dot for each point, or for every k-th of many; or of a line, without the points that lie in the
-        pixel of the one before."""
+        """Path with a dot for each point, or for every k-th of many; or of a line, with its turns and a point for each
+        _CELL that it crosses."""
         across, down = self.across(layer.x), self.down(layer.y)
         if layer.shape == "dots":
             every = max(-(-len(across) // _MOST_DOTS), 1)
             return f"M{'zm'.join(_steps(across[::every], down[::every]))}z"
-        moves = np.diff(np.rint(np.stack([across, down]) / PX), prepend=np.nan)
-        kept = np.any(moves != 0.0, axis=0)
+        moves = np.diff(np.rint(np.stack([across, down]) / _CELL), prepend=np.nan)
+        turns = np.pad(np.diff(np.sign(np.diff(down))) != 0.0, 1, constant_values=True)
+        kept = np.any(moves != 0.0, axis=0) | turns
         first, *steps = _steps(across[kept], down[kept])
         return f"M{first}l{' '.join(steps)}{'z' if layer.shape == 'area' else ''}"
 
