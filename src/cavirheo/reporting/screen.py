@@ -25,13 +25,15 @@ _MOST_LINES = 3  # of the terminal, for each label below the shots
 def print_result(
     result: Result, *, out: Path = Path(), every_shot: bool = False, printed_notes: Collection[str] = ()
 ) -> None:
-    """Print the shots and the answer of each group. out: folder of the run, for the next command. every_shot: a row for
-    each shot, not for exceptions alone. printed_notes: notes that were already printed on stderr."""
+    """Print the laws that were compared, the shots and the answer of each group. out: folder of the run, for the next
+    command. every_shot: a row for each shot, and all that is known of each law, not exceptions and the best law alone.
+    printed_notes: notes that were already printed on stderr."""
     notes = [note for note in result.notes if note not in printed_notes]
     for note in notes[:MOST_NOTES]:
         _say("note", note)
     if len(notes) > MOST_NOTES:
         _say("note", f"{digits.counted(len(notes) - MOST_NOTES, 'more note')} in the report")
+    _print_laws(result, every_pair=every_shot)
     singles = [(group, shots[0]) for group, shots in result.rows_by_group() if len(shots) == 1]
     for group, shots in result.rows_by_group():
         if len(shots) > 1:
@@ -55,16 +57,10 @@ def print_result(
 
 
 def print_all(result: Result, *, out: Path = Path()) -> None:
-    """Print all messages, the laws that were compared, and the result with a row for each shot. A
-    shot is called by what distinguishes it."""
+    """Print all messages, and the result with a row for each shot. A shot is called by what distinguishes it."""
     names = digits.distinct_names([row.name for row in result.curves])
     rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
     terminal.print_remarks(curves_by_message(rows))
-    for group in result.groups:
-        if group.laws:
-            title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {group.laws.TITLE}"
-            terminal.print_table(group.laws.HEADS, group.laws.rows, title=title)
-            terminal.print_remarks({}, group.laws.sentences)
     terminal.print_remarks({}, [row.words for row in result.differences])
     print_result(result, out=out, every_shot=True)
 
@@ -77,6 +73,16 @@ def print_line(record: CurveRecord) -> None:
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
     line = f"  {record.name}: {', '.join(parts) if record.has_answer else record.message}"
     _print([(record.verdict_in_words, digits.VERDICT_STYLES[record.verdict].terminal), (line, "")])
+
+
+def _print_laws(result: Result, *, every_pair: bool) -> None:
+    """Print the laws that were compared for each group, and how strongly the evidence prefers the best one to the next;
+    or all that is known of each law."""
+    for group in result.groups:
+        if group.laws:
+            title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {group.laws.TITLE}"
+            terminal.print_table(group.laws.HEADS, group.laws.rows, title=title)
+            terminal.print_remarks({}, group.laws.sentences if every_pair else group.laws.sentences[:1])
 
 
 def _width() -> int:

@@ -48,7 +48,7 @@ class _ReportVerb(options.MeasuredFiles):
         from cavirheo.reporting import DOCUMENTS, write_documents
         from cavirheo.reporting.documents import result
         from cavirheo.reporting.record import group_names
-        from cavirheo.reporting.screen import print_all, print_result
+        from cavirheo.reporting.screen import print_result
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import UNFINISHED, Store, analyse_all
 
@@ -83,8 +83,8 @@ class _ReportVerb(options.MeasuredFiles):
         if interrupted:
             run.end_interrupted(note, self.out / "result.json")
         store.remove_used()
-        rows = partial(print_result, every_shot=self.every_shot, printed_notes=run.printed_notes)
-        run.show(document, partial(print_all if laws else rows, out=self.out))
+        table = partial(print_result, every_shot=self.every_shot, printed_notes=run.printed_notes)
+        run.show(document, partial(table, out=self.out))
         undecided = any(not compared.chosen for compared in laws.values())
         failed = has_problems(document) or undecided
         run.end(digits.counted(len(curves), "curve"), failed, f"; report: {self.out / 'report.html'}")
