@@ -8,7 +8,8 @@ solver before it is needed: `--help` is quick.
 
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 from typer import Argument, BadParameter, Option
 
@@ -37,23 +38,36 @@ def option(help: str, panel: str | None = None, *names: str, **keywords: Any) ->
 
 
 class Number:
-    """Reads a number or one of `words`; without words, a number above 0."""
+    """Reads a finite number in a range, or one of `words`."""
 
-    def __init__(self, *words: str, kind: type[Any] = float) -> None:
+    def __init__(
+        self, *words: str, kind: type[Any] = float, above: float = -inf, least: float = -inf, most: float = inf
+    ) -> None:
         self.words = words
         self.kind = kind
-        self.__name__ = "|".join((kind.__name__, *words))
+        self.above = above
+        self.least = least
+        self.most = most
+
+    @property
+    def range(self) -> str:
+        """The range in words."""
+        if self.above > -inf:
+            return f" above {self.above:g}" + (f", up to {self.most:g}" if self.most < inf else "")
+        if self.least > -inf:
+            return f" from {self.least:g} " + (f"to {self.most:g}" if self.most < inf else "up")
+        return ""
 
     def read(self, value: Any, name: str = "the value") -> Any:
         """The number of a text or a number. Raises InputError, which names it."""
         if value in self.words:
             return value
-        with suppress(TypeError, ValueError):
+        with suppress(TypeError, ValueError, OverflowError):
             number = self.kind(value) if isinstance(value, str) else value
-            if self.words or number > 0:
+            if isfinite(number) and self.above < number and self.least <= number <= self.most:
                 return number
         kind = "a whole number" if self.kind is int else "a number"
-        expected = f"{kind} or {' or '.join(map(repr, self.words))}" if self.words else f"{kind} above 0"
+        expected = " or ".join([kind + self.range, *map(repr, self.words)])
         comma = ": use a decimal point, and no mark between thousands" if "," in str(value) else ""
         raise InputError(f"{name} must be {expected}, got {brief(value)}{comma}", "option.number")
 
@@ -65,16 +79,20 @@ class Number:
             raise BadParameter(error.message) from None
 
 
-def number(help: str, panel: str | None = None, *words: str, **keywords: Any) -> Any:
-    parser = Number(*words, **keywords)
-    return option(help, panel, parser=parser, metavar=f"<{parser.__name__}>")
+def number(
+    help: str, panel: str | None = None, *names: str, words: tuple[str, ...] = (), metavar: str = "", **domain: Any
+) -> Any:
+    """Return an option that is a `Number` of these words and this domain."""
+    parser = Number(*words, **domain)
+    kinds = "|".join([parser.kind.__name__ + parser.range, *words])
+    return option(help, panel, *names, parser=parser, metavar=metavar or f"<{kinds}>")
 
 
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
 _LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid  [default: auto]"
 _FPS = "frames per second, of videos and of tables that number their frames"
-Fps = Annotated[Any, number(_FPS)]
-UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels")]
+Fps = Annotated[Any, number(_FPS, above=0)]
+UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels", above=0)]
 Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]
 Shots = Annotated[str | None, option("shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
 _GROUP = "shots of one material; name: soft_1, soft_2 are soft; auto: those of a file, or all files of one shot"
@@ -85,12 +103,14 @@ ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower 
 _WALL = "um to one rigid wall, instead of --confinement-inertia"
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
-Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
+Seed = Annotated[int, number("of the random draws of the intervals", INTERVAL, kind=int, least=0)]
 _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
-ExposureUs = Annotated[Any, number(_EXPOSURE, INPUT)]
+ExposureUs = Annotated[Any, number(_EXPOSURE, INPUT, above=0)]
 _CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damping and inertia of walls; field: equilibrium, unbounded"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
+_DAMPING = "2 pi (R_max^2/A) c/U_c of a tube around it"
+_FREE = ("free",)
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 
 
@@ -105,11 +125,11 @@ class Liquid:
 
     trust_input: TrustInput = False
     medium: Annotated[str | None, option(_MEDIUM)] = None
-    density: Annotated[float | None, number("density of the liquid or gel, kg/m3", MATERIAL)] = None
-    sound_speed: Annotated[float | None, number("m/s", MATERIAL)] = None
-    surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
-    pressure: Annotated[float | None, number("pressure far from the bubble, Pa", MATERIAL)] = None
-    temperature: Annotated[float | None, number("temperature far from the bubble, K", MATERIAL)] = None
+    density: Annotated[float | None, number("density of the liquid or gel, kg/m3", MATERIAL, above=0)] = None
+    sound_speed: Annotated[float | None, number("m/s", MATERIAL, above=0)] = None
+    surface_tension: Annotated[float | None, number("N/m", MATERIAL)] = None
+    pressure: Annotated[float | None, number("pressure far from the bubble, Pa", MATERIAL, above=0)] = None
+    temperature: Annotated[float | None, number("temperature far from the bubble, K", MATERIAL, above=0)] = None
 
     @property
     def liquid(self) -> "Medium":
@@ -131,11 +151,11 @@ class BubbleOptions:
     """Options for the bubble: a named one, and values that replace those of the named one."""
 
     contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(_CONTENTS, BUBBLE)] = None
-    accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
-    confinement_damping: Annotated[Any, number("2 pi (R_max^2/A) c/U_c of a tube around it", BUBBLE, "free")] = None
-    confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, "free")] = None
-    wall_distance_um: Annotated[float | None, option(_WALL, BUBBLE)] = None
-    vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, "free")] = None
+    accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, words=_FREE)] = None
+    confinement_damping: Annotated[Any, number(_DAMPING, BUBBLE, words=_FREE)] = None
+    confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, words=_FREE)] = None
+    wall_distance_um: Annotated[float | None, number(_WALL, BUBBLE)] = None
+    vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, words=_FREE)] = None
     bubble: Annotated[Literal["real", "field"] | None, option(_BUBBLE)] = None
     damage: Annotated[Literal["none", "strain"], option("softening of the gel", BUBBLE)] = "none"
 
@@ -167,13 +187,14 @@ class Settings(Liquid, BubbleOptions):
 
     fps: Fps = None
     um_per_px: UmPerPx = None
-    rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
+    rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii", above=0)] = None
     shots: Shots = None
     group: Group = "auto"
     exposure_us: ExposureUs = None
-    stretch: Annotated[Any, number(_STRETCH, None, "plateau", "free")] = None
-    window: Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)] = None
+    stretch: Annotated[Any, number(_STRETCH, words=("plateau", "free"))] = None
+    window: Annotated[Any, number(_WINDOW, INPUT, words=("all",), kind=int)] = None
     seed: Seed = 0
+    exact_law = False  # for verbs without this option
 
     def __post_init__(self) -> None:
         from cavirheo.io.shots import shot_numbers
@@ -203,7 +224,8 @@ class Settings(Liquid, BubbleOptions):
         """The settings of `analysis`. Raises InputError."""
         from cavirheo.inference.analysis import Analysis
 
-        return shared_values(self, Analysis) | {"bubble": self.full_bubble, "medium": self.liquid}
+        options = {"bubble": self.full_bubble, "medium": self.liquid, "discrepancy": not self.exact_law}
+        return shared_values(self, Analysis) | options
 
     @property
     def analysis(self) -> "Analysis":
@@ -221,23 +243,10 @@ class InferOptions(Settings):
     model: Annotated[str, option(_MODEL, INTERVAL)] = "posterior"
     exact_law: ExactLaw = False
 
-    @property
-    def analysis_options(self) -> dict[str, Any]:
-        """As `Settings.analysis_options`."""
-        return super().analysis_options | {"discrepancy": not self.exact_law}
-
 
 def checked(kind: type[Settings], name: str, value: Any) -> Any:
-    """The value of a field that may be typed as a text, with the check of its declaration. Raises InputError, which
-    names the field."""
-    annotation = get_type_hints(kind, include_extras=True)[name]
-    for declaration in annotation.__metadata__:
+    """The value of a field, which may be typed as a text if it is a number. Raises InputError, which names it."""
+    for declaration in get_type_hints(kind, include_extras=True)[name].__metadata__:
         if isinstance(declaration.parser, Number):
             return declaration.parser.read(value, name)
-    if isinstance(value, str) and float in get_args(annotation.__origin__):
-        try:
-            return float(value) if value.strip() else None
-        except ValueError:
-            message = f"{name} must be a number with a decimal point, got {brief(value)}"
-            raise InputError(message, "option.number") from None
     return value

@@ -21,14 +21,13 @@ from distributed import Client, LocalCluster
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
-from cavirheo.workflow.cluster import Workers, _run, check_workers, identity, slurm_cluster
-from cavirheo.workflow.store import Store, analyse_all
+from cavirheo.workflow import Store, Workers, _run, analyse_all, check_workers, identity, slurm_cluster
 
 
 @pytest.fixture(scope="module")
 def workers() -> Iterator[Workers]:
     how = {"processes": False, "n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-    quiet = config.set({"distributed.worker.profile.enabled": False})  # it can stop Python (workflow/cluster.py)
+    quiet = config.set({"distributed.worker.profile.enabled": False})  # it can stop Python (workflow.py)
     with quiet, LocalCluster(**how) as cluster, Client(cluster) as client:
         yield Workers(client)
 

@@ -53,7 +53,8 @@ infer nowhere.csv
 which-law shot.csv --bubble real,field
 fit shot.csv --free clock
 infer shot.csv --surface-tension 0,07 | use a decimal point
-infer shot.csv --scale-error=50 | 50
+infer shot.csv --scale-error 1 --scale-error=50 | from 0 to 20, got '50'
+design --rmax-um 50 3,5 | '3,5': use a decimal point
 compare . --references refs.csv
 simulate -o o
 show

@@ -19,7 +19,7 @@ from files import write_curve
 from cavirheo import Posterior, RadiusCurve, infer_many, load, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads
-from cavirheo.workflow.store import Store, analyse_all
+from cavirheo.workflow import Store, analyse_all
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs, locked_folder
 
 VERBS = {  # what each writes first, and a call that is complete but for -o
@@ -70,6 +70,14 @@ def test_what_is_not_this_runs_is_not_replaced(run, inputs, name):
     yesterday = Claim("cavirheo of yesterday", {"verb": "another"})
     Outputs(yesterday, out, name).write(name, Path.write_text, "answers")
     leaves_all(inputs, run, name, "out", "cavirheo of yesterday", "-o", "--replace")
+
+
+@pytest.mark.parametrize("call", ["generate recipe.toml -n 2", "train recipe.toml d"])
+def test_training_needs_a_folder_without_answers(run, inputs, call):
+    Outputs(CLAIM, inputs / "out", "result.json").write("result.json", Path.write_text, "answers")
+    before = contents(inputs)
+    refusal(run(*call.split(), "-o", "out"), "out holds the answers of another run", "another folder")
+    assert contents(inputs) == before
 
 
 @pytest.mark.parametrize("out", ["/dev/full", "shot.csv/y", "a" * 300, "/proc/x", ""])

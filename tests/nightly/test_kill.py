@@ -13,7 +13,7 @@ from conftest import EXAMPLE
 from files import write_curve
 
 from cavirheo import read_curves
-from cavirheo.workflow.store import Store
+from cavirheo.workflow import Store
 
 SHOTS, KILLS = 12, 8
 OTHERWISE = ("seconds", "source", "group_source")

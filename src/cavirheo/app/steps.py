@@ -20,7 +20,7 @@ from cavirheo.parallel import Threads, cores, run_on_any_core
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import group_pictures, result, write_report
 from cavirheo.reporting.documents import curve_record
-from cavirheo.workflow.store import with_source_of
+from cavirheo.workflow import with_source_of
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST_FILE, short_name
 

@@ -1,18 +1,17 @@
-"""The command line: one file per group of verbs; `options` and `run` are shared by all."""
+"""The command line: one file per group of verbs; `run` is shared by all."""
 
 from __future__ import annotations
 
 import re
 import sys
-from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
 
 import cavirheo
-from cavirheo.errors import InputError, SolverError, brief
+from cavirheo.errors import InputError, SolverError
 from cavirheo.settings import option
-from cavirheo.verbs import companions, curves, documents, histories, machine
+from cavirheo.verbs import companions, curves, histories, simple
 from cavirheo.verbs.run import Command
 from cavirheo.writing.terminal import say, write
 
@@ -20,11 +19,9 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
     (curves, "Infer Watch Fit WhichLaw"),
     (histories, "Measure"),
     (companions, "Design Compare Rheometer CollapseTime"),
-    (documents, "show cite"),
-    (machine, "app"),
-    (histories, "Simulate laws"),
-    (documents, "models"),
-    (machine, "generate train"),
+    (simple, "show cite app"),
+    (histories, "Simulate"),
+    (simple, "laws models generate train"),
 )
 _EXTRAS = {  # libraries that a part of the program needs, and the extra that installs them
     "gradio": "app",
@@ -59,20 +56,6 @@ def _options(
 _command: Any = typer.main.get_command(app)
 
 
-def _given(error: Any, message: str) -> str:
-    """What an error in an option lacks in its message: the value that was given, and that a comma is no decimal
-    point."""
-    options = getattr(getattr(error, "param", None), "opts", ())
-    for word, following in pairwise([*sys.argv[1:], ""]):
-        name, equals, value = word.partition("=")
-        value = value if equals else following
-        if name in options:
-            given = "" if brief(value) in message else f", got {brief(value)}"
-            comma = re.fullmatch(r"[+-]?\d+,\d+", value) and "decimal point" not in message
-            return given + (": use a decimal point" if comma else "")
-    return ""
-
-
 def main() -> None:
     """The command line in this process: errors of the user become one line and exit status 2."""
     try:
@@ -86,7 +69,7 @@ def main() -> None:
             error.show()
         else:
             where = error.ctx.command_path if error.ctx else "cavirheo"
-            say(f"error: {message.rstrip('.')}{_given(error, message)}; see {where} --help")
+            say(f"error: {message.rstrip('.')}; see {where} --help")
         sys.exit(2)
     except ModuleNotFoundError as error:
         library = (error.name or "").partition(".")[0]

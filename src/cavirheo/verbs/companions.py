@@ -1,6 +1,7 @@
-"""`cavirheo compare`, `rheometer`, `collapse-time`, `design`: other methods beside `infer`, and the next experiment."""
+"""`cavirheo compare`, `rheometer`, `collapse-time`, `design`: other methods beside `infer`, and the next experiment.
 
-from __future__ import annotations
+The annotations of options are objects, not text, as in settings.py.
+"""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -8,27 +9,26 @@ from typing import Annotated, Any, Literal
 
 from cavirheo import settings
 from cavirheo.errors import InputError
-from cavirheo.settings import argument, option
-from cavirheo.verbs import options
-from cavirheo.verbs.run import Run, has_problems
+from cavirheo.settings import argument, number, option
+from cavirheo.verbs.run import REFERENCES, Out, Run, Verb, has_problems, numbers
 from cavirheo.writing import digits
 
 _Range = tuple[float, float]
 _Material = Literal["nhkv", "nh", "newtonian"]
 _MODULUS = "range in Pa, if there is no result.json"
 _RESULT = "result.json, or the folder that holds one"
+_WANTED = "wanted half-width of the 90 % interval, % of the value"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder"
 _TIMES = "tables of rmax_um,stretch,t1_us (.csv, .xlsx); a folder"
-_STRETCH = "R_max/R_0 of tables without it"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compare(options.Verb):
+class Compare(Verb):
     """Answers that exist beside published values, with ratios; `infer --references` answers and compares."""
 
     result: Annotated[Path, argument("RESULT", _RESULT, readable=False)]
-    references: Annotated[list[Path], option(options.REFERENCES)]
-    out: options.Out = Path("cavirheo-comparison")
+    references: Annotated[list[Path], option(REFERENCES)]
+    out: Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import by_group, read_sets
@@ -51,44 +51,36 @@ class Compare(options.Verb):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rheometer(options.Verb):
+class Rheometer(Verb):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
-    at: Annotated[float, option("angular frequency of the viscosity G''/omega, rad/s")] = 1.0
-    out: options.Out = Path("cavirheo-rheometer")
+    at: Annotated[float, number("angular frequency of the viscosity G''/omega, rad/s", above=0)] = 1.0
+    out: Out = Path("cavirheo-rheometer")
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import rheometer
 
-        if self.at <= 0:
-            raise InputError(f"--at must be an angular frequency in rad/s, got {self.at!r}")
         files = run.files(self.files)
         outputs = run.outputs(self.out, "rheometer.json", inputs=files)
-        sweeps = []
-        for path in files:
-            try:
-                sweeps += rheometer.read_sweeps(path, self.at)
-            except InputError as error:
-                run.note_unreadable([str(error)])
-        run.require_any(sweeps, "sweep")
+        sweeps = run.read("sweep", files, lambda path: rheometer.read_sweeps(path, self.at))
         rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), at=self.at, **run.document_fields)
         run.write_document(outputs, rheometry)
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
 @dataclass(frozen=True, kw_only=True)
-class CollapseTime(options.Verb, settings.Liquid):
+class CollapseTime(Verb, settings.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
     material: Annotated[_Material, option("nh has no viscosity, newtonian no elasticity")] = "nhkv"
     exact: Annotated[bool, option("fit with simulated collapse times: seconds", None, "--exact")] = False
-    shear_modulus: Annotated[float | None, option("Pa, if it is known: only µ is fitted")] = None
-    viscosity: Annotated[float | None, option("Pa s, if it is known: only G is fitted")] = None
-    stretch: Annotated[float | None, option(_STRETCH)] = None
+    shear_modulus: Annotated[float | None, number("Pa, if it is known: only µ is fitted")] = None
+    viscosity: Annotated[float | None, number("Pa s, if it is known: only G is fitted")] = None
+    stretch: Annotated[float | None, number("R_max/R_0 of tables without it", above=1, most=1000)] = None
     shots: settings.Shots = None
-    out: options.Out = Path("cavirheo-collapse-time")
+    out: Out = Path("cavirheo-collapse-time")
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import collapse_times
@@ -97,16 +89,10 @@ class CollapseTime(options.Verb, settings.Liquid):
         shot_numbers(self.shots)
         files = run.files(self.files)
         liquid = self.liquid
-        if self.stretch is not None and not 1 < self.stretch < 1e3:
-            raise InputError(f"--stretch must be R_max/R_0 above 1, got {self.stretch!r}", "collapse_time.stretch")
         outputs = run.outputs(self.out, "collapse-time.json", "shots.csv", inputs=files)
-        groups = []
-        for path in files:
-            try:
-                groups.append(collapse_times.read_table(path, self.stretch, self.shots))
-            except InputError as error:
-                run.note_unreadable([str(error)])
-        run.require_any(groups, "collapse time")
+        groups = run.read(
+            "collapse time", files, lambda path: [collapse_times.read_table(path, self.stretch, self.shots)]
+        )
         if self.exact:
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
         known = {"shear_modulus": self.shear_modulus, "viscosity": self.viscosity}
@@ -121,22 +107,22 @@ class CollapseTime(options.Verb, settings.Liquid):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Design(options.Verb, settings.Liquid, settings.BubbleOptions):
+class Design(Verb, settings.Liquid, settings.BubbleOptions):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
     group: Annotated[str | None, option("group of the result.json whose material is meant")] = None
-    shear_modulus: Annotated[_Range | None, option(_MODULUS, metavar="LOW HIGH")] = None
-    viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
-    stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
+    shear_modulus: Annotated[_Range | None, number(_MODULUS, metavar="LOW HIGH")] = None
+    viscosity: Annotated[_Range | None, number("Pa s", metavar="LOW HIGH")] = None
+    stretch: Annotated[_Range | None, number("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
     material: Annotated[str, option("a law of `cavirheo laws`")] = "nhkv"
-    rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
+    rmax_um: Annotated[_Range, number("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
     fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
-    frames: Annotated[int, option("of a recording", min=10)] = 128
-    noise_percent: Annotated[float, option("noise of the radius, % of R_max")] = 1.0
-    wanted_percent: options.WantedPercent = 10.0
+    frames: Annotated[int, number("of a recording", kind=int, least=10)] = 128
+    noise_percent: Annotated[float, number("noise of the radius, % of R_max")] = 1.0
+    wanted_percent: Annotated[float, number(_WANTED, least=0.1, most=99)] = 10.0
     seed: settings.Seed = 0
-    out: options.Out = Path("cavirheo-design")
+    out: Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.design import DRAWS, Rig, design
@@ -146,7 +132,7 @@ class Design(options.Verb, settings.Liquid, settings.BubbleOptions):
             raise InputError(message, "design.group")
         rig = Rig(
             max_radius=[1e-6 * end for end in self.rmax_um],
-            frame_rate=options.numbers("--fps", self.fps, float, ",", "numbers with commas"),
+            frame_rate=numbers("--fps", self.fps, float, ",", "numbers with commas"),
             frames=self.frames,
             noise=0.01 * self.noise_percent,
             material=self.material,

@@ -1,6 +1,7 @@
-"""`cavirheo measure`, `simulate` and `laws`: the radius history of a recording, or of parameters and a law."""
+"""`cavirheo measure` and `simulate`: the radius history of a recording, or of parameters and a law.
 
-from __future__ import annotations
+The annotations of options are objects, not text, as in settings.py.
+"""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,10 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo import settings
 from cavirheo.errors import InputError
-from cavirheo.settings import BUBBLE, MATERIAL, OUTPUT, argument, option
-from cavirheo.verbs import options
-from cavirheo.verbs.run import Run
-from cavirheo.writing.terminal import write
+from cavirheo.settings import BUBBLE, MATERIAL, OUTPUT, argument, number, option
+from cavirheo.verbs.run import Out, Run, Verb, numbers
 
 if TYPE_CHECKING:
     from cavirheo.physics.bubble import Bubble
@@ -26,11 +25,11 @@ _Motion = Literal["keller-miksis", "rayleigh-plesset", "gilmore"]
 _POLYTROPIC = "exponent of the gas, instead of heat and vapour transport"
 _PULSE = "ultrasound: peak kPa (negative: tension), MHz, us of the peak"
 _FACTORS = "damaged gel: factors of modulus and R_0 at a tenfold contraction"
-_DAMAGE = option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")
+_DAMAGE = number(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measure(options.Verb):
+class Measure(Verb):
     """Radii of a bubble, with standard deviations, from a high-speed recording."""
 
     video: Annotated[Path, argument("VIDEO", _VIDEO, readable=False)]
@@ -41,7 +40,7 @@ class Measure(options.Verb):
     roi: Annotated[str | None, option("part of the picture to measure, px", metavar="X,Y,W,H")] = None
     frames: Annotated[str | None, option("first and last frame to measure", metavar="A:B")] = None
     exclude: settings.Exclude = None
-    out: options.Out = Path("cavirheo-measure")
+    out: Out = Path("cavirheo-measure")
 
     def __call__(self, run: Run) -> None:
         from cavirheo.inference import input_warnings
@@ -58,8 +57,8 @@ class Measure(options.Verb):
         names = ("um_per_px", "polarity", "exclude")
         camera: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
         camera["exposure"] = self.exposure_us and self.exposure_us * 1e-6
-        camera["roi"] = options.numbers("--roi", self.roi, int, ",", "x,y,width,height in px", 4)
-        camera["span"] = options.numbers("--frames", self.frames, int, ":", "first:last", 2)
+        camera["roi"] = numbers("--roi", self.roi, int, ",", "x,y,width,height in px", 4)
+        camera["span"] = numbers("--frames", self.frames, int, ":", "first:last", 2)
         path, *others = run.files([self.video])
         if others:
             held = f"{self.video} holds {1 + len(others)}"
@@ -78,25 +77,25 @@ class Measure(options.Verb):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
+class Simulate(Verb, settings.Liquid, settings.BubbleOptions):
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
     Columns of simulation.csv: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of
     the material (stress integral), hoop strain and strain_rate_per_s at the wall.
     """
 
-    rmax_um: Annotated[float, option("largest radius, um")]
-    stretch: Annotated[float, option("R_max/R_0")]
+    rmax_um: Annotated[float, number("largest radius, um")]
+    stretch: Annotated[float, number("R_max/R_0")]
     material: Annotated[str, option(_MATERIAL)]
-    duration_us: Annotated[float, option("us after R_max")] = 100.0
-    fps: Annotated[float, option("frames per second")] = 1e6
-    pulse: Annotated[tuple[float, float, float] | None, option(_PULSE, DRIVING, metavar="KPA MHZ US")] = None
+    duration_us: Annotated[float, number("us after R_max")] = 100.0
+    fps: Annotated[float, number("frames per second")] = 1e6
+    pulse: Annotated[tuple[float, float, float] | None, number(_PULSE, DRIVING, metavar="KPA MHZ US")] = None
     motion: Annotated[_Motion, option("equation of the wall", BUBBLE)] = "keller-miksis"
-    polytropic: Annotated[float | None, option(_POLYTROPIC, BUBBLE)] = None
+    polytropic: Annotated[float | None, number(_POLYTROPIC, BUBBLE)] = None
     damage: Annotated[tuple[float, float] | None, _DAMAGE] = None  # type: ignore[assignment]
     relaxed: Annotated[bool, option("laws with memory start unstressed", MATERIAL, "--relaxed")] = False
     precise: Annotated[bool, option("ten times as accurate, five times as long", OUTPUT, "--precise")] = False
-    out: options.Out = Path("cavirheo-simulation")
+    out: Out = Path("cavirheo-simulation")
 
     def __call__(self, run: Run) -> None:
         import numpy as np
@@ -114,7 +113,7 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
             raise InputError(f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
         frames = int(count * (1 + 1e-9)) + 1
         bubble = self.make_bubble()
-        far_field: Pulse | None = None
+        far_field = None
         if self.pulse:
             kilopascals, megahertz, microseconds = self.pulse
             far_field = Pulse(kilopascals * 1e3, megahertz * 1e6, microseconds * 1e-6)
@@ -135,7 +134,7 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
         outputs.finish()
         run.say(f"{frames} frames of {self.material} in {liquid.name}: {self.out / _FRAMES_FILE}")
 
-    def make_bubble(self) -> Bubble:
+    def make_bubble(self) -> "Bubble":
         """Return the bubble of the options, by default the field's. Raises InputError."""
         from cavirheo.physics.bubble import ACCOMMODATION, Damage, bubble_of
 
@@ -148,22 +147,8 @@ class Simulate(options.Verb, settings.Liquid, settings.BubbleOptions):
         return replace(base, **{**values, "exponent": self.polytropic, "damage": damage})
 
 
-def _write_frames(path: Path, run: Simulation) -> None:
+def _write_frames(path: Path, run: "Simulation") -> None:
     import numpy as np
 
     rows = np.column_stack([*run.columns.values()])
     np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=",".join(run.columns), comments="")
-
-
-def laws() -> None:
-    """All laws for `simulate --material`: parameters with units, and the energy or viscosity function."""
-    from cavirheo.physics.materials import EXAMPLE, KINDS, summary, usage
-
-    for kind, names in KINDS.items():
-        write(f"{kind}:")
-        for name in names:
-            write(f"  {usage(name)}\n      {summary(name)}")
-        write("")
-    write("A material is one law, or a sum of one elastic part, one viscous part and any with memory:")
-    write(f"  --material '{EXAMPLE}'")
-    write("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")

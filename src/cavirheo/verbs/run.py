@@ -1,7 +1,8 @@
-"""How a verb becomes a command (help in panels, check for finite numbers, lock of its folder), and one run of it: input
-files, messages, duration and exit status."""
+"""What verbs share: options, how one becomes a command (help in panels, lock of its folder), and one run of it: input
+files, messages, duration and exit status.
 
-from __future__ import annotations
+The annotations of options are objects, not text, as in settings.py.
+"""
 
 import json
 import os
@@ -10,23 +11,23 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
 from datetime import datetime
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 
 import typer
 from typer.core import TyperCommand
 
 from cavirheo.errors import InputError
-from cavirheo.settings import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT
-from cavirheo.verbs.options import Verb
+from cavirheo.settings import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT, number, option
 from cavirheo.writing import terminal
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
-    from cavirheo.writing.document import Claim, Document, Outputs
+    from cavirheo.writing.document import Document, Outputs
 
+Content = TypeVar("Content")
 _OUTPUT_OPTIONS = {"out", "replace", "quiet", "pictures", "every_shot"}
 _NEUTRAL_OPTIONS = _OUTPUT_OPTIONS | {"scheduler", "slurm", "once"}  # options that change no answer
 # order of the options on the first screen ("" stands for all others), and of the panels
@@ -34,25 +35,75 @@ _OPTION_ORDER = ("material", "laws", "stretch", "bubble", "", "out", "replace", 
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 
-def has_problems(result: Result) -> bool:
+def _named_folder(text: object) -> Path:
+    if not str(text).strip():
+        message = f"a folder must have a name, got {str(text)!r}; leave the option out for the usual one"
+        raise typer.BadParameter(message)
+    return Path(str(text))
+
+
+def _folder_without_answers(text: object) -> Path:
+    from cavirheo.writing.document import LIST_FILE
+
+    folder = _named_folder(text)
+    if os.path.lexists(folder / LIST_FILE):
+        raise typer.BadParameter(f"{folder} holds the answers of another run: name another folder")
+    return folder
+
+
+def _folder(help: str, parser: Callable[[object], Path]) -> Any:
+    return option(help, None, "-o", "--out", parser=parser, metavar="FOLDER")
+
+
+# for documents: a run locks it; --replace belongs to it
+Out = Annotated[Path, _folder("folder for the results", _named_folder)]
+# for work that a later call continues
+ResumableOut = Annotated[Path, _folder("folder, which may hold a part", _folder_without_answers)]
+Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
+REFERENCES = "CSV of published values, or sweeps of a rheometer, beside the answers; may be repeated"
+_SCHEDULER = "of a dask cluster: tcp://HOST:PORT  [default: the cores of this machine]"
+Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
+_SLURM = "ask SLURM for so many jobs, as dask-jobqueue is set"
+Slurm = Annotated[int | None, number(_SLURM, CLUSTER, kind=int, above=0)]
+
+
+def numbers(name: str, text: str | None, kind: type[Any], mark: str, expected: str, count: int = 0) -> Any:
+    """The `count` numbers of an option, a tuple; None if it is not given. Raises InputError, which says what is
+    expected."""
+    if text is None:
+        return None
+    try:
+        values = tuple(map(kind, text.split(mark)))
+    except ValueError:
+        values = ()
+    if not values or len(values) != (count or len(values)):
+        raise InputError(f"{name} must be {expected}, got {text!r}", f"option.{name[2:]}")
+    return values
+
+
+def has_problems(result: "Result") -> bool:
     """Whether a curve or a group of the result failed, or is doubted."""
-    verdicts = {record.verdict for record in result.curves}
-    verdicts |= {group.verdict for group in result.groups}
+    verdicts = {row.verdict for row in result.curves} | {group.verdict for group in result.groups}
     return not verdicts.isdisjoint(("failed", "check_input"))
 
 
 class Run:
-    """One run of a command, timed from its creation. `command` (what was typed) and `date` are as in documents."""
+    """One run of a command, timed from its creation. `command` (what was typed) and `date` are as in documents.
 
-    def __init__(self, *, quiet: bool = False) -> None:
+    request: the verb, its inputs and every option that an answer depends on, by which a run knows its own answers
+    again, in any current folder. replace: whether answers of other runs may be replaced.
+    """
+
+    def __init__(self, *, quiet: bool, request: Mapping[str, Any] | None = None, replace: bool = False) -> None:
         self.start_time = time.perf_counter()
         self.command = shlex.join(["cavirheo", *sys.argv[1:]])
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+        self.request = request or {}
+        self.replace = replace
+        self.quiet = quiet
         self.unreadable = 0  # number of unreadable files, which `notes` name
         self.notes: list[str] = []  # on the run as a whole
         self.printed_notes: list[str] = []  # the notes that are already printed on stderr
-        self.quiet = quiet
-        self.claim: Claim | None = None  # of a verb that writes documents
         self.folders = ExitStack()  # which the run holds
 
     @property
@@ -62,29 +113,31 @@ class Run:
     def progress_bar(self, label: str, total: int, unit: str = "curves") -> AbstractContextManager[Callable[..., None]]:
         return terminal.progress_bar(label, total, visible=not self.quiet, unit=unit)
 
+    def read(self, kind: str, paths: Iterable[Path], reader: Callable[[Path], Iterable[Content]]) -> list[Content]:
+        """All that a reader finds in these paths; one that is refused costs itself alone. Raises as `require_any`."""
+        found: list[Content] = []
+        for path in paths:
+            try:
+                found += reader(path)
+            except InputError as error:
+                self.note_unreadable(str(error))
+        self.require_any(found, kind)
+        return found
+
     def files(self, patterns: list[Path]) -> list[Path]:
-        """Return the files of the folders and patterns, each once, and a film with its header as one; a folder or a
-        pattern without any file is refused alone."""
+        """The files of the folders and patterns, each once, and a film with its header as one."""
         from cavirheo.io.files import expand, without_headers
 
-        files: list[Path] = []
-        for pattern in patterns:
-            try:
-                files += expand(pattern, self.say)
-            except InputError as error:
-                self.note_unreadable([str(error)])
-        self.require_any(files, "file")
-        return without_headers(files)
+        return without_headers(self.read("file", patterns, lambda pattern: expand(pattern, self.say)))
 
-    def outputs(self, folder: Path, *names: str, inputs: Iterable[Path] = ()) -> Outputs:
+    def outputs(self, folder: Path, *names: str, inputs: Iterable[Path] = ()) -> "Outputs":
         """Hold a folder until the run ends; returns its `Outputs`. Raises InputError."""
-        from cavirheo.writing.document import Outputs, locked_folder
+        from cavirheo.writing.document import Claim, Outputs, locked_folder
 
-        assert self.claim is not None
         self.folders.enter_context(locked_folder(folder))
-        return Outputs(self.claim, folder, *names, inputs=inputs)
+        return Outputs(Claim(self.command, self.request, self.replace), folder, *names, inputs=inputs)
 
-    def note_unreadable(self, problems: list[str]) -> None:
+    def note_unreadable(self, *problems: str) -> None:
         """Print on stderr which files cannot be read, note and count them."""
         self.unreadable += len(problems)
         for problem in problems:
@@ -99,14 +152,14 @@ class Run:
         if not items:
             raise typer.Exit(2)
 
-    def show(self, document: Document, table: Callable[[Any], None] | None = None) -> None:
+    def show(self, document: "Document", table: Callable[[Any], None] | None = None) -> None:
         """Print the document: by `table`, else as `cavirheo show` does."""
         if not self.quiet:
             from cavirheo.loading import print_table
 
             (table or print_table)(document)
 
-    def write_document(self, outputs: Outputs, document: Document) -> None:
+    def write_document(self, outputs: "Outputs", document: "Document") -> None:
         """Write KIND.json, the last file of a run, and print the document on stdout."""
         from cavirheo.writing.document import write_json
 
@@ -132,25 +185,31 @@ class Run:
             raise typer.Exit(2 if self.unreadable else 1)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Verb:
+    """A command that writes documents into a folder, which it locks. Its fields are the values of its arguments and
+    options; those of the last base class come first."""
+
+    out: Out = Path("cavirheo-result")
+    replace: Annotated[bool, option("write over the answers of another run in that folder", None, "--replace")] = False
+    quiet: Quiet = False
+
+    def __call__(self, run: Run) -> None:
+        """Run the command. Raises InputError, and typer.Exit with the exit status."""
+        raise NotImplementedError
+
+
 class Command(TyperCommand):
     """A verb of the command line."""
 
     def invoke(self, ctx: Any) -> None:
-        """Run the verb. Raises InputError: a number is not finite; typer.Exit(130): interrupted."""
-        for name, value in ctx.params.items():
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, float) and not isfinite(number):
-                    option = name.replace("_", "-")
-                    raise InputError(f"--{option} must be a finite number, got {number}", "option.finite")
+        """Run the verb. Raises InputError; typer.Exit, with status 130 if it was interrupted."""
         try:
             verb = super().invoke(ctx)
-            if isinstance(verb, Verb):  # calls for the same answers make the same claim, in any current folder
-                from cavirheo.writing.document import Claim
-
-                run = Run(quiet=verb.quiet)
+            if isinstance(verb, Verb):
                 options = {name: value for name, value in vars(verb).items() if name not in _NEUTRAL_OPTIONS}
                 request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
-                run.claim = Claim(run.command, request, verb.replace)
+                run = Run(quiet=verb.quiet, request=request, replace=verb.replace)
                 with run.folders:
                     verb(run)
         except KeyboardInterrupt:

@@ -1,4 +1,5 @@
-"""`cavirheo show`, `cite` and `models`: content of a file, methods and references of a result, the shipped networks."""
+"""The verbs that are functions, for their options are few: `cavirheo show`, `cite`, `app`, `laws`, `models`,
+`generate` and `train`."""
 
 from __future__ import annotations
 
@@ -9,9 +10,11 @@ from typer import Exit
 
 from cavirheo import settings
 from cavirheo.errors import InputError
-from cavirheo.settings import argument
+from cavirheo.settings import argument, number, option
+from cavirheo.verbs.run import Quiet, ResumableOut, Run, Scheduler, Slurm
 from cavirheo.writing import digits, terminal
 
+_HOST = "address to listen on; 0.0.0.0 is open to the network, without a password"
 _FILE = "a document, a folder of results, a measurement"
 
 
@@ -82,15 +85,43 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
     terminal.write("\n\n".join([paragraph, *sources]))
 
 
+def app(
+    host: Annotated[str, option(_HOST)] = "127.0.0.1",
+    port: Annotated[int, number("port; 0: any free one", kind=int, least=0, most=65535)] = 7860,
+    browser: Annotated[bool, option("open the page in the browser", None, "--browser/--no-browser")] = True,
+) -> None:
+    """The same in the browser: upload files, look, infer, compare with the simulation, download everything as a zip."""
+    terminal.say("cavirheo app: starting, a few seconds ...")
+    from cavirheo.app.server import serve
+
+    serve(host, port, browser=browser)
+
+
+def laws() -> None:
+    """All laws for `simulate --material`: parameters with units, and the energy or viscosity function."""
+    from cavirheo.physics.materials import EXAMPLE, KINDS, summary, usage
+
+    for kind, names in KINDS.items():
+        terminal.write(f"{kind}:")
+        for name in names:
+            terminal.write(f"  {usage(name)}\n      {summary(name)}")
+        terminal.write("")
+    terminal.write("A material is one law, or a sum of one elastic part, one viscous part and any with memory:")
+    terminal.write(f"  --material '{EXAMPLE}'")
+    terminal.write(
+        "Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out."
+    )
+
+
 def models() -> None:
     """The shipped models: what they answer, for which materials and ranges, and how well."""
     from cavirheo.inference.cards import card, shipped
 
     for name, path in shipped().items():
-        terminal.write("\n".join(summary(name, card(path))))
+        terminal.write("\n".join(about_network(name, card(path))))
 
 
-def summary(name: str, content: dict[str, Any]) -> list[str]:
+def about_network(name: str, content: dict[str, Any]) -> list[str]:
     """Return lines on what a model answers, for which recordings, and how well, from its card."""
     training, data = content["training"], content["data"]
     tested = f"{data['test']} test curves"
@@ -110,3 +141,59 @@ def summary(name: str, content: dict[str, Any]) -> list[str]:
             lines.append(f"  {values:40s} {error} ({output['scale']} scale, {tested})")
     minutes = f"{training['seconds'] / 60:.0f} min on {training['device']}"
     return [*lines, f"  trained on {data['train']} simulated curves, {minutes}"]
+
+
+def generate(
+    recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
+    out: ResumableOut,
+    n: Annotated[int | None, number("curves; default: as in the recipe", None, "-n", kind=int, above=0)] = None,
+    seed: Annotated[int | None, number("default: as in the recipe", kind=int, least=0)] = None,
+    workers: Annotated[int | None, number("threads; default: all cores", kind=int, above=0)] = None,
+    scheduler: Scheduler = None,
+    slurm: Slurm = None,
+    quiet: Quiet = False,
+) -> None:
+    """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
+    from cavirheo.physics.simulate import load_solver
+    from cavirheo.training import dataset
+    from cavirheo.training.recipe import read_recipe
+    from cavirheo.workflow import connected
+
+    content = read_recipe(recipe)
+    if workers is not None and (scheduler or slurm):
+        message = "--workers are threads of this machine, and a cluster has its own: leave out one of them"
+        raise InputError(message, "option.workers")
+    load_solver()
+    run = Run(quiet=quiet)
+    count = n or content.data.n
+    seed = content.data.seed if seed is None else seed
+    with connected(scheduler, slurm, run.say) as executor:
+        written = dataset.generate(
+            content.problem, count, out, seed=seed, workers=workers, progress=not quiet, executor=executor
+        )
+    for status, failed in written.failures.items():
+        run.say(f"{failed} failed: {status}")
+    run.end(f"{written.curves} curves in {out}, {written.simulated} of them simulated now")
+
+
+def train(
+    recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
+    data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")],
+    out: ResumableOut,
+    threads: Annotated[int | None, number("threads; default: torch's choice", kind=int, least=1, most=1024)] = None,
+    device: Annotated[str | None, option("cpu or cuda; default: cuda if there is one")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Train a recipe's network (the same call resumes) and write it as NAME.npz with its card NAME.json."""
+    from cavirheo.inference.cards import card
+    from cavirheo.training import train as training
+    from cavirheo.training.recipe import read_recipe
+
+    content = read_recipe(recipe)
+    try:
+        path = training.train(content, data, out, device=device, threads=threads, progress=not quiet)
+    except RuntimeError as error:  # torch's: no memory left, ...
+        raise InputError(f"training stopped: {str(error).partition(chr(10))[0]}", "training.torch") from error
+    if not quiet:
+        terminal.write("\n".join(about_network(path.stem, card(path))))
+        terminal.say(f"model: {path}")

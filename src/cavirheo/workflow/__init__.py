@@ -1,1 +1,0 @@
-"""Answers of many curves: where they are stored, and which machines compute them."""
