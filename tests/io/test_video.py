@@ -165,6 +165,17 @@ def test_the_stamps_of_a_cine_count_before_its_header(tmp_path):
     assert any("50000" in one.text for one in curve.warnings)
 
 
+def test_what_the_camera_states_and_no_bubble_has_is_not_laid_to_the_user(tmp_path):
+    path = write_cine(tmp_path / "a.cine", film(bits=12).frames, np.arange(FRAMES) / 100, 100)
+    with refused(
+        "video.frame_rate", "100 frames per second by the camera's time stamps: expected 1000 or more", "--fps"
+    ):
+        measure(path)
+    with refused("video.exposure", "1 us by the camera's header", "0.5 us between frames by the user", "--exposure-us"):
+        measure(path, frame_rate=2e6)
+    assert measure(path, frame_rate=2e6, exposure=4e-7).frame_rate == 2e6
+
+
 @pytest.mark.parametrize("step", [1, 36])
 def test_the_older_header_of_photron(tmp_path, step):
     frames = np.random.default_rng(2).integers(0, 2**12, (3, 20, 32))

@@ -20,6 +20,8 @@ from cavirheo.errors import InputError
 from cavirheo.parallel import tie_to_parent
 from cavirheo.writing.packing import decode, encode
 
+MEMORY = 1_000_000_000  # bytes that reading a workbook or a file of MATLAB may take
+SECONDS = 30.0  # for reading it
 _CHILD = "import sys; sys.path[:] = {path}; from cavirheo.io.apart import serve; serve({module!r}, {name!r}, {memory})"
 _SIZE = 8  # bytes of the length of a request or an answer
 _children: dict[str, Any] = {}  # that wait for another call, by the function that they call
@@ -28,7 +30,12 @@ if hasattr(os, "register_at_fork"):
 
 
 def call(
-    function: Callable[..., Any], *arguments: Any, memory: int, seconds: float, name: str = "it", kept: bool = True
+    function: Callable[..., Any],
+    *arguments: Any,
+    memory: int = MEMORY,
+    seconds: float = SECONDS,
+    name: str = "it",
+    kept: bool = True,
 ) -> Any:
     """Return function(*arguments), which are all what `encode` takes, or records in `KINDS` of the function's module.
 

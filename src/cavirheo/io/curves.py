@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed
-from cavirheo.io import limits
-from cavirheo.io.files import Source
+from cavirheo.io.files import MOST_CURVES, Source, check_limit
 from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.messages import Message
@@ -125,7 +124,7 @@ def _each(parts: Collection[tuple[str, Part]], read: Callable[[str, Part], list[
 
     Raises InputError: no part can be read, or a limit is exceeded.
     """
-    limits.check(len(parts), limits.CURVES, "curves")
+    check_limit(len(parts), MOST_CURVES, "curves")
     curves: list[RadiusCurve] = []
     problems: list[InputError] = []
     for label, part in parts:
@@ -136,7 +135,7 @@ def _each(parts: Collection[tuple[str, Part]], read: Callable[[str, Part], list[
                 raise
             problems.append(error)
             curves.append(unusable_curve(error.message, {"label": label} if label else {}))
-        limits.check(len(curves), limits.CURVES, "curves")
+        check_limit(len(curves), MOST_CURVES, "curves")
     if problems and len(problems) == len(curves):
         raise problems[0]
     return curves
@@ -284,7 +283,7 @@ def _read_series(
         if several_clocks:  # rows below a shot that is shorter than another one
             rows = rows[np.isfinite(time[rows]) | np.isfinite(radius[rows])]
         parts, lost = _parts(time[rows], radius[rows])
-        limits.check(len(parts), limits.CURVES, "curves")
+        check_limit(len(parts), MOST_CURVES, "curves")
         curves = []
         for number, part in enumerate(parts, 1):
             chosen = rows[part]

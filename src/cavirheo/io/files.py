@@ -1,4 +1,4 @@
-"""The files that the command line names; and what a file is, opened once (`Source`)."""
+"""The files that the command line names; what a file is, opened once (`Source`); and how much of it is read."""
 
 from __future__ import annotations
 
@@ -16,10 +16,19 @@ from typing import Literal
 import numpy as np
 
 from cavirheo.errors import InputError, check_file, printable
-from cavirheo.io import limits
 from cavirheo.video.formats import ENDINGS, STACK_ENDINGS, is_video, pixels_of
 from cavirheo.writing import digits
 
+# Limits on what is read: above any real recording, and low enough for some seconds and a gigabyte. A damaged or hostile
+# file may declare any shape, or unpack to any size; each limit is checked before the memory is allocated.
+MOST_NUMBERS = 5_000_000  # in all arrays of one file, or cells of a text
+MOST_CURVES = 5_000
+MOST_ROWS = 1_000_000
+MOST_COLUMNS = 1_000
+MOST_CELLS = 1_000_000  # of the sheets that are read of a workbook, empty cells included
+LONGEST_LINE = 100_000  # characters
+LARGEST_FILE = 4_000_000_000  # bytes of any file
+LARGEST_TEXT = 100_000_000  # bytes of a text file
 _TEXT_ENDINGS = {".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"}
 _ARRAY_ENDINGS = {".mat", ".npy", ".npz", ".h5", ".hdf5"}
 FILE_ENDINGS = {*_ARRAY_ENDINGS, ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", *_TEXT_ENDINGS, *ENDINGS}
@@ -88,6 +97,13 @@ class Source:
         return hashlib.file_digest(self.file, "sha256").hexdigest()
 
 
+def check_limit(count: int, limit: int, items: str) -> None:
+    """Raise InputError if count > limit. Its code has the first word of `items`: "limits.lines" for lines."""
+    if count > limit:
+        message = f"{count} {items}: more than {limit} are not read; split the file"
+        raise InputError(message, f"limits.{items.split()[0]}")
+
+
 @contextmanager
 def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator[Source]:
     """Guard the reading of a file (or a folder, if allowed): turn every error into an InputError that names the file.
@@ -97,7 +113,7 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
             ("reading.damaged"); or an error of the reader.
     """
     name = printable(str(path))
-    check_file(path, limits.FILE, folder=folder)
+    check_file(path, LARGEST_FILE, folder=folder)
     source = Source(path)
     try:
         with np.errstate(all="ignore"):  # a damaged file may hold any number; the results are checked

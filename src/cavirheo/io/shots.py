@@ -1,7 +1,7 @@
 """Read the curves of a file; and the shots of one run: each recording once, with a unique name, in its group.
 
 The way of a file: its path is checked and opened once (`files.Source`). The first bytes choose the reader: a text or a
-workbook (`tables`), or a file of arrays (`binary`, `arrays`), becomes tables with named columns, whose titles `names`
+workbook (`tables`), or a file of arrays (`arrays`), becomes tables with named columns, whose titles `names`
 understands; `curves` makes RadiusCurves of them.
 """
 
@@ -19,7 +19,6 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, parse_number_list, printable, require
 from cavirheo.io.arrays import read_arrays
-from cavirheo.io.binary import read_variables
 from cavirheo.io.curves import SCALE_TOLERANCE, Camera, read_text
 from cavirheo.io.files import Source, guarded
 from cavirheo.parameters import FRAME_RATE, RADIUS
@@ -104,10 +103,7 @@ def _read(source: Source, density: float, pressure: float, camera: Camera) -> li
         raise InputError(f"binary data of no known format: {advice}; {_EXPECTED}", "reading.binary")
     if source.kind in ("text", "workbook"):
         return read_text(source, density, pressure, camera)
-    arrays = read_variables(source)
-    curves = read_arrays(arrays, camera, density, pressure)
-    note = f"an array of numpy: {', '.join(arrays)}"
-    return [curve.with_notes(note) for curve in curves] if source.kind == "numpy" else curves
+    return read_arrays(source, camera, density, pressure)
 
 
 def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:
@@ -136,21 +132,18 @@ def examine(
     path: str | Path, *, sheet: bool = False, **options: Unpack[MeasureOptions]
 ) -> tuple[Measurement, RadiusCurve]:
     """Return (the measurement, its curve), as `measure`; with `sheet` the curve's `meta` has the contact sheet."""
-    from cavirheo.video.measurement import MeasureOptions
-    from cavirheo.video.measurement import measure as measure_frames
+    from cavirheo.video import measurement as video
 
     path = as_path(path)
-    names = MeasureOptions.__annotations__.keys()
+    names = video.MeasureOptions.__annotations__.keys()
     unknown = ", ".join(sorted(options.keys() - names))
     require(not unknown, f"measure has no option {unknown}; it has {', '.join(names)}", "video.option")
     with guarded(path, "expected a recording of a bubble", folder=True) as source:
-        measurement = measure_frames(path, **options)
+        measurement = video.measure(path, **options)
         origin: dict[str, Any] = {"name": path.stem, "group": path.stem, "source": printable(str(path))}
         origin["source_sha256"] = None if path.is_dir() else source.sha256
         if sheet:
-            from cavirheo.video.picture import contact_sheet, data_url
-
-            origin["contact_sheet"] = data_url(contact_sheet(measurement))
+            origin["contact_sheet"] = video.data_url(video.contact_sheet(measurement))
         return measurement, measurement.curve(**origin)
 
 

@@ -9,7 +9,9 @@ in both ways (`1,234` alone), or in none. The `notes` count what is left out or 
 from __future__ import annotations
 
 import csv
+import json
 import re
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,8 +23,17 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, is_float, without_invisible
-from cavirheo.io import limits
-from cavirheo.io.files import Source
+from cavirheo.io import apart
+from cavirheo.io.files import (
+    LARGEST_TEXT,
+    LONGEST_LINE,
+    MOST_CELLS,
+    MOST_COLUMNS,
+    MOST_NUMBERS,
+    MOST_ROWS,
+    Source,
+    check_limit,
+)
 from cavirheo.units import plain_text, unit_of
 from cavirheo.writing.digits import counted
 
@@ -34,6 +45,7 @@ _COMMAED = re.compile(r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)?(,\d*)?(?<=\d|,)(e[+-]
 _FORTRAN = re.compile(r"([+-]?\d*\.?\d+|[+-]?\d+\.)d([+-]?\d+)", re.I)  # 1.0D-04
 _BEGINS_AS_NUMBER = re.compile(r"""\s*["']?[+−-]?[.,]?\d""")
 _COMMENT = re.compile(r"\s*(%|//|!|#(?!div/0|n/a|nv\b|[a-z]+[!?]))", re.I)
+_WORKBOOK = {"[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml"}  # a zipped workbook has one of them
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")  # its byte order marks
 _LONGEST_TITLE = 120  # characters of a title; a longer text is a sentence, and slow to match
 _LISTED = 8  # most titles in a message
@@ -251,7 +263,7 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
     sheets. There is at least one table, and in a table with titles no row has more cells than titles.
 
     Raises:
-        InputError: the file exceeds a limit (limits.py), is damaged, or is neither text nor a workbook. Or, with the
+        InputError: the file exceeds a limit (files.py), is damaged, or is neither text nor a workbook. Or, with the
             codes of the vocabulary: no rows ("empty"), no header ("columns"), nothing below it ("rows"), cells without
             titles or the reverse ("width"), two units ("units").
     """
@@ -344,20 +356,63 @@ def _titles_with_units(titles: list[str], rows: list[Row], vocabulary: Vocabular
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     if source.kind in ("text", "empty"):
-        limits.check(source.size, limits.TEXT, "bytes of text")
-        limits.check(source.content.count(b"\n") + 1, limits.ROWS, "lines")
+        check_limit(source.size, LARGEST_TEXT, "bytes of text")
+        check_limit(source.content.count(b"\n") + 1, MOST_ROWS, "lines")
         sheets = [_text_table(_decoded(source.content), vocabulary)]
     elif source.kind == "workbook":
-        from cavirheo.io.workbook import read_workbook
-
-        book = read_workbook(source.path)
+        book = json.loads(apart.call(_sheets_of_workbook, str(source.path.absolute())))
         sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in book]
     else:
         raise InputError(f"neither text nor a workbook; {vocabulary.expected}", "tabular.binary")
     for sheet in sheets:
-        limits.check(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
+        check_limit(max((len(row.texts) for row in sheet.rows), default=0), MOST_COLUMNS, "columns")
         _replace_signs(sheet)
     return sheets
+
+
+def _sheets_of_workbook(path: str) -> str:
+    """Return, as JSON, the name and the numbered rows of each sheet of cells, in the order of their tabs, without empty
+    rows; a hidden sheet has no rows and is named as hidden, unless all are. By calamine, in a process of its own
+    (`apart.call`), since a workbook of a few kilobytes may unpack to gigabytes, or crash its reader.
+
+    Raises InputError: another archive ("tabular.archive"), or too much ("limits.cells", "limits.characters").
+    """
+    from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
+
+    with suppress(zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+        if _WORKBOOK.isdisjoint(names):
+            advice = "unpack it, and give the files or the folder that holds them"
+            held = f"{len(names)} files, {ascii(', '.join(names[:3])[:100])[1:-1]}"
+            raise InputError(f"a zip archive of {held}; no workbook: {advice}", "tabular.archive")
+    book = CalamineWorkbook.from_path(path)
+    tabs = [tab for tab in book.sheets_metadata if tab.typ == SheetTypeEnum.WorkSheet]
+    if not tabs:
+        raise InputError("a workbook without a sheet of cells", "tabular.workbook")
+    visible = [tab.name for tab in tabs if tab.visible == SheetVisibleEnum.Visible] or [tab.name for tab in tabs]
+    sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
+    cells = 0
+    for tab in tabs:
+        if tab.name not in visible:
+            sheets.append((_text(f"{tab.name} (hidden)"), []))
+            continue
+        sheet = book.get_sheet_by_name(tab.name)
+        cells += sheet.height * sheet.width
+        if cells > MOST_CELLS:
+            more = f"the workbook has {cells} cells: more than {MOST_CELLS} are not read"
+            raise InputError(f"{more}; save the table alone as CSV", "limits.cells")
+        first = (sheet.start or (0, 0))[0] + 1
+        rows = [(number, list(map(_text, row))) for number, row in enumerate(sheet.iter_rows(), first)]
+        sheets.append((_text(tab.name), [(number, texts) for number, texts in rows if any(texts)]))
+    text = json.dumps(sheets)
+    check_limit(len(text), LARGEST_TEXT, "characters in all cells")
+    return text
+
+
+def _text(cell: object) -> str:
+    whole = isinstance(cell, float) and cell.is_integer() and abs(cell) < 1e15
+    text = str(int(cell) if whole else cell)  # type: ignore[call-overload]
+    return without_invisible(text)[0].strip()
 
 
 def _decoded(content: bytes) -> str:
@@ -374,8 +429,8 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     header."""
     text, invisible = without_invisible(text)
     lines = text.splitlines()
-    limits.check(len(lines), limits.ROWS, "lines")
-    limits.check(max(map(len, lines), default=0), limits.LINE, "characters in one line")
+    check_limit(len(lines), MOST_ROWS, "lines")
+    check_limit(max(map(len, lines), default=0), LONGEST_LINE, "characters in one line")
     data = ["" if _COMMENT.match(line) else line for line in lines]
     rows = _rows_with_header(data, vocabulary)
     if rows is None:
@@ -432,7 +487,7 @@ def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
     try:
         for texts in reader:
             total += len(texts)
-            limits.check(total, limits.SAMPLES, "cells")
+            check_limit(total, MOST_NUMBERS, "cells")
             if any(texts := [cell.strip() for cell in texts]):
                 yield Row(reader.line_num, texts)
     except csv.Error as error:

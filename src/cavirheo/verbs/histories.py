@@ -48,12 +48,11 @@ class Measure(Verb):
         from cavirheo.physics.media import WATER
         from cavirheo.reporting.measured import describe, write_csv
         from cavirheo.video.formats import EXTRA
+        from cavirheo.video.measurement import contact_sheet
         from cavirheo.writing.document import try_to_draw
         from cavirheo.writing.export import import_optional
 
         import_optional("PIL", EXTRA)
-        from cavirheo.video import picture
-
         names = ("um_per_px", "polarity", "exclude")
         camera: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
         camera["exposure"] = self.exposure_us and self.exposure_us * 1e-6
@@ -70,8 +69,7 @@ class Measure(Verb):
         run.notes += measurement.notes
         record = describe(measurement, curve, warnings, **run.document_fields)
         outputs.write("measured.csv", write_csv, measurement)
-        draw = picture.contact_sheet
-        try_to_draw("contact.png", record.notes, lambda: outputs.write("contact.png", draw(measurement).save))
+        try_to_draw("contact.png", record.notes, lambda: outputs.write("contact.png", contact_sheet(measurement).save))
         run.write_document(outputs, record)
         run.end(f"written to {self.out}", bool(warnings or record.unusable))
 

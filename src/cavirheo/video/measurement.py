@@ -1,13 +1,17 @@
-"""Measure a recording: radii in metres over times in seconds, and the origin of every number."""
+"""Measure a recording: radii in metres over times in seconds, and the origin of every number; and draw its frames with
+their circles."""
 
 from __future__ import annotations
 
+import io
+from base64 import b64encode
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from math import floor
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -23,6 +27,21 @@ from cavirheo.video.track import FLAGS, USED, Track, follow
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Record
 
+if TYPE_CHECKING:
+    from PIL import Image
+
+COLOURS = {  # of flags in pictures, from the palette of Okabe and Ito; all others are grey
+    "ok": "#56b4e9",
+    "small": "#009e73",
+    "arc": "#f0e442",
+    "reversal": "#d55e00",
+    "spike": "#cc79a7",
+    **dict.fromkeys(("poor", "faint", "elsewhere", "lost"), "#e69f00"),
+}
+GREY = "#999999"
+_SHEET_WIDTH, _LABEL_HEIGHT, _GAP = 1600, 13, 4  # px, of the contact sheet
+_FRAME_SIZE = (190, 150)  # px, largest width and height of a frame in the sheet
+_MOST_FRAMES = 400  # most frames in the sheet
 _PIXEL = 1e-6  # m, placeholder for the size of a pixel until the scale is known
 _TOLERANCE = 0.01  # relative; if the user's number differs by more from the file's, a warning says so
 _TWIN_SHARE = 0.2  # share of the measured frames; a second bubble in so many gives a warning
@@ -118,37 +137,26 @@ class MeasureOptions(TypedDict, total=False):
 def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     """Measure a recording; options as of `cavirheo.measure`. Raises InputError, and any exception of the libraries for
     damaged files."""
-    frame_rate = options.get("frame_rate")
-    um_per_px = options.get("um_per_px")
-    exposure = options.get("exposure")
-    for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
+    for name in ("frame_rate", "um_per_px", "exposure"):
+        value = options.get(name)
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
     whole = formats.read(path)
+    warnings = [*whole.warnings]
     metadata = "the camera's header" if path.suffix.lower() in formats.CAMERA_ENDINGS else "the metadata of the file"
     camera_rate = whole.frame_rate, metadata
     if whole.time is not None:
         camera_rate = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"
-    given = (
-        ("frames per second", frame_rate, *camera_rate),
-        ("seconds of exposure", exposure, whole.exposure, metadata),
-        ("um per pixel", um_per_px, whole.um_per_px, metadata),
-    )
-    warnings = [*whole.warnings, *_contradictions(given)]
-    rate, shutter, scale = (_stated(by_user, value, origin) for _, by_user, value, origin in given)
-    if rate.value is None:
-        raise InputError(f"{_NO_RATE}; give it (--fps; in Python frame_rate=)", "video.frame_rate")
-    FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
+    rate = _stated(options.get("frame_rate"), "frames per second", *camera_rate, warnings)
+    shutter = _stated(options.get("exposure"), "seconds of exposure", whole.exposure, metadata, warnings)
+    scale = _stated(options.get("um_per_px"), "um per pixel", whole.um_per_px, metadata, warnings)
     count, height, width = whole.frames.shape
-    time = np.arange(count) / rate.value if whole.time is None or frame_rate else whole.time
+    per_second = _checked_rate(rate)
+    time = np.arange(count) / per_second if whole.time is None or options.get("frame_rate") else whole.time
     first, last = options.get("span") or (1, count)
     region = options.get("roi") or (0, 0, width, height)
     footage = _cropped(whole, first, last, region)
-    interval = float(np.median(np.diff(time)))
-    exposed_share = shutter.value / interval if shutter.value else 1.0
-    if shutter.value and shutter.value > 1.001 * interval:
-        longer = f"{1e6 * shutter.value:.4g} us is longer than the {1e6 * interval:.4g} us between frames"
-        raise InputError(f"an exposure of {longer}", "video.exposure")
+    exposed_share = _exposed_share(shutter, rate, float(np.median(np.diff(time))))
     stage = set_stage(footage, options.get("polarity", "auto"))
     excluded = _excluded(options.get("exclude"), first, last)
     stage = replace(stage, kinds=np.where(np.isin(np.arange(first, last + 1), excluded), "excluded", stage.kinds))
@@ -172,26 +180,47 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     return Measurement(track, footage, time, rate, scale, shutter, settings, tuple(warnings), first, corner)
 
 
+def _stated(
+    by_user: float | None, what: str, value: float | None, origin: str, warnings: list[Message]
+) -> StatedNumber:
+    """The number of the user, else that of the camera, which comes from `origin`; a warning if they differ."""
+    if by_user is None:
+        return StatedNumber(value=value, origin=origin) if value else StatedNumber()
+    if value and abs(by_user / value - 1.0) > _TOLERANCE:
+        differ = {"given": by_user, "what": what, "origin": origin, "value": value}
+        warnings.append(Message("check_input.camera_differs", differ))
+    return StatedNumber(value=by_user, origin="the user")
+
+
+def _checked_rate(rate: StatedNumber) -> float:
+    """The frame rate. Raises InputError: it is not known, or that of no bubble."""
+    if rate.value is None:
+        raise InputError(f"{_NO_RATE}; give it (--fps; in Python frame_rate=)", "video.frame_rate")
+    if rate.origin != "the user" and rate.value < FRAME_RATE.low:
+        message = f"{rate.value:g} frames per second by {rate.origin}: expected {FRAME_RATE.low:g} or more of a bubble"
+        advice = "if the file is wrong, give the rate (--fps; in Python frame_rate=)"
+        raise InputError(f"{message}; {advice}", "video.frame_rate")
+    FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
+    return rate.value
+
+
+def _exposed_share(shutter: StatedNumber, rate: StatedNumber, interval: float) -> float:
+    """The exposure over the time between frames, s; 1 if it is not known. Raises InputError: it is longer."""
+    if not shutter.value:
+        return 1.0
+    if shutter.value > 1.001 * interval:
+        longer = f"{1e6 * shutter.value:.4g} us by {shutter.origin}"
+        longer += f" is longer than the {1e6 * interval:.4g} us between frames by {rate.origin}"
+        advice = "give the right ones (--fps, --exposure-us; in Python frame_rate=, exposure=)"
+        raise InputError(f"an exposure of {longer}: {advice}", "video.exposure")
+    return shutter.value / interval
+
+
 def _excluded(text: str | Iterable[int] | None, first: int, last: int) -> list[int]:
     """The frames from `first` to `last` that a list excludes. Raises InputError: no such list, or all of them."""
     listed = [] if text is None else list(parse_number_list(text, "frames to exclude", "video.exclude", first, last))
     require(len(listed) < last - first + 1, "all frames are excluded", "video.exclude")
     return listed
-
-
-def _stated(by_user: float | None, value: float | None, origin: str) -> StatedNumber:
-    """The number of the user, or that of the camera, which comes from `origin`."""
-    if by_user is not None:
-        return StatedNumber(value=by_user, origin="the user")
-    return StatedNumber(value=value, origin=origin) if value else StatedNumber()
-
-
-def _contradictions(given: Iterable[tuple[str, float | None, float | None, str]]) -> Iterator[Message]:
-    """A warning for each (what, number of the user, number of the camera, its origin) whose numbers differ."""
-    for what, by_user, value, origin in given:
-        if by_user and value and abs(by_user / value - 1.0) > _TOLERANCE:
-            differ = {"given": by_user, "what": what, "origin": origin, "value": value}
-            yield Message("check_input.camera_differs", differ)
 
 
 def _cropped(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:
@@ -206,3 +235,56 @@ def _cropped(whole: Footage, first: int, last: int, roi: tuple[int, int, int, in
     chosen = slice(first - 1, last)
     frames = whole.frames[chosen, y : y + height, x : x + width]
     return replace(whole, frames=frames, time=None, damaged=whole.damaged[chosen])
+
+
+def contact_sheet(measurement: Measurement) -> Image.Image:
+    """Draw all frames in one picture, or evenly spaced ones if there are very many, each below its number, flag and
+    radius in px."""
+    from PIL import Image, ImageDraw
+
+    images, track = measurement.recording.frames, measurement.track
+    count, height, width = images.shape
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_FRAMES)).astype(int))
+    scale = min(_FRAME_SIZE[0] / width, _FRAME_SIZE[1] / height)
+    cell = int(width * scale), int(height * scale) + _LABEL_HEIGHT
+    columns = _SHEET_WIDTH // _FRAME_SIZE[0]
+    rows = -(-len(chosen) // columns)
+    sheet = Image.new("RGB", (columns * (cell[0] + _GAP) + _GAP, rows * (cell[1] + _GAP) + _GAP), "white")
+    usual = np.flatnonzero(np.isin(track.flags, ("flash", "dark"), invert=True))
+    some = images[usual[:: max(count // 40, 1)], ::3, ::3] if len(usual) else images
+    black, white = map(float, np.percentile(some, (0.5, 99.5)))
+    for k, i in enumerate(chosen):
+        colour = COLOURS.get(str(track.flags[i]), GREY)
+        words = f"{measurement.first + i} {track.flags[i]}"
+        words += f" {track.radius[i]:.1f}" if np.isfinite(track.radius[i]) else ""
+        grey = (images[i].astype(np.float32) - black) * (235.0 / (max(white, black + 1.0) - black))
+        labelled = Image.new("RGB", cell, "#222222")
+        labelled.paste(
+            _with_circle(np.clip(grey, 0, 255).astype(np.uint8), track, i, scale, colour), (0, _LABEL_HEIGHT)
+        )
+        ImageDraw.Draw(labelled).text((2, 0), words, fill=colour)
+        sheet.paste(labelled, (_GAP + k % columns * (cell[0] + _GAP), _GAP + k // columns * (cell[1] + _GAP)))
+    return sheet
+
+
+def _with_circle(grey: np.ndarray, track: Track, i: int, scale: float, colour: str) -> Image.Image:
+    """Draw frame i, given in grey, at this scale with its circle, or with a border if there is no radius."""
+    from PIL import Image, ImageDraw
+
+    size = int(grey.shape[1] * scale), int(grey.shape[0] * scale)
+    picture = Image.fromarray(grey).resize(size, Image.Resampling.BILINEAR).convert("RGB")
+    draw = ImageDraw.Draw(picture)
+    x, y, r = scale * float(track.x[i] + 0.5), scale * float(track.y[i] + 0.5), scale * float(track.radius[i])
+    if np.isfinite(r):
+        box = [floor(end) for end in (x - r, y - r, x + r, y + r)]
+        draw.ellipse(box, outline=colour, width=max(round(scale), 1))
+    else:
+        draw.rectangle((0, 0, size[0] - 1, size[1] - 1), outline=colour)
+    return picture
+
+
+def data_url(picture: Image.Image) -> str:
+    """Return a picture as a data URL (JPEG) that a web page can show."""
+    file = io.BytesIO()
+    picture.save(file, "jpeg", quality=60)
+    return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
