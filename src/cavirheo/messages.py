@@ -47,7 +47,7 @@ class Message:
 
 @cache
 def _sentences() -> dict[str, str]:
-    return tomllib.loads(files("cavirheo").joinpath("sentences.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((files("cavirheo") / "sentences.toml").read_text(encoding="utf-8"))
 
 
 def is_input_warning(code: str) -> bool:
@@ -67,8 +67,7 @@ def message_of_error(error: Exception) -> Message:
         return Message(error.code, {"text": error.message})
     if isinstance(error, SolverError):
         return Message("solver", {"text": str(error)})
-    reason = f": {error}" if str(error) else ""
-    return Message("unexpected", {"text": f"unexpected {type(error).__name__}{reason}"})
+    return Message("unexpected", {"text": f"unexpected {type(error).__name__}: {error}".removesuffix(": ")})
 
 
 def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
@@ -79,22 +78,20 @@ def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
     parts: list[str] = []
     for heap in heaps:
         first, last = (digits.number(end, factor, 2) for end in (heap.low, heap.high))
-        limits = f"{first} to {last}"
-        if heap.low is None or heap.high is None:
-            limits = f"above {first}" if heap.high is None else f"below {last}"
+        limits = (
+            f"below {last}" if heap.low is None else f"above {first}" if heap.high is None else f"{first} to {last}"
+        )
         names = ", ".join(next(short) for _ in heap.shots)
         where = names if len(names) <= _MOST_NAMES else digits.counted(len(heap.shots), "shot")
         parts.append(f"{limits}{'' if parts else f' {unit}'} in {where}")
     return f"either {' or '.join(parts)}"
 
 
-def constants_in_words(values: Mapping[str, float]) -> str:
+def _constants(values: Mapping[str, float]) -> str:
     """'density 998 kg/m3, pressure 101 kPa' of constants of the medium by name, SI."""
-    words = []
-    for name, value in values.items():
-        factor, unit = (1e-3, "kPa") if name == "pressure" else (1.0, "kg/m3")
-        words.append(f"{name} {digits.significant(factor * value)} {unit}")
-    return ", ".join(words)
+    units = {"pressure": (1e-3, "kPa"), "density": (1.0, "kg/m3")}
+    shown = {name: (units[name][0] * value, units[name][1]) for name, value in values.items()}
+    return ", ".join(f"{name} {digits.significant(value)} {unit}" for name, (value, unit) in shown.items())
 
 
 def _words(name: str) -> str:
@@ -200,7 +197,7 @@ _FORMS: dict[str, Callable[[Any], str]] = {  # how a value stands in a template,
     "µm": lambda metres: f"{1e6 * metres:.4g} µm",
     "about µm": lambda metres: f"{digits.significant(1e6 * metres, 2)} µm",
     "µs": lambda seconds: f"{1e6 * seconds:.4g} µs",
-    "constants": constants_in_words,
+    "constants": _constants,
 }
 
 

@@ -27,7 +27,7 @@ from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior
 from cavirheo.writing.document import atomic_file, part_of, writable_folder
-from cavirheo.writing.packing import decode, encode
+from cavirheo.writing.export import decode, encode
 from cavirheo.writing.terminal import progress_bar, say
 
 if TYPE_CHECKING:

@@ -13,12 +13,12 @@ from cavirheo.errors import InputError
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.cards import card, shipped
 from cavirheo.posterior import Checks
-from cavirheo.reporting import html
+from cavirheo.reporting.advice import curves_by_message
 from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.documents import result_of
+from cavirheo.reporting.drawing import GROUP_SIZE, picture, template
+from cavirheo.reporting.measured import curve_warnings, curves_by_note, summary_cells
 from cavirheo.reporting.panels import all_curves_panel, curve_panels
-from cavirheo.reporting.svg import GROUP_SIZE, picture
-from cavirheo.reporting.table import curve_warnings, curves_by_message, curves_by_note, summary_cells
 from cavirheo.writing import digits
 
 VERSION = version("cavirheo")
@@ -49,7 +49,8 @@ TEXT_FIELDS = {  # label, and what an empty field means
 VOUCH = "I vouch for scale, frame rate and medium, however odd they look"
 HYPHEN = "\u2011"  # at which no line is broken
 NO_ANSWERS = "No answers with these settings yet: press the button above."
-_MACROS = html.template("words.html", "cavirheo.app").module
+_MACROS = template("words.html", "cavirheo.app").module
+_PARTS: Any = template("parts.html").module  # of the report
 
 
 def render(name: str, *content: Any) -> str:
@@ -64,8 +65,8 @@ def with_option(label: str, name: str) -> str:
 
 def page_head() -> str:
     """Return CSS and script of the page: the report's CSS inside .report, app.css, and the report's table.js."""
-    css = f".report {{\n{html.template('report.css').render()}}}\n{read_file('app.css')}"
-    return f"<style>{css}</style><script>{html.template('table.js').render()}</script>"
+    css = f".report {{\n{template('report.css').render()}}}\n{read_file('app.css')}"
+    return f"<style>{css}</style><script>{template('table.js').render()}</script>"
 
 
 def read_file(name: str) -> str:
@@ -139,11 +140,11 @@ def answers(session: Session) -> str:
     if current is None:
         return render("hint", NO_ANSWERS)
     document = current.document
-    groups = html.render_macro("group_answers", document, current.pictures)
-    groups += html.render_macro("comparisons", document)
+    groups = _PARTS.group_answers(document, current.pictures)
+    groups += _PARTS.comparisons(document)
     rows = document.curves
-    shots = html.render_macro("curves_table", document, rows, [row.name for row in rows])
-    explanation = html.render_macro("reading"), *methods_paragraph(document)
+    shots = _PARTS.curves_table(document, rows, [row.name for row in rows])
+    explanation = _PARTS.reading(), *methods_paragraph(document)
     done = len(document.curves), current.not_run
     return render("answers", run, *done, groups, shots, curves_by_message(rows), *explanation)
 
@@ -151,5 +152,5 @@ def answers(session: Session) -> str:
 def facts(session: Session, name: str) -> str:
     """All facts of the answer."""
     answers, *_, record = session.find_answer(name)
-    about = html.render_macro("about", record, answers.document)
+    about = _PARTS.about(record, answers.document)
     return render("facts", record, about)

@@ -38,7 +38,7 @@ from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
 from cavirheo.physics.media import CONSTANTS, WATER, Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.writing.packing import content_hash
+from cavirheo.writing.export import content_hash
 
 _log = logging.getLogger(__name__)
 DEFAULT = "posterior"  # the model of `infer` that is no network: draws of the emulator, weighed by simulations

@@ -18,7 +18,7 @@ from typing import Any
 
 from cavirheo.errors import InputError
 from cavirheo.parallel import tie_to_parent
-from cavirheo.writing.packing import decode, encode
+from cavirheo.writing.export import decode, encode
 
 MEMORY = 1_000_000_000  # bytes that reading a workbook or a file of MATLAB may take
 SECONDS = 30.0  # for reading it

@@ -1,18 +1,27 @@
-"""The answer of a group in words, for the terminal and the report: G and mu, whether to use them, what could be wrong,
-which model, and the command of the line `next`."""
+"""The answer in words and tables, the same for the terminal, the report and the app: of a group G and mu, whether to
+use them, what could be wrong, which model, and the command of the line `next`; the rows of shots; and the answers
+beside values of other methods."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from cavirheo.messages import heaps_in_words
-from cavirheo.parameters import VISCOSITY_AT_RATE
+from cavirheo.parameters import BUBBLE, VISCOSITY_AT_RATE
 from cavirheo.reporting.documents import DECIDING_SHARE
-from cavirheo.reporting.record import SYMBOLS, CurveRecord, GroupRecord, PopulationRecord, Result
-from cavirheo.reporting.table import parameters_of
-from cavirheo.writing import digits
+from cavirheo.reporting.record import (
+    MAIN_FIELDS,
+    OUR_METHOD,
+    SYMBOLS,
+    CurveRecord,
+    GroupRecord,
+    PopulationRecord,
+    Result,
+    parameters_of,
+)
+from cavirheo.writing import digits, terminal
 
 _LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on these should be measured better
 _COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from which on that part is shown
@@ -21,7 +30,7 @@ _APART = ("group.doubt.heaps", "group.doubt.scatter")
 _OF_MODEL = ("group.doubt.misfits", "group.doubt.switches", "group.doubt.trend")  # said in the line of the use
 _DISAGREEMENTS = (*_APART, *_OF_MODEL)
 _NO_VALUE = 1.0  # scatter of the shots over the material, from which on no one value stands for them
-_SURE = 0.95  # probability of a state of a switch of a group, from which on the group has settled it
+_SURE = 0.95  # probability from which on a group has settled that its material is a liquid
 
 
 def answer_lines(
@@ -58,9 +67,10 @@ def _further(population: PopulationRecord) -> list[str]:
     if "liquid" in population.switches:
         return []
     known = [name for name in parameters_of([population]) if name not in (*SYMBOLS, VISCOSITY_AT_RATE)]
-    if population.main("viscosity").known or "reference_viscosity" in known:
-        return known
-    return ["reference_viscosity", *known] if "reference_viscosity" in population.other_parameters else known
+    reference = "reference_viscosity"
+    if reference in population.other_parameters and reference not in known and not population.viscosity.known:
+        known.insert(0, reference)
+    return known
 
 
 def badge_of(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
@@ -95,7 +105,7 @@ def _value_line(
     if heaps := group.population.heaps.get(name):
         return [heaps_in_words(name, heaps)], [], "not"
     value = group.population.main(name)
-    liquid = name == "shear_modulus" and _settled(group).get("liquid", False)
+    liquid = name == "shear_modulus" and _is_liquid(group)
     if not value.known:
         return ["none: the material is a liquid"] if liquid and group.has_answer else [], [], ""
     _, factor, unit, _ = result.shown(name)
@@ -159,10 +169,9 @@ def _disagreement(group: GroupRecord) -> list[str]:
     return [f"the shots disagree in {symbols}"] if symbols else []
 
 
-def _settled(group: GroupRecord) -> dict[str, bool]:
-    """The switches that the shots of a group have settled together, and whether they are on."""
-    switches = group.population.switches
-    return {name: on > 0.5 for name, on in switches.items() if max(on, 1.0 - on) > _SURE}
+def _is_liquid(group: GroupRecord) -> bool:
+    """Whether the shots of a group have settled together that the material is a liquid."""
+    return group.population.switches.get("liquid", 0.0) > _SURE
 
 
 def model_in_words(switches: Mapping[str, float]) -> str:
@@ -186,9 +195,9 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     document = shlex.quote(str(out / "result.json"))
     codes = [message.code for message in group.doubts]
     if group.verdict == "check_input" and len(shots) == 1:
-        scale = any(message.code == "check_input.scale" for message in shots[0].warnings)
-        mended = "the right unit, --rmax-um or --fps" if scale else "what is asked for"
-        return f"the same command with {mended}" + ("" if scale else ", or --trust-input if all is right")
+        if any(message.code == "check_input.scale" for message in shots[0].warnings):
+            return "the same command with the right unit, --rmax-um or --fps"
+        return "the same command with what is asked for, or --trust-input if all is right"
     if group.verdict == "failed" and len(shots) == 1:
         return "the same command, when this is mended"
     if "group.doubt.input" in codes or group.verdict == "failed":
@@ -197,25 +206,83 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         return "the same command with the right --um-per-px (or --rmax-um) and --fps"
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
     if group.verdict == "does_not_fit" or (misfits and codes) or not {*codes}.isdisjoint(_OF_MODEL):
-        return f"cavirheo which-law {_files(misfits or shots, 2)}   (whether another law follows them)"
+        return f"cavirheo which-law {_files(misfits or shots)}   (whether another law follows them)"
     if codes:
         return f"look at the shots in {out / 'report.html'}   (which of them lie apart)"
     if group.verdict == "unverified":
-        return f"cavirheo infer {_files(shots, 2)}"
-    limited = _settled(group).get("liquid", False) and not group.population.viscosity.bound
+        return f"cavirheo infer {_files(shots)}"
+    limited = _is_liquid(group) and not group.population.viscosity.bound
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
         return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
     if group.verdict == "bound" and (len(shots) == 1 or group.population.has_material):
-        law = "newtonian" if _settled(group).get("liquid", False) else group.population.model.partition(",")[0]
+        law = "newtonian" if _is_liquid(group) else group.population.model.partition(",")[0]
         more = [] if law in ("auto", "nhkv") else ["--material", law]
         more += ["--group", group.name] if len(result.groups) > 1 else []
         return f"cavirheo design {shlex.join([str(out / 'result.json'), *more])}   (what to record)"
     return f"cavirheo cite {document}   (after a look at report.html)"
 
 
-def _files(shots: Sequence[CurveRecord], most: int) -> str:
-    """The files of these shots, `most` of them at most, as words of a command."""
+def _files(shots: Sequence[CurveRecord]) -> str:
+    """The files of these shots as words of a command, two at most."""
     sources = list(dict.fromkeys(shot.source for shot in shots if shot.source))
-    words = [*map(shlex.quote, sources[:most]), *(["..."] if len(sources) > most else [])]
-    return " ".join(words)
+    return shlex.join(sources[:2]) + (" ..." if len(sources) > 2 else "")
+
+
+def shots_table(
+    result: Result, shots: Sequence[CurveRecord], names: Sequence[str]
+) -> tuple[list[str], list[list[str]]]:
+    """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval."""
+    G = result.shown("shear_modulus")
+    has_rate = any(shot.viscosity.known and not shot.viscosity_Pa_s.known for shot in shots)
+    mu = result.shown(VISCOSITY_AT_RATE if has_rate else "viscosity")
+    values = [f"{G.symbol} {G.unit}", digits.SURE, f"{mu.symbol} {mu.unit}", digits.SURE]
+    rows = []
+    for name, shot in zip(names, shots, strict=True):
+        stretch = shot.stretch
+        ratio = digits.value_parts(stretch)[1] if stretch.bound else digits.number(stretch.median)
+        size, rmse = digits.micrometres(shot.max_radius_m), digits.number(shot.rmse_over_rmax, 100.0)
+        parts = *G.parts(shot.shear_modulus_Pa), *mu.parts(shot.viscosity)
+        rows.append([name, size, ratio, *parts, rmse, shot.verdict_in_words])
+    return ["shot", "R_max µm", "λ", *values, "RMSE %", "verdict"], rows
+
+
+def meaning_of(name: str) -> str:
+    """Unit and meaning of a parameter of the bubble, 'no unit; confinement damping: ...'; "" for any other one."""
+    return f"{digits.shown(name).si or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
+
+
+def curves_by_message(records: Iterable[CurveRecord]) -> dict[str, list[str]]:
+    """The messages of all answers, each once, with the names of its curves."""
+    return terminal.names_by_text((record.name, message.text) for record in records for message in record.messages)
+
+
+def comparison_table(result: Result) -> tuple[list[str], list[list[str]]]:
+    """(heads, rows) of the answers of groups beside values of other methods, a row for each group, quantity and method;
+    of a group the answer is last."""
+    rows = []
+    for group in result.groups:
+        for name in dict.fromkeys([*MAIN_FIELDS, *(name for values in group.published.values() for name in values)]):
+            symbol, factor, unit, _ = result.shown(name)
+            if name not in MAIN_FIELDS:  # of a rheometer, at one angular frequency
+                symbol, unit = f"µ at {name.removeprefix('viscosity_at_').removesuffix('_rad_per_s')} rad/s", "Pa s"
+            ours = group.value(name)
+            for method, values in group.published.items():
+                if value := values.get(name):
+                    ratio = ours.median / value.mean if ours.median is not None and value.mean else None
+                    words = digits.spread(value, factor)
+                    rows.append([group.name, f"{symbol}, {unit}", method, words, digits.number(ratio)])
+            if name in MAIN_FIELDS:
+                rows.append([group.name, f"{symbol}, {unit}", OUR_METHOD, digits.quantity(ours, factor), ""])
+    return ["group", "quantity", "method", "value", f"{OUR_METHOD}\nover it"], rows
+
+
+def comparison_key(result: Result) -> str:
+    """How to read the table of a comparison."""
+    key = f"{OUR_METHOD}: the material of all shots that count, and its 90 % interval; others: mean ± deviation."
+    if bubbles := ", ".join(dict.fromkeys(shot.bubble_title for shot in result.curves if shot.has_answer)):
+        key += f" Our answers assume the {bubbles}."
+    if any(method.startswith("rheometer") for group in result.groups for method in group.published):
+        key += " A rheometer measures at small strain and low rates, a bubble at large strain and 1e5/s: unequal"
+        key += " values are no contradiction."
+    return key

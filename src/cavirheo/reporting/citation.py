@@ -9,8 +9,8 @@ from functools import cache
 from importlib.resources import files
 
 from cavirheo.physics.materials import LAWS
-from cavirheo.reporting.html import template
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.drawing import template
+from cavirheo.reporting.record import Result, parameters_of
 
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 MEDIUM_KEYS = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
@@ -53,6 +53,7 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
         laws=dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws),
         verdicts=Counter(curve.verdict for curve in result.curves),
         references_of_law=references_of_law,
+        parameters_of=parameters_of,
         MEDIUM_KEYS=MEDIUM_KEYS,
     )
     paragraph = " ".join(text.split())

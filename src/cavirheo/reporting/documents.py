@@ -4,7 +4,7 @@ material, its verdict, which obeys the rows, and what a user must know of it."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
@@ -16,21 +16,12 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, expect
 from cavirheo.messages import Message
-from cavirheo.parameters import (
-    BUBBLE,
-    CAMERA,
-    REFERENCE_RATE,
-    VISCOSITY_AT_RATE,
-    is_law_parameter,
-    parameter_of,
-    wide_bound,
-)
+from cavirheo.parameters import BUBBLE, CAMERA, REFERENCE_RATE, VISCOSITY_AT_RATE, is_law_parameter, symbol, wide_bound
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.posterior import Posterior, Verdict, weighted_quantile
 from cavirheo.reporting.record import (
     MAIN_FIELDS,
     WIDE_SCATTER,
-    Compared,
     CurveRecord,
     GroupRecord,
     LawOfGroup,
@@ -38,9 +29,7 @@ from cavirheo.reporting.record import (
     MaterialRatio,
     PopulationRecord,
     Result,
-    Sentence,
     Systematic,
-    group_names,
     json_data,
     members_of,
 )
@@ -84,7 +73,7 @@ def result(
 
     rows = [curve_record(curve, answer) for curve, answer in pairs]
     materials: list[Population | None] = []
-    for indices in members_of(rows).values():
+    for _, indices in members_of(rows):
         answers, names = [pairs[i][1] for i in indices], [rows[i].name for i in indices]
         several = len(answers) > 1 and any(len(answer.theta) > 1 for answer in answers)
         materials.append(population(answers, names=names, errors=errors) if several else None)
@@ -100,14 +89,14 @@ def result_of(
 ) -> Result:
     """The result of these records of curves, and of their groups. materials: those of the groups; default: none.
     errors: as of `result`. head: fields of a `Document`."""
-    members, names = members_of(rows), group_names(rows)
+    members = members_of(rows)
     materials = materials or [None] * len(members)
     groups = [
         group_record(name, [rows[i] for i in indices], material, errors)
-        for name, indices, material in zip(names, members.values(), materials, strict=True)
+        for (name, indices), material in zip(members, materials, strict=True)
     ]
-    differing = differences(dict(zip(names, materials, strict=True)))
-    return Result(curves=list(rows), groups=groups, differences=differing, **head)
+    named = [(group.name, material) for group, material in zip(groups, materials, strict=True) if material]
+    return Result(curves=list(rows), groups=groups, differences=differences(named), **head)
 
 
 def table(answers: Sequence[Posterior]) -> Any:
@@ -139,18 +128,17 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     """The row of one curve."""
     posterior = _failed_if_invalid(posterior)
     checks, prior = posterior.checks, posterior.stretch_prior
-    values = dict.fromkeys((*MAIN_FIELDS, "stretch"), Quantity())
-    values |= {name: posterior.quantity(name) for name in posterior.parameters}
+    values = {name: posterior.quantity(name) for name in posterior.parameters}
     assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in values}
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
-    if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
+    if "stretch" not in values or values["stretch"].median is None:  # it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
     differing: dict[str, Any] = {
         "name": curve.name,
         **dict.fromkeys(("max_radius_m", "time_of_max_s", "strain_rate_per_s")),
         "best": {} if checks.reconstruction_time is None else posterior.best,
-        "window": Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
-        "messages": sentences(checks.messages),
+        "window": checks,
+        "messages": checks.messages,
         "stretch_prior": {"mean": prior[0], "std": prior[1]} if prior else {},
         "seconds": finite(posterior.seconds) or 0.0,
         "diagnostics": json_data(posterior.diagnostics),
@@ -165,10 +153,6 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
 def same_fields(kind: type[Record], *owners: Any) -> dict[str, Any]:
     """The values of a record's fields that these objects have under the same names; those of a later one count."""
     return {name: getattr(owner, name) for owner in owners for name in kind.model_fields if hasattr(owner, name)}
-
-
-def sentences(messages: Iterable[Message]) -> list[Sentence]:
-    return [Sentence(code=message.code, text=message.text) for message in messages]
 
 
 def _failed_if_invalid(posterior: Posterior) -> Posterior:
@@ -212,7 +196,9 @@ def group_record(
         known = [change for change in changes if change is not None]
         systematic.slopes |= {"shear_modulus": {"scale": float(np.mean(known))}} if known else {}
     doubts = _doubts(shots, population)
-    facts = _facts(members, population, systematic, material.warnings if material and population.has_material else ())
+    messages: Any = doubts + _facts(members, population, systematic)
+    if material and population.has_material:
+        messages += [Message("group.rough", {"text": warning}) for warning in material.warnings]
     return GroupRecord(
         name=name,
         n=len(shots),
@@ -220,7 +206,7 @@ def group_record(
         population=population,
         systematic=systematic,
         verdict=_verdict(shots, doubts, population),
-        messages=sentences([*doubts, *facts]),
+        messages=messages,
         verdicts=dict(Counter(record.verdict for record in members)),
     )
 
@@ -231,8 +217,7 @@ def _of_one_shot(row: CurveRecord, errors: CommonErrors | None) -> tuple[Populat
 
     errors = errors or CommonErrors()
     over = {"shear_modulus": row.diagnostics.modulus_over_scale, "viscosity": row.diagnostics.viscosity_over_scale}
-    names = [name for name in (*MAIN_FIELDS, *row.other_parameters) if name in MAIN_FIELDS or is_law_parameter(name)]
-    values = {name: row.value(name) for name in names}
+    values = {name: row.value(name) for name in (*MAIN_FIELDS, *row.other_parameters) if is_law_parameter(name)}
     systematic = Systematic(errors=asdict(errors))
     for name, value in values.items():
         change = over.get(name)
@@ -261,24 +246,22 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
     if len(late) > max(MISFIT_SHARE * total, 1):  # the others are cut alike, and show it less
         suspects = late
     if suspects:
-        counts = {"count": len(suspects), "total": total}
-        messages.append(Message("group.doubt.input", {**counts, "reason": _reason(suspects)}))
+        values = {"count": len(suspects), "total": total, "reason": _reason(suspects)}
+        messages.append(Message("group.doubt.input", values))
     for code, names in (("group.doubt.ends", CAMERA), ("group.doubt.bubble", tuple(BUBBLE))):
-        ends = [{*names} & {*record.diagnostics.at_bound} for record in shots]
-        pulled = sum(map(bool, ends))
-        if pulled > most:
-            at_end = sorted(set().union(*ends))
-            messages.append(Message(code, {"count": pulled, "total": total, "names": at_end}))
+        ends = [found for shot in shots if (found := {*names} & {*shot.diagnostics.at_bound})]
+        if len(ends) > most:
+            values = {"count": len(ends), "total": total, "names": sorted(set().union(*ends))}
+            messages.append(Message(code, values))
     for name, heaps in population.heaps.items():
         messages.append(Message("group.doubt.heaps", {"name": name, "heaps": heaps}))
     for name, scatter in population.wide_scatters.items():
         messages.append(Message("group.doubt.scatter", {"name": name, "scatter": scatter, "limit": WIDE_SCATTER}))
-    misfits = sum(record.verdict == "does_not_fit" for record in shots)
-    if total > 1 and misfits > MISFIT_SHARE * total:
-        messages.append(Message("group.doubt.misfits", {"count": misfits, "total": total}))
+    misfits = sum(record.verdict == "does_not_fit" for record in shots) if total > 1 else 0
     apart = population.left_out.get("other_switches", 0)
-    if apart > MISFIT_SHARE * total:
-        messages.append(Message("group.doubt.switches", {"count": apart, "total": total}))
+    for code, count in (("group.doubt.misfits", misfits), ("group.doubt.switches", apart)):
+        if count > MISFIT_SHARE * total:
+            messages.append(Message(code, {"count": count, "total": total}))
     if trends := size_trends(shots):
         messages.append(Message("group.doubt.trend", {"trends": trends}))
     return messages
@@ -312,18 +295,15 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
     return "bound" if bounded else "ok"
 
 
-def _facts(
-    members: Sequence[CurveRecord], population: PopulationRecord, systematic: Systematic, warnings: Iterable[str]
-) -> list[Message]:
-    """Messages on what 1 % of scale or rate does to G, on constants that nobody gave, on shots that do not count or are
-    unlike the others, and on what is rough in the answer."""
+def _facts(members: Sequence[CurveRecord], population: PopulationRecord, systematic: Systematic) -> list[Message]:
+    """Messages on what 1 % of scale or rate does to G, on constants that nobody gave, and on shots that do not count or
+    are unlike the others."""
     messages = list[Message]()
     change = systematic.slopes.get("shear_modulus", {}).get("scale")
     if change is not None and abs(change) >= LEAST_CHANGE:
         messages.append(Message("group.scale", {"change": change}))
-    shots = [record for record in members if record.has_answer]
-    values = {name: value for record in shots for name, value in record.provenance.get("assumed", {}).items()}
-    if values:
+    assumed = [record.provenance.get("assumed", {}) for record in members if record.has_answer]
+    if values := {name: value for constants in assumed for name, value in constants.items()}:
         messages.append(Message("group.not_given", {"values": values}))
     if population.left_out:
         messages.append(Message("group.left_out", {"counts": population.left_out}))
@@ -332,7 +312,7 @@ def _facts(
         short = dict(zip(names, digits.distinct_names(names), strict=True))
         probabilities = {short[name]: probability for name, probability in population.outliers.items()}
         messages.append(Message("group.outliers", {"probabilities": probabilities}))
-    return [*messages, *(Message("group.rough", {"text": warning}) for warning in warnings)]
+    return messages
 
 
 def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
@@ -348,7 +328,7 @@ def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
 
             trend = spearmanr(*logs.T)
             if trend.pvalue < CHANCE:
-                trends.append(f"{parameter_of(name).symbol} {'rises' if trend.statistic > 0 else 'falls'}")
+                trends.append(f"{symbol(name)} {'rises' if trend.statistic > 0 else 'falls'}")
     return trends
 
 
@@ -374,13 +354,13 @@ def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
     return PopulationRecord(**fields), systematic
 
 
-def differences(materials: Mapping[str, Population | None]) -> list[MaterialRatio]:
+def differences(materials: Iterable[tuple[str, Population]]) -> list[MaterialRatio]:
     """Ratios of each two of the first _MAX_COMPARED materials with the same model."""
-    whole = [(name, population) for name, population in materials.items() if population and len(population.centre)]
+    whole = [(name, material) for name, material in materials if len(material.centre)]
     records = []
-    for (earlier, population), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
-        if (population.material, population.bubble) == (second.material, second.bubble):
-            for name, (ratio, higher) in second.against(population).items():
+    for (earlier, first), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
+        if (first.material, first.bubble) == (second.material, second.bubble):
+            for name, (ratio, higher) in second.against(first).items():
                 both = {"first": later, "second": earlier, "parameter": name}
                 records.append(MaterialRatio(**both, ratio=ratio, probability_higher=higher))
     return records
@@ -400,8 +380,7 @@ def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:
                 probability=ranking.probability.get(name),
                 material=material.line if material else _values_in_words(alone) if alone else "",
             )
-        ranked = {key: getattr(ranking, key) for key in ("shots", "chosen", "contenders", "pairs")}
-        found[ranking.members[0]] = LawsOfGroup(laws=laws, **ranked)
+        found[ranking.members[0]] = LawsOfGroup(laws=laws, **same_fields(LawsOfGroup, ranking))
     return found
 
 

@@ -1,8 +1,10 @@
-"""The document, the table and the files of a measured recording: measure.json and measured.csv."""
+"""Measured curves in words; and the document, the table and the files of a measured recording, measure.json and
+measured.csv."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,6 +12,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.physics.media import WATER
 from cavirheo.video.measurement import Measurement, StatedNumber
 from cavirheo.video.track import FLAGS, USED
 from cavirheo.writing import digits, terminal
@@ -58,8 +61,10 @@ class Measured(Document):
     """Input warnings on the recording and its settings."""
 
 
-def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
-    """Build the document of a measurement; `warnings`: those of the curve in its medium."""
+def describe(measurement: Measurement, curve: RadiusCurve, **head: Any) -> Measured:
+    """The document of a measurement. head: command, date, notes."""
+    from cavirheo.inference import input_warnings  # imports the solver
+
     try:
         head |= {"max_radius_m": curve.max_radius, "time_of_max_s": curve.time_of_max}
         head["collapse_times_s"] = curve.collapse_times().tolist()
@@ -71,7 +76,7 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
     head |= {"frame_rate_hz": measurement.frame_rate, "um_per_px": measurement.um_per_px}
     head |= {"exposure_s": measurement.exposure, "measured_with": measurement.options, "flags": measurement.counts}
     head |= {"optics_sigma_px": track.optics, "max_radius_px": float(np.nanmax(track.radius))}
-    return Measured(**head, warnings=warnings)
+    return Measured(**head, warnings=[warning.text for warning in input_warnings.curve_warnings(curve, WATER)])
 
 
 def write_csv(path: Path, measurement: Measurement) -> None:
@@ -113,3 +118,32 @@ def print_table(record: Measured) -> None:
     terminal.print_remarks({warning: [record.name] for warning in record.warnings}, mark="check input:")
     notes = [note for note in (record.unusable, *record.notes) if note]
     terminal.print_remarks({note: [record.name] for note in notes})
+
+
+def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
+    """Cells of a curve: R_max (µm), frame rate (kHz), frames with a radius, recorded time (µs), number of collapses."""
+    top, collapses = digits.MISSING, digits.MISSING
+    with suppress(InputError):
+        top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
+    frames = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
+    recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
+    return top, digits.number(curve.frame_rate, 1e-3), frames, recorded, collapses
+
+
+def curve_warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """The warnings on scales and settings, and why a curve has no R_max, each with the names of its curves."""
+    from cavirheo.inference import input_warnings  # imports the solver
+
+    warnings = []
+    for curve in curves:
+        warnings += [(curve.name, warning.text) for warning in input_warnings.curve_warnings(curve, WATER)]
+        try:
+            _ = curve.max_radius
+        except InputError as error:
+            warnings.append((curve.name, error.message))
+    return terminal.names_by_text(warnings)
+
+
+def curves_by_note(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """Notes on what was recognised, converted or left out in the files, each once, with the names of its curves."""
+    return terminal.names_by_text((curve.name, note) for curve in curves for note in curve.notes)

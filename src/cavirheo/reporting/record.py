@@ -7,7 +7,8 @@ population of its shots.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from math import inf
 from typing import Annotated, Any, ClassVar, Literal
@@ -20,7 +21,7 @@ from cavirheo.arrays import relative_scatter
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import listed
 from cavirheo.messages import is_input_warning
-from cavirheo.parameters import VISCOSITY_AT_RATE
+from cavirheo.parameters import VISCOSITY_AT_RATE, column_name, is_law_parameter
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Heap, Pair, Verdict
@@ -31,6 +32,7 @@ from cavirheo.writing.export import dataframe
 MAIN_FIELDS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
 SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # of the parameters of an answer
 WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
+_ENDS = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}  # columns of a quantity in CSV
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
 
 
@@ -55,9 +57,8 @@ class ParameterValues(Record):
 
     def value(self, name: str) -> Quantity:
         """The value of a parameter by its natural name; an empty one if there is none."""
-        if key := self._keys.get(name):
-            return getattr(self, key)
-        return self.other_parameters.get(name, Quantity())
+        key = self._keys.get(name)
+        return getattr(self, key) if key else self.other_parameters.get(name, Quantity())
 
     @property
     def viscosity(self) -> Quantity:
@@ -67,6 +68,14 @@ class ParameterValues(Record):
     def main(self, name: str) -> Quantity:
         """G ("shear_modulus") or mu ("viscosity"), which is that at 1e5 1/s of a law without a constant viscosity."""
         return self.viscosity if name == "viscosity" else self.value(name)
+
+
+def parameters_of(records: Sequence[ParameterValues]) -> list[str]:
+    """Law parameters that are known in these records, G and µ first; a reference viscosity only with a yield stress."""
+    names = dict.fromkeys([*MAIN_FIELDS, *(name for record in records for name in record.other_parameters)])
+    inferred = [name for name in names if any(record.value(name).known for record in records)]
+    excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
+    return [name for name in inferred if is_law_parameter(name) and name not in excluded]
 
 
 class Compared(Record):
@@ -172,9 +181,9 @@ class CurveRecord(ParameterValues):
         if self.verdict == "bound":
             values = {symbol: self.main(name) for name, symbol in SYMBOLS.items()}
             bounds = {symbol: value.bound for symbol, value in values.items() if value.bound and not value.is_zero}
-            subjects = [*bounds]
             words = "wide" if {*bounds.values()} == {"wide"} else words
-        return f"{words}: {', '.join(subjects)}" if subjects else words
+            subjects = [*bounds]
+        return ": ".join(filter(None, [words, ", ".join(subjects)]))
 
     @property
     def message(self) -> str:
@@ -404,15 +413,13 @@ class Result(Document):
 
     def to_dataframe(self) -> Any:
         """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""
-        from cavirheo.reporting.table import csv_rows
-
         head, rows = csv_rows(self)
         columns = {name: [np.nan if row.get(name) is None else row[name] for row in rows] for name in head}
         return dataframe(columns, {"command": self.command})
 
     def indices_by_group(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""
-        return list(zip(self.groups, members_of(self.curves).values(), strict=True))
+        return list(zip(self.groups, (indices for _, indices in members_of(self.curves)), strict=True))
 
     def rows_by_group(self) -> list[tuple[GroupRecord, list[CurveRecord]]]:
         """Each group with its rows."""
@@ -432,16 +439,31 @@ class Result(Document):
             group.published |= {method: dict(values) for method, values in published.get(group.name, {}).items()}
 
 
-def group_names(curves: Iterable[CurveRecord | RadiusCurve]) -> list[str]:
-    """Names of the groups of curves, in order; groups with the same name have the path that was read instead."""
-    members = list(members_of(curves))
-    stems = [group for group, _ in members]
-    return [group if stems.count(group) == 1 or not source else source for group, source in members]
+def csv_rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
+    """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number). A
+    bound has no median, so that a mean of medians is one of values."""
+
+    def columns(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+        titles = [(name, column_name(name, digits.shown(name).si)) for name in names]
+        return {title + end: (name, part) for name, title in titles for part, end in _ENDS.items()}
+
+    main = columns(["stretch", *MAIN_FIELDS])
+    further = columns(dict.fromkeys(name for curve in result.curves for name in curve.other_parameters))
+    head = ["name", "group", "source", "material", "method", "max_radius_m", *main]
+    head += ["rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble", *further]
+    rows = []
+    for record in result.curves:
+        values = {title: getattr(record.value(name), part) for title, (name, part) in (main | further).items()}
+        own = {"message": record.message, "bubble": record.bubble.name}
+        rows.append(vars(record) | own | vars(record.window) | values)
+    return head, rows
 
 
-def members_of(curves: Iterable[CurveRecord | RadiusCurve]) -> dict[tuple[str, str], list[int]]:
-    """Indices of the curves of each group; two files of one name in different folders are two groups."""
+def members_of(curves: Iterable[CurveRecord | RadiusCurve]) -> list[tuple[str, list[int]]]:
+    """(name, indices of its curves) of each group. Two files of one name in different folders are two groups, which are
+    called by the path that was read."""
     members: dict[tuple[str, str], list[int]] = {}
     for index, curve in enumerate(curves):
         members.setdefault((curve.group, curve.group_source), []).append(index)
-    return members
+    count = Counter(group for group, _ in members)
+    return [(source if source and count[group] > 1 else group, found) for (group, source), found in members.items()]

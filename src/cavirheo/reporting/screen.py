@@ -6,11 +6,8 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from cavirheo.posterior import TRUSTED
-from cavirheo.reporting.advice import answer_lines, group_facts, next_step, windows
-from cavirheo.reporting.comparison import print_comparison
+from cavirheo.reporting import advice
 from cavirheo.reporting.record import SYMBOLS, CurveRecord, GroupRecord, Result
-from cavirheo.reporting.table import curves_by_message, shots_table
 from cavirheo.writing import digits, terminal
 
 MOST_ROWS = 12  # shots of a group that all have a row; of a larger one the exceptions have
@@ -37,21 +34,21 @@ def print_result(
     singles = [(group, shots[0]) for group, shots in result.rows_by_group() if len(shots) == 1]
     for group, shots in result.rows_by_group():
         if len(shots) > 1:
-            _print_title(group.name, group_facts(group, shots))
+            _print_title(group.name, advice.group_facts(group, shots))
             _print_rows(result, shots, group.population.outliers, every_shot)
             _print_answer(result, group, shots, out)
     if len(singles) == 1:
         ((group, shot),) = singles
         facts = [f"R_max {digits.micrometres(shot.max_radius_m)} µm", f"λ {digits.quantity(shot.stretch)}"]
-        facts += [*windows([shot]), f"RMSE {digits.percent(shot.rmse_over_rmax)} %"]
+        facts += [*advice.windows([shot]), f"RMSE {digits.percent(shot.rmse_over_rmax)} %"]
         _print_title(shot.name, facts if shot.has_answer else [])
         _print_answer(result, group, [shot], out)
     elif singles:
         shots = [shot for _, shot in singles]
-        _print_title(digits.counted(len(shots), "shot"), ["each by itself", *windows(shots)])
+        _print_title(digits.counted(len(shots), "shot"), ["each by itself", *advice.windows(shots)])
         _print_rows(result, shots, (), every_shot)
         doubtful = [group for group, _ in singles if group.verdict != "ok"]
-        _say("next", next_step(result, doubtful[0] if doubtful else singles[0][0], shots, out))
+        _say("next", advice.next_step(result, doubtful[0] if doubtful else singles[0][0], shots, out))
     if any(group.published for group in result.groups):
         print_comparison(result)
 
@@ -60,9 +57,18 @@ def print_all(result: Result, *, out: Path = Path()) -> None:
     """Print all messages, and the result with a row for each shot. A shot is called by what distinguishes it."""
     names = digits.distinct_names([row.name for row in result.curves])
     rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
-    terminal.print_remarks(curves_by_message(rows))
+    terminal.print_remarks(advice.curves_by_message(rows))
     terminal.print_remarks({}, [row.words for row in result.differences])
     print_result(result, out=out, every_shot=True)
+
+
+def print_comparison(result: Result) -> None:
+    """Print the answers of groups beside values of other methods, and how to read them."""
+    heads, rows = advice.comparison_table(result)
+    groups = ["", *(row[0] for row in rows)]
+    rows = [["" if row[0] == above else row[0], *row[1:]] for above, row in zip(groups, rows, strict=False)]
+    terminal.print_table(heads, rows, left=("quantity", "method"))
+    terminal.print_text(advice.comparison_key(result), style="dim")
 
 
 def print_line(record: CurveRecord) -> None:
@@ -72,7 +78,7 @@ def print_line(record: CurveRecord) -> None:
     parts = [digits.shown(name, value.largest).named(value) for name, value in values.items() if value.known]
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
     line = f"  {record.name}: {', '.join(parts) if record.has_answer else record.message}"
-    _print([(record.verdict_in_words, digits.VERDICT_STYLES[record.verdict].terminal), (line, "")])
+    terminal.print_line((record.verdict_in_words, digits.VERDICT_STYLES[record.verdict].terminal), (line, ""))
 
 
 def _print_laws(result: Result, *, every_pair: bool) -> None:
@@ -92,15 +98,14 @@ def _width() -> int:
 def _print_title(name: str, facts: Sequence[str]) -> None:
     words = ", ".join(facts)
     short = digits.elide(name, max(_width() - len(words) - 2, digits.SHORT_NAME))
-    _print([(short, "bold"), (f"  {words}".rstrip(), "")])
+    terminal.print_line((short, "bold"), (f"  {words}".rstrip(), ""))
 
 
 def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collection[str], every_shot: bool) -> None:
     """A row for each shot; of many, for the exceptions, and what the shots are that count."""
     visible = list(shots)
     if len(shots) > MOST_ROWS and not every_shot:
-        exceptions = [shot for shot in shots if shot.verdict not in TRUSTED or shot.name in outliers]
-        visible = exceptions[:MOST_EXCEPTIONS]
+        visible = [shot for shot in shots if not shot.trusted or shot.name in outliers][:MOST_EXCEPTIONS]
     if visible:
         _print_table(result, visible, [shot.name for shot in shots])
     if len(visible) < len(shots):
@@ -124,7 +129,7 @@ def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[s
     marks = ["", *("" if shot.verdict == "ok" else shot.verdict_in_words for shot in shots)]
     for width, with_stretch in ((_NAME, True), (digits.SHORT_NAME, True), (digits.SHORT_NAME, False)):
         short = dict(zip(names, digits.short_names(names, width), strict=True))
-        heads, numbers = shots_table(result, shots, [short[shot.name] for shot in shots])
+        heads, numbers = advice.shots_table(result, shots, [short[shot.name] for shot in shots])
         rows = [[*cells[:-1], mark] for cells, mark in zip([heads, *numbers], marks, strict=True)]
         if not with_stretch:
             rows = [[name, size, *cells] for name, size, _, *cells in rows]
@@ -134,11 +139,11 @@ def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[s
     styles = ["", *(digits.VERDICT_STYLES[shot.verdict].terminal for shot in shots)]
     for (name, *cells, mark), style in zip(rows, styles, strict=True):
         line = [name.ljust(first), *(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))]
-        _print([("  ".join(line), "" if style else "dim"), (f"  {mark}".rstrip(), style)])
+        terminal.print_line(("  ".join(line), "" if style else "dim"), (f"  {mark}".rstrip(), style))
 
 
 def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
-    for label, parts in answer_lines(result, group, shots, out):
+    for label, parts in advice.answer_lines(result, group, shots, out):
         if label in ("use", "check", "model"):
             style = digits.VERDICT_STYLES[group.verdict].terminal if label == "use" else ""
             _say(label, _fitting(parts), style=style, most=_MOST_LINES)
@@ -162,11 +167,4 @@ def _say(label: str, text: str, *, style: str = "", most: int = 1) -> None:
     head = f"{label} ".ljust(_LABEL)
     lines = terminal.lines_of(text, _width() - len(head), most) if most > 1 else [text]
     for k, line in enumerate(lines):
-        _print([(head if k == 0 else " " * len(head), "bold"), (line, style)])
-
-
-def _print(parts: Sequence[tuple[str, str]]) -> None:
-    from rich.text import Text
-
-    line = Text.assemble(*((digits.printable(words), style) for words, style in parts))
-    terminal.console().print(line, soft_wrap=True)
+        terminal.print_line((head if k == 0 else " " * len(head), "bold"), (line, style))

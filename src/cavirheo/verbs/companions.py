@@ -33,8 +33,9 @@ class Compare(Verb):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import by_group, read_sets
         from cavirheo.loading import load
-        from cavirheo.reporting import DOCUMENTS, comparison, write_documents
+        from cavirheo.reporting import DOCUMENTS, write_documents
         from cavirheo.reporting.record import Result
+        from cavirheo.reporting.screen import print_comparison
 
         sets = read_sets(self.references)
         answers = load(self.result, Result)
@@ -45,7 +46,7 @@ class Compare(Verb):
         document = Result(**vars(answers) | head)
         document.add_published(by_group([group.name for group in document.groups], sets))
         write_documents(outputs, [], document, draw=False)
-        run.show(document, comparison.print_comparison)
+        run.show(document, print_comparison)
         counts = f"{digits.counted(len(document.groups), 'group')}, {digits.counted(len(document.curves), 'shot')}"
         run.end(counts, has_problems(document), f"; report: {self.out / 'report.html'}")
 

@@ -100,7 +100,7 @@ class _ReportVerb(_AnsweringVerb):
         from cavirheo.companions.published_values import by_group, read_sets
         from cavirheo.reporting import DOCUMENTS, write_documents
         from cavirheo.reporting.documents import result
-        from cavirheo.reporting.record import group_names
+        from cavirheo.reporting.record import members_of
         from cavirheo.reporting.screen import print_result
         from cavirheo.workflow import UNFINISHED, Store, analyse_all, connected
 
@@ -112,7 +112,7 @@ class _ReportVerb(_AnsweringVerb):
         store = Store(self.out / UNFINISHED)
         with connected(self.scheduler, self.slurm, run.say) as executor:
             curves = self.read_curves(run, files)
-            published = by_group(group_names(curves), sets)
+            published = by_group([name for name, _ in members_of(curves)], sets)
             for analysis in analyses.values():
                 analysis.check(curves)
             found = analyse_all(curves, analyses, store, executor, visible=not run.quiet)

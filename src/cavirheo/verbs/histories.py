@@ -43,9 +43,7 @@ class Measure(Verb):
     out: Out = Path("cavirheo-measure")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.inference import input_warnings
         from cavirheo.io.shots import examine
-        from cavirheo.physics.media import WATER
         from cavirheo.reporting.measured import describe, write_csv
         from cavirheo.video.formats import EXTRA
         from cavirheo.video.measurement import contact_sheet
@@ -65,13 +63,12 @@ class Measure(Verb):
         outputs = run.outputs(self.out, "measure.json", "measured.csv", "contact.png", inputs=[path])
         camera["progress"] = partial(run.progress_bar, "measuring", unit="frames")
         measurement, curve = examine(path, **camera)
-        warnings = [warning.text for warning in input_warnings.curve_warnings(curve, WATER)]
         run.notes += measurement.notes
-        record = describe(measurement, curve, warnings, **run.document_fields)
+        record = describe(measurement, curve, **run.document_fields)
         outputs.write("measured.csv", write_csv, measurement)
         try_to_draw("contact.png", record.notes, lambda: outputs.write("contact.png", contact_sheet(measurement).save))
         run.write_document(outputs, record)
-        run.end(f"written to {self.out}", bool(warnings or record.unusable))
+        run.end(f"written to {self.out}", bool(record.warnings or record.unusable))
 
 
 @dataclass(frozen=True, kw_only=True)

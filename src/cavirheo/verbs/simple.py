@@ -53,7 +53,7 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     """Print what `infer` would read: a row per curve, then the input warnings, and remarks on how it was read."""
     from cavirheo.io.files import expand
     from cavirheo.io.shots import read_shots
-    from cavirheo.reporting.table import curve_warnings, curves_by_note, summary_cells
+    from cavirheo.reporting.measured import curve_warnings, curves_by_note, summary_cells
 
     curves, problems, remarks = read_shots(expand(path), **keywords)
     remarks = [remark for remark in remarks if not any(remark in curve.notes for curve in curves)]  # those are said

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from math import ceil, floor, isfinite, log10
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cavirheo import errors
 
@@ -158,14 +158,14 @@ def p_value_in_words(p: float) -> str:
 
 def number_ranges(numbers: Sequence[int]) -> str:
     """Sorted whole numbers as text with ranges: "12, 40-45"."""
-    ends = [k for k, n in enumerate(numbers) if k == 0 or n > numbers[k - 1] + 1] + [len(numbers)]
-    runs = [(numbers[low], numbers[high - 1]) for low, high in pairwise(ends)]
-    return ", ".join(str(low) if low == high else f"{low}-{high}" for low, high in runs)
+    starts = [k for k, n in enumerate(numbers) if k == 0 or n > numbers[k - 1] + 1]
+    runs = [numbers[low:high] for low, high in pairwise([*starts, len(numbers)])]
+    return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
 
 
 def simulation_name(method: str) -> str:
     """Which simulation is drawn over a measurement for an answer by this method: 'best draw'."""
-    return METHODS[method][1] if method in METHODS else "answer"
+    return METHODS.get(method, ("", "answer"))[1]
 
 
 def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
@@ -175,10 +175,8 @@ def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
 
 def ends(values: Iterable[float | None], factor: float = 1.0, count: int = 3) -> str:
     """The smallest and the largest of these values times the factor: '120 to 310', '120' if equal; "" for none."""
-    numbers = [value for value in values if value is not None]
-    if not numbers:
-        return ""
-    return " to ".join(dict.fromkeys(significant(factor * end, count) for end in (min(numbers), max(numbers))))
+    numbers = sorted(value for value in values if value is not None)
+    return " to ".join(dict.fromkeys(significant(factor * end, count) for end in numbers[:1] + numbers[-1:]))
 
 
 def percent(value: float | None) -> str:
@@ -201,16 +199,14 @@ def distinct_names(names: Sequence[str]) -> list[str]:
     """What distinguishes the names: of the shots of one file their numbers, "[7]"; of long names what stands between
     the words with which all of them begin, and those with which all of them end."""
     alike = _common_start(names)
+    begin = end = 0
     if "[" in alike:
-        short = [name[alike.rindex("[") :] for name in names]
+        begin = alike.rindex("[")
     elif max(map(len, names), default=0) > SHORT_NAME:
         begin = 1 + max(alike.rfind(mark) for mark in "_- /.")
-        ending = _common_start([name[begin:][::-1] for name in names])[::-1]
-        marks = [ending.find(mark) for mark in "_- /." if mark in ending]
-        end = len(ending) - min(marks) if marks else 0
-        short = [name[begin : len(name) - end] for name in names]
-    else:
-        short = list(names)
+        ending = _common_start([name[begin:][::-1] for name in names])  # backwards
+        end = 1 + max(ending.rfind(mark) for mark in "_- /.")
+    short = [name[begin : len(name) - end] for name in names]
     return short if all(short) and len(set(names)) > 1 else list(names)
 
 
@@ -225,9 +221,8 @@ def short_names(names: Sequence[str], width: int) -> list[str]:
 
 
 def _common_start(names: Sequence[str]) -> str:
-    first, last = min(names, default=""), max(names, default="")
-    length = min(len(first), len(last))
-    return first[: next((k for k in range(length) if first[k] != last[k]), length)]
+    alike = takewhile(lambda letters: len({*letters}) == 1, zip(*names, strict=False))
+    return "".join(first for first, *_ in alike)
 
 
 def together(text: str) -> str:
@@ -235,6 +230,13 @@ def together(text: str) -> str:
     return re.sub(r"(?<=\d) (?=\S)", NO_BREAK, text).replace("Pa s", f"Pa{NO_BREAK}s")
 
 
-def printable(text: str) -> str:
-    """A text of several lines with its control characters escaped, safe for a terminal and a document."""
-    return "\n".join(map(errors.printable, text.split("\n")))
+def printable(value: Any) -> Any:
+    """The value with the control characters of every text in it escaped, line ends excepted, safe for a terminal and a
+    document."""
+    if isinstance(value, dict):
+        return {printable(key): printable(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [printable(item) for item in value]
+    if isinstance(value, str):  # its type is kept: templates have texts that are marked as safe
+        return type(value)("\n".join(map(errors.printable, value.split("\n"))))
+    return value

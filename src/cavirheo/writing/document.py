@@ -55,10 +55,13 @@ Finite = Annotated[float | None, BeforeValidator(finite)]
 
 
 class Record(BaseModel):
-    """A record whose numbers are finite or null; a later version may add fields. `_omitted_if_empty`: fields that are
-    not written where they are empty."""
+    """A record whose numbers are finite or null; a later version may add fields. A field that is a record may be given
+    as any object with attributes of its names. `_omitted_if_empty`: fields that are not written where they are empty.
+    """
 
-    model_config: ClassVar[ConfigDict] = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(
+        extra="allow", allow_inf_nan=False, populate_by_name=True, from_attributes=True
+    )
     _omitted_if_empty: ClassVar[tuple[str, ...]] = ()
 
     @model_serializer(mode="wrap")
@@ -273,7 +276,7 @@ class Outputs:
         with writable_folder(self.folder):
             with TemporaryFile(dir=self.folder, buffering=0) as file:  # a test that leaves no file
                 file.write(bytes(4096))
-            self._listed: list[dict[str, str]] = list(self._read_list())
+            self._listed = _entries(self.folder / LIST_FILE)
             self._check(names)
         for entry in [] if self._claim.replace else self._of_other_runs():
             whose = f" ({entry['command']})" if entry["command"] else ""
@@ -294,12 +297,12 @@ class Outputs:
                     message = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
                     raise InputError(message, "document.foreign")
 
-    def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
-        """Write the file of this name by `writer(path, *content, **how)`."""
+    def write(self, name: str, writer: Callable[..., object], *content: Any) -> None:
+        """Write the file of this name by `writer(path, *content)`."""
         with writable_folder(self.folder):
             self._check([name])
             with atomic_file(self.folder / name) as temporary:
-                writer(temporary, *content, **how)
+                writer(temporary, *content)
                 about = {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
                 self._listed.append({"name": name, "sha256": sha256(temporary), **about})
                 with atomic_file(self.folder / LIST_FILE) as listing:
@@ -320,22 +323,19 @@ class Outputs:
 
     def listed_entry(self, name: str) -> dict[str, str] | None:
         """The line of this file in the list; None if the file is missing, or is not as cavirheo wrote it."""
-        path, entries = self.folder / name, [entry for entry in self._listed if entry["name"] == name]
+        path, entries = self.folder / name, {line["sha256"]: line for line in self._listed if line["name"] == name}
         if not entries or not path.is_file() or path.is_symlink():
             return None
-        digest = sha256(path)
-        return next((entry for entry in reversed(entries) if entry["sha256"] == digest), None)
+        return entries.get(sha256(path))
 
-    def _read_list(self) -> Iterator[dict[str, str]]:
-        """The lines of the list; what is no such line, and those of files in other folders, are left out."""
-        path = self.folder / LIST_FILE
-        if not path.is_file():
-            return
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-            with suppress(ValueError, TypeError, KeyError):
-                entry = {key: str(json.loads(line)[key]) for key in ("name", "sha256", "run", "command")}
-                if Path(entry["name"]).name == entry["name"]:
-                    yield entry
+
+def _entries(listing: Path) -> list[dict[str, str]]:
+    """The lines of a list; what is no such line, and those of files in other folders, are left out."""
+    entries = []
+    for line in listing.read_text("utf-8", "replace").splitlines() if listing.is_file() else ():
+        with suppress(ValueError, TypeError, KeyError):
+            entries.append({key: str(json.loads(line)[key]) for key in ("name", "sha256", "run", "command")})
+    return [entry for entry in entries if Path(entry["name"]).name == entry["name"]]
 
 
 def try_to_draw(name: str, notes: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | str:
@@ -354,16 +354,7 @@ def try_to_draw(name: str, notes: list[str], draw: Callable[..., Picture], *cont
 
 def as_json(document: Document) -> str:
     """The text of the file of a document; the document read from it is equal, except for control characters."""
-    return to_json(_printable(document.model_dump(by_alias=True)), indent=1).decode() + "\n"
-
-
-def _printable(value: Any) -> Any:
-    """The value with the control characters of every text in it escaped."""
-    if isinstance(value, dict):
-        return {_printable(key): _printable(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_printable(item) for item in value]
-    return digits.printable(value) if isinstance(value, str) else value
+    return to_json(digits.printable(document.model_dump(by_alias=True)), indent=1).decode() + "\n"
 
 
 def write_json(path: str | Path, document: Document) -> None:
@@ -389,4 +380,4 @@ def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str
         file.write(f"# {re.sub('[,;]', ' ', printable(remark))}\n" if remark else "")
         writer = csv.writer(file, lineterminator="\n")
         for cells in chain([head], ([row.get(key) for key in head] for row in rows)):
-            writer.writerow([as_cell(cell) if isinstance(cell, str) else cell for cell in map(_printable, cells)])
+            writer.writerow([as_cell(cell) if isinstance(cell, str) else cell for cell in map(digits.printable, cells)])

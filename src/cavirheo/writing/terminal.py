@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
-def console(**options: Any) -> Console:
-    """A console for results, or with `stderr=True` for progress; text is unchanged, except for control characters."""
+def console(*, stderr: bool = False) -> Console:
+    """A console for results, or on stderr for progress; text is unchanged, except for control characters."""
     from rich.console import Console
 
     class Plain(Console):
@@ -33,7 +33,7 @@ def console(**options: Any) -> Console:
             for part in super().render(renderable, options):
                 yield part if part.control else part._replace(text=printable(part.text))
 
-    return Plain(markup=False, emoji=False, highlight=False, **options)
+    return Plain(markup=False, emoji=False, highlight=False, stderr=stderr)
 
 
 def write(text: str) -> None:
@@ -47,9 +47,7 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress_bar(
-    what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
-) -> Iterator[Callable[..., None]]:
+def progress_bar(what: str, total: int, *, visible: bool = True, unit: str = "curves") -> Iterator[Callable[..., None]]:
     """Progress bar on stderr with the number of `unit` and the time left; it disappears at the end. There is none if
     stderr is no terminal. Yields `advance(count=1, what=None)`, which adds `count` and, if given, sets a new
     description."""
@@ -80,20 +78,21 @@ def print_table(
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
+    if not rows:
+        return
+    if title:
+        print_text(title, style="dim")
     grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    for head in heads:
-        words = head in (heads[0], *left)
-        grid.add_column(head, justify="left" if words else "right", overflow="fold", no_wrap=not words)
+    for head, column in zip(heads, zip(*rows, strict=True), strict=True):
+        look: Any = {"justify": "right", "no_wrap": True, "min_width": max(map(len, column))}
+        if head in (heads[0], *left):
+            look = {"min_width": _LEAST_WORDS}
+        grid.add_column(head, overflow="fold", **look)
     for k, cells in enumerate(rows):
         grid.add_row(*cells, style="bold" if k == bold else "")
-    if rows:
-        if title:
-            print_text(title, style="dim")
-        for column, cells in zip(grid.columns, zip(*rows, strict=True), strict=True):
-            column.min_width = max(map(len, cells)) if column.no_wrap else _LEAST_WORDS
-        to = console()
-        to.width = max(to.width, to.measure(grid, options=to.options.update(width=_MAX_LINE)).minimum)
-        to.print(grid)
+    to = console()
+    to.width = max(to.width, to.measure(grid, options=to.options.update(width=_MAX_LINE)).minimum)
+    to.print(grid)
 
 
 def names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
@@ -112,14 +111,18 @@ def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
     return [line.replace(NO_BREAK, " ") for line in textwrap.wrap(together(text), width, max_lines=most, **how)]
 
 
-def print_text(text: str, *, first: str = "", look: str = "", style: str = "") -> None:
-    """Print a text, broken into lines by `lines_of`. first: its beginning, in the style `look`."""
+def print_line(*parts: tuple[str, str]) -> None:
+    """Print a line of texts, each with its style."""
     from rich.text import Text
 
-    to = console()
-    for line in lines_of(printable(first + text), to.width):
+    console().print(Text.assemble(*((printable(text), style) for text, style in parts)), soft_wrap=True)
+
+
+def print_text(text: str, *, first: str = "", look: str = "", style: str = "") -> None:
+    """Print a text, broken into lines by `lines_of`. first: its beginning, in the style `look`."""
+    for line in lines_of(printable(first + text), console().width):
         head = line[: len(first)] if line.startswith(first) else ""
-        to.print(Text.assemble((head, look), (line[len(head) :], style)), soft_wrap=True)
+        print_line((head, look), (line[len(head) :], style))
         first = ""
 
 

@@ -1,18 +1,34 @@
-"""Drawing of panels as SVG text within a page, by one template (picture.svg) for all sizes. Coordinates are whole
-numbers, PX to a pixel, and the colours are those of picture.css, which each page has once.
+"""report.html and its pictures, by templates of jinja2 that escape all text from files and command lines; and figures
+by matplotlib.
+
+The page loads no other file: style and pictures (SVG) are part of it. The script (table.js) only sorts the table of
+shots; without it all content is still there. Coordinates in a picture are whole numbers, PX to a pixel, and its colours
+are those of picture.css, which each page has once. All figures are readable in grey.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
 
 from cavirheo.arrays import Floats
-from cavirheo.reporting.panels import Layer, Panel
+from cavirheo.errors import InputError
+from cavirheo.posterior import Posterior
+from cavirheo.reporting import advice
+from cavirheo.reporting.panels import Layer, Panel, curve_panels
+from cavirheo.reporting.record import Result
+from cavirheo.writing import digits
+from cavirheo.writing.export import import_optional
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+    from matplotlib.figure import Figure
 
 PX = 4  # SVG units per pixel
 SIZE = (480.0, 300.0)  # px of a picture as the report shows it
@@ -27,6 +43,47 @@ _SYMBOLS = {"dots": "●", "line": "—", "area": "▬"}  # symbols in the key, 
 _SYMBOLS |= {"region": "▰", "region-out": "▱", "material": "▣", "published": "▢", "arrow": "→"}  # by look
 _LETTER, _LINE = 7 * PX, 14 * PX  # width of a letter and height of a line of the names of shots
 _AROUND = ((0, 0), (1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))  # places of a name at a point
+_COLUMN = 84 / 25.4, 68 / 25.4  # inches: a figure as wide as a column of a paper
+_BLUE, _VERMILLION = "#0072b2", "#d55e00"  # of Okabe and Ito, distinct also for colour-blind readers
+_DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
+_STYLES: dict[str, dict[str, Any]] = {  # of matplotlib, by look
+    "measured": _DOT | {"mec": "black"},
+    "outside": _DOT | {"mec": "#a0a0a0"},
+    "residual": _DOT | {"mec": "black"},
+    "simulated": {"color": _VERMILLION, "lw": 1.0},
+    "zero": {"color": "black", "lw": 0.5},
+    "draws": {"color": _VERMILLION, "alpha": 0.25, "lw": 0},
+}
+
+
+def write_page(
+    path: Path, result: Result, pictures: Mapping[int, str], group_pictures: Mapping[str, str], sheets: Sequence[str]
+) -> None:
+    """Write the page of a result. pictures: SVG of curves by their numbers, or the reason why there is none; these
+    curves have a section of their own. group_pictures: of groups of several answered shots by name, beside their
+    answers. sheets: of each curve, an image of all frames of its recording, or ""."""
+    if len(result.curves) == 1:  # its picture stands beside its answer
+        group_pictures, pictures = {group.name: pictures.get(0, "") for group in result.groups}, {0: ""}
+    names = digits.distinct_names([curve.name for curve in result.curves])
+    content = {"result": result, "names": names, "pictures": pictures, "group_pictures": group_pictures}
+    page = template("report.html").render(**content, sheets=sheets or [""] * len(names))
+    path.write_text(page, encoding="utf-8")
+
+
+@cache
+def template(name: str, package: str = "cavirheo.reporting") -> Template:
+    """The template of this file name in the folder of a package."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader(package, ""),
+        autoescape=not name.endswith(".txt"),
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        finalize=digits.printable,
+    )
+    environment.globals.update(advice=advice, digits=digits)
+    return environment.get_template(name)
 
 
 @dataclass(frozen=True)
@@ -100,8 +157,6 @@ class Frame:
 def picture(panels: Sequence[Panel], size: tuple[float, float] = SIZE, *, with_key: bool = True) -> Markup:
     """SVG of one panel, or of a panel with that of the residual below it. size: px; the size of the type does not
     change. with_key: whether the looks of the first panel are named above it."""
-    from cavirheo.reporting.html import template
-
     width, height = (round(PX * side) for side in size)
     named = [layer for layer in panels[0].drawn if layer.name and with_key]
     if size[0] <= SIZE[0]:  # there is no room
@@ -126,3 +181,49 @@ def _steps(across: Floats, down: Floats) -> list[str]:
     """Whole coordinates of the first point, then steps from point to point, in as few letters as SVG allows."""
     x, y = (np.diff(np.rint(places).astype(int), prepend=0).tolist() for places in (across, down))
     return [f"{a}{b}" if b < 0 else f"{a} {b}" for a, b in zip(x, y, strict=True)]
+
+
+def answer_figure(answer: Posterior) -> Figure:
+    """Figure of an answer and its curve: measured points with the simulation over them, and below the residual. Raises
+    InputError: it has no curve, or matplotlib is missing."""
+    curve = answer.curve
+    if curve is None:
+        message = "the answer has no curve to draw: set one, dataclasses.replace(answer, curve=curve)"
+        raise InputError(message, "posterior.no_curve")
+    import_optional("matplotlib", "cavirheo[plot]")
+    from matplotlib.figure import Figure
+
+    panels = curve_panels(curve, answer.checks, answer.method)
+    figure = Figure(figsize=_COLUMN, dpi=200, layout="constrained")
+    how: Any = {"squeeze": False, "sharex": True, "height_ratios": [2, 1][: len(panels)]}
+    rows: Any = figure.subplots(len(panels), 1, **how)[:, 0]
+    for axes, panel in zip(rows, panels, strict=True):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=8)
+        axes.set(xlim=(panel.x.low, panel.x.high), ylim=(panel.y.low, panel.y.high))
+        axes.set_ylabel(panel.y.label, fontsize=7)
+        for layer in panel.drawn:
+            draw = axes.fill if layer.shape == "area" else axes.plot
+            draw(layer.x, layer.y, label=layer.name or "_", **_STYLES[layer.look])
+    rows[-1].set_xlabel(panels[0].x.label, fontsize=7)
+    legend = rows[0].legend(loc="upper right", frameon=False, fontsize=7, title=digits.elide(answer.name, 30))
+    legend.get_title().set(fontsize=7, fontweight="bold", parse_math=False)
+    return figure
+
+
+def corner_figure(draws: Mapping[str, Floats], weights: Floats) -> Figure:
+    """Figure of the weighted draws (k,) of each parameter, by natural name in SI, with median and central 90 %, and of
+    each pair of parameters, by `corner` (Foreman-Mackey 2016, doi:10.21105/joss.00024). Raises InputError without
+    corner."""
+    corner = import_optional("corner", "cavirheo[plot]")
+    from matplotlib.figure import Figure
+
+    columns = [(digits.shown(name, float(np.median(values))), values) for name, values in draws.items()]
+    labels = [f"{shown.symbol} ({shown.unit})" if shown.unit else shown.symbol for shown, _ in columns]
+    size = 2.2 * len(draws) + 0.8
+    figure = Figure(figsize=(size, size))
+    ends = (0.05, 0.5, 0.95)
+    options = {"quantiles": ends, "title_quantiles": ends, "show_titles": True, "title_fmt": ".3g", "color": _BLUE}
+    values = np.column_stack([shown.factor * values for shown, values in columns])
+    corner.corner(values, weights=weights, labels=labels, fig=figure, **options)
+    return figure
