@@ -148,6 +148,29 @@ def test_every_sheet_of_a_workbook(tmp_path):
     assert found[1].plateau_from == pytest.approx(STRAIN[0])
 
 
+@pytest.mark.parametrize("first", ["strain", "frequency"])
+def test_a_table_of_two_sweeps_is_split(tmp_path, first):
+    """The frequency stays in a strain sweep. Where strain and frequency change together, it is a sweep at constant
+    stress, or the table is refused."""
+    sweeps = {
+        "strain": [(10.0, 100 * g, softening(g), 50.0) for g in STRAIN],
+        "frequency": [(w, 1.0 + k % 2 / 100, 1e3 + w, 5 * w) for k, w in enumerate(OMEGA)],
+    }
+    rows = [row for kind in sorted(sweeps, reverse=first == "strain") for row in sweeps[kind]]
+    head = "omega (rad/s),strain (%),G' (Pa),G'' (Pa)"
+    found = read_sweeps(put(tmp_path / "gel.csv", table(head, units=(1.0,) * 4, rows=rows)))
+    assert [one.kind for one in found] == ["strain", "frequency"]
+    assert found[0].plateau_storage_Pa == pytest.approx(2e3, rel=0.01)
+    assert found[1].viscosity_Pa_s == pytest.approx(5.0)
+    assert "16 of the 67 rows of a table of several sweeps" in found[1].notes
+    stress = [(w, 1e5 / (1e3 + w), 1e3 + w, 5 * w) for w in 10 * OMEGA]
+    (one,) = read_sweeps(put(tmp_path / "stress.csv", table(head, units=(1.0,) * 4, rows=stress)))
+    assert one.kind == "frequency"
+    twice = [(w, strain, 1e3 + w, 5 * w) for strain in (1.0, 10.0) for w in OMEGA]
+    with refused("rheometer.mixed", "'omega (rad/s)' and 'strain (%)'", "header of its own"):
+        read_sweeps(put(tmp_path / "twice.csv", table(head, units=(1.0,) * 4, rows=twice)))
+
+
 def test_unusable_rows_are_dropped_and_counted(tmp_path):
     rows = "0.2,,1\n0.3,nan,2\n\n0.4,-5,2\n0.5,5,0\n0.6,---,3\n"
     (found,) = read_sweeps(put(tmp_path / "a.csv", LAYOUTS["comma.csv"] + rows))

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import takewhile
+from itertools import chain, takewhile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -30,6 +30,8 @@ _FLAT = 0.12  # the same in a frequency sweep: a power of 0.1 over a decade
 _LEAST_STRAINS, _LEAST_FREQUENCIES = 4.0, 9.9  # smallest ratio of the ends of a plateau; instruments are off by 1 %
 _WIDEST_GAP = 10.0  # ratio of two frequencies between which nothing is interpolated
 _SWEPT_RATIO = 2.0  # largest over smallest value from which a column counts as swept
+_STEADY = 0.005  # largest change of the frequency's logarithm from row to row in a strain sweep: that of rounding
+_FEWEST = 3  # rows of a sweep
 _FREQUENCIES, _STRAINS = ("omega", "frequency"), ("strain", "shear strain")  # kinds of columns, the surer one first
 _NO_SWEEP = "rheometer.no_sweep"  # error code of a table of moduli that is no sweep: one frequency, one strain
 _PASCAL = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "pa": 1.0, "KPa": 1e3, "kpa": 1e3, "dyncm2": 0.1}
@@ -158,18 +160,18 @@ def _plateau(x: Floats, storage: Floats, tolerance: float, least: float) -> tupl
 
 
 def read_sweeps(path: str | Path, at: float = 1.0) -> list[Sweep]:
-    """Read the strain and frequency sweeps of a file, one of each table; other tables are left out. Unusable rows are
-    counted in `notes`. at: as of `frequency_sweep`.
+    """Read the strain and frequency sweeps of a file; a table may hold several, tables without any are left out.
+    Unusable rows are counted in `notes`. at: as of `frequency_sweep`.
 
     Raises:
-        InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
+        InputError: the file cannot be read, holds no table of G' and G'', leaves a unit open, or mixes sweeps.
     """
     path = Path(path)
     sweeps, refused = list[Sweep](), list[InputError]()
     with guarded(path) as source:
-        for table in read_columns(source, VOCABULARY):
+        for part in chain.from_iterable(map(_parts, read_columns(source, VOCABULARY))):
             try:
-                sweeps.append(_sweep(table, at))
+                sweeps.append(_sweep(part, at))
             except InputError as error:
                 if error.code != _NO_SWEEP:
                     raise
@@ -182,10 +184,58 @@ def read_sweeps(path: str | Path, at: float = 1.0) -> list[Sweep]:
     return sweeps
 
 
+def _settings(table: Table) -> list[Column]:
+    """The columns of the frequency and of the strain, as far as there are any."""
+    kinds = (table.all(sure) + table.all(other) for sure, other in (_FREQUENCIES, _STRAINS))
+    return [columns[0] for columns in kinds if columns]
+
+
+def _varies(values: Floats) -> bool:
+    """Whether a column counts as swept over these rows; values that are not positive do not count."""
+    values = values[values > 0]
+    return len(values) > 0 and bool(values.max() >= _SWEPT_RATIO * values.min())
+
+
+def _valid(table: Table) -> Table:
+    """The table without the rows that are marked invalid."""
+    return replace(table, rows=[row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)])
+
+
+def _parts(table: Table) -> list[Table]:
+    """A table, or its sweeps if it holds several: in each strain sweep the frequency stays, the other rows are of a
+    frequency sweep. Where the frequency only rises or only falls, it is one sweep, at constant stress.
+
+    Raises InputError: strain and frequency change together, and the frequency comes again."""
+    valid = _valid(table)
+    settings = _settings(valid)
+    try:
+        frequency, strain = (column.numbers for column in settings)
+    except ValueError:  # there is one of them alone, or cells of it are no numbers
+        return [table]
+    if not (_varies(frequency) and _varies(strain)):
+        return [table]
+    rows = np.flatnonzero((frequency > 0) & (strain > 0) & (valid.column("storage").numbers > 0))
+    steps = np.diff(np.log(frequency[rows]))
+    moves = np.abs(steps) > _STEADY
+    runs = np.split(rows, np.flatnonzero(moves) + 1)  # of rows at one frequency
+    sweeps = [run for run in runs if len(run) >= _FEWEST and _varies(strain[run])]
+    if not sweeps and len({*np.sign(steps[moves]).tolist()}) < 2:
+        return [table]
+    if not sweeps:
+        both = " and ".join(repr(column.title) for column in settings)
+        message = f"several sweeps in which {both} change together: write each below a header of its own"
+        raise InputError(message, "rheometer.mixed")
+    sweeps.append(np.setdiff1d(np.arange(len(valid.rows)), np.concatenate(sweeps)))
+    parts = []
+    for part in sweeps:
+        note = f"{len(part)} of the {len(table.rows)} rows of a table of several sweeps"
+        parts.append(replace(table, rows=[valid.rows[k] for k in part], notes=[*table.notes, note]))
+    return parts
+
+
 def _sweep(table: Table, at: float) -> Sweep:
     """The sweep that a table holds. Raises InputError: it holds none."""
-    rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
-    total, table = len(table.rows), replace(table, rows=rows)
+    total, table = len(table.rows), _valid(table)
     swept = _swept(table)
     columns = [swept, table.column("storage"), table.column("loss")]
     numbers = np.stack([column.numbers for column in columns])  # in units of the file
@@ -194,8 +244,8 @@ def _sweep(table: Table, at: float) -> Sweep:
     if len(usable) < total:
         left = counted(total - len(usable), "row")
         notes.append(f"{left} left out: marked invalid, or without three positive numbers")
-    if len(usable) < 3:
-        few = f"{len(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
+    if len(usable) < _FEWEST:
+        few = f"{len(usable)} usable rows in a sweep, at least {_FEWEST} are needed; {'; '.join(notes)}"
         raise InputError(few, _NO_SWEEP)
     assumed = [column for column in columns if column.name.unit is None and column.term.unit]
     notes += [f"{column.title!r} has no unit: taken to be in {column.term.unit}" for column in assumed]
@@ -211,15 +261,13 @@ def _sweep(table: Table, at: float) -> Sweep:
 
 def _swept(table: Table) -> Column:
     """The column of what is swept. Raises InputError: nothing is."""
-    columns = [next(iter(table.all(first) + table.all(other)), None) for first, other in (_FREQUENCIES, _STRAINS)]
-    settings = [column for column in columns if column]  # at a constant stress, strains vary with the frequency
+    settings = _settings(table)
     if not settings:
         titles = ", ".join(map(repr, table.titles[:8]))
         raise InputError(f"no column for frequency or strain among {titles}; {VOCABULARY.expected}", _NO_SWEEP)
     measured = table.column("storage").numbers > 0
-    for column in settings:
-        values = column.numbers[measured & (column.numbers > 0)]
-        if len(values) and values.max() >= _SWEPT_RATIO * values.min():
+    for column in settings:  # at a constant stress, strains vary with the frequency
+        if _varies(column.numbers[measured]):
             return column
     titles = " and ".join(repr(column.title) for column in settings)
     raise InputError(f"no sweep of {titles} in the {np.sum(measured)} rows with moduli", _NO_SWEEP)
