@@ -91,7 +91,7 @@ ANSWERS = Page(
             "Training sets",
             {
                 "cavirheo.training.dataset": "Dataset",
-                "cavirheo.inference.problem": "TrainingProblem",
+                "cavirheo.inference.cards": "TrainingProblem",
                 "cavirheo.prior": "Prior",
             },
         ),

@@ -22,7 +22,7 @@ from scipy.stats import norm
 
 from cavirheo import CommonErrors, Posterior, population
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE
-from cavirheo.inference.population.systematic import hidden_modulus
+from cavirheo.inference.population.material import hidden_modulus
 from cavirheo.physics.collapse import analytic_time
 
 EXACT = CommonErrors(0.0, 0.0, 0.0, 0.0)

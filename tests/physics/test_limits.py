@@ -21,8 +21,7 @@ from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS, Damage
 from cavirheo.physics.laws import Gent, Linear
 from cavirheo.physics.materials import Maxwell, Viscoelastic, Zener, parse
 from cavirheo.physics.media import Pulse
-from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import memories_after_growth
+from cavirheo.physics.simulate import dimensionless, memories_after_growth
 from validation.field_standard import neo_hookean, newtonian
 from validation.field_standard import solve as solve_by_field_standard
 

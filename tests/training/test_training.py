@@ -11,10 +11,9 @@ from broken_recipes import RECIPES, RIGHT
 from conftest import ROOT, code_of, error_of
 
 from cavirheo.inference.bdt import network_of
+from cavirheo.inference.cards import TrainingProblem, path_of, shipped
 from cavirheo.inference.cards import card as read_card
-from cavirheo.inference.cards import path_of, shipped
 from cavirheo.inference.emulator import emulator
-from cavirheo.inference.problem import TrainingProblem
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.recipe import PointRecipe, read_recipe
 
@@ -96,12 +95,12 @@ class TestTorch:
     def _torch(self):
         self.torch = pytest.importorskip("torch")
         pytest.importorskip("safetensors")
-        self.training, self.tasks = (import_module(f"cavirheo.training.{name}") for name in ("train", "tasks"))
+        self.training, self.networks = (import_module(f"cavirheo.training.{name}") for name in ("train", "networks"))
         self.train = self.training.train
 
     def test_the_network_of_the_paper(self):
         recipe = read_recipe(ROOT / "recipes" / "bdt-viscoelastic.toml")
-        network = import_module("cavirheo.training.networks").BubbleTransformer.of(recipe)
+        network = self.networks.BubbleTransformer.of(recipe)
         assert sum(p.numel() for p in network.parameters()) == 153_090  # counted by hand
         assert {m.eps for m in network.modules() if isinstance(m, self.torch.nn.LayerNorm)} == {1e-6}
         assert {m.p for m in network.modules() if isinstance(m, self.torch.nn.Dropout)} == {0.1}
@@ -123,7 +122,7 @@ class TestTorch:
         assert sum(card["data"][part] for part in ("train", "validation", "test")) == 98
         test = made.split(recipe.training.seed)["test"]
         answers = network_of(str(path))(made.columns["radius"][test])
-        assert self.tasks.metrics(recipe.outputs, made.truth(recipe.outputs)[test], answers) == card["metrics"]
+        assert self.networks.metrics(recipe.outputs, made.truth(recipe.outputs)[test], answers) == card["metrics"]
         assert card["metrics"]["log10_shear_modulus"]["r2"] > 0.5
         assert TrainingProblem.from_dict(card["problem"]).id == card["problem_id"] == recipe.problem.id
         assert {one["name"]: one["unit"] for one in card["outputs"]} == dict(zip(recipe.outputs, UNITS, strict=True))
@@ -132,7 +131,7 @@ class TestTorch:
     def test_a_run_that_was_cut_ends_with_the_same_weights(self, kind, request, tmp_path, monkeypatch):
         recipe, data = request.getfixturevalue("curves" if kind == "point" else "bubbles")
         whole = self.train(recipe, data, tmp_path / "whole", **CPU)
-        task = self.tasks.PointTask if kind == "point" else self.tasks.EmulatorTask
+        task = self.networks.PointTask if kind == "point" else self.networks.EmulatorTask
         steps, loss_of = [], task.loss
 
         def cut(training, rows, step, total):
@@ -168,8 +167,8 @@ class TestTorch:
 
     def test_what_is_not_of_a_run_is_refused(self, recipe, data, tmp_path, monkeypatch):
         with monkeypatch.context() as patch:
-            forward = self.tasks.Forward.__call__
-            patch.setattr(self.tasks.Forward, "__call__", lambda *given: forward(*given) + 2e-3)
+            forward = self.networks.Forward.__call__
+            patch.setattr(self.networks.Forward, "__call__", lambda *given: forward(*given) + 2e-3)
             with pytest.raises(RuntimeError, match=r"0\.002"):
                 self.train(recipe, data, tmp_path / "run", **CPU)
         assert not list((tmp_path / "run").glob("*.npz"))  # no file of a network that answers otherwise

@@ -20,8 +20,7 @@ from cavirheo.physics.accuracy import DEFAULT, PRECISE, ROUGH, Accuracy
 from cavirheo.physics.collapse import analytic_time, simulated_time
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import simulate
+from cavirheo.physics.simulate import dimensionless, simulate
 from validation import field_standard
 from validation.numbers import Number, Run, statistic
 

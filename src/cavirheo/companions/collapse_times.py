@@ -137,14 +137,8 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
         rows = np.column_stack([radius, stretches, time]).tolist()
         texts = names.text if names else map(str, range(1, len(rows) + 1))
         shots = [
-            CollapseShot(
-                name=text,
-                max_radius_m=row[0],
-                stretch=row[1],
-                collapse_time_s=row[2],
-                message=unusable(*row),
-            )
-            for text, row in zip(texts, rows, strict=True)
+            CollapseShot(name=text, max_radius_m=R, stretch=ratio, collapse_time_s=t, message=unusable(R, ratio, t))
+            for text, (R, ratio, t) in zip(texts, rows, strict=True)
         ]
         head: Any = {"source": printable(str(path)), "source_sha256": source.sha256, "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)

@@ -15,16 +15,10 @@ import numpy as np
 from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import NORMAL_90, Floats
+from cavirheo.curve import as_numbers
 from cavirheo.errors import InputError, as_path, expect, expect_whole, listed, require
 from cavirheo.inference.assumptions import AUTO, Family, Options
-from cavirheo.inference.design import (
-    MOST_SHOTS,
-    Draws,
-    Expectation,
-    Setting,
-    material_information,
-    shots_wanted,
-)
+from cavirheo.inference.design import MOST_SHOTS, Draws, Expectation, Setting, shots_wanted
 from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, STRETCH_RANGE, require_name
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
 from cavirheo.physics.media import WATER, Medium, medium
@@ -153,25 +147,22 @@ class Design(Document):
         return [f"next: {digits.counted(setting.shots, 'shot')}{more} at {setting.words}, for {goal} of {law}"]
 
 
-def half_width(percent: float | None) -> str:
-    """Text of half of an interval in percent; that of a bound, whose ends are a factor of more than 10 apart, is no
-    number."""
-    if percent is None:
-        return digits.MISSING
-    return "bound" if percent > 100.0 * (np.sqrt(MOST_WIDTH) - 1.0) else digits.significant(percent, 2)
-
-
 def print_table(document: Design) -> None:
     """Print a line per setting, then the recommended setting and the number of shots."""
-    names = list(document.settings[0].half_width_percent)
-    symbols = [digits.shown(name).symbol for name in names]
+
+    def half_width(percent: float | None) -> str:  # that of a bound, with ends that are far apart, is no number
+        if percent is None:
+            return digits.MISSING
+        return "bound" if percent > 100.0 * (np.sqrt(MOST_WIDTH) - 1.0) else digits.significant(percent, 2)
+
+    symbols = [digits.shown(name).symbol for name in document.settings[0].half_width_percent]
     heads = ["R_max\nµm", "frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
     rows = [
         [
             digits.micrometres(setting.max_radius_m),
             f"{setting.frame_rate_hz:,.0f}",
-            *(half_width(setting.half_width_percent[name]) for name in names),
+            *map(half_width, setting.half_width_percent.values()),
             f"{100 * setting.readable:.0f}",
             digits.MISSING if setting.shots is None else str(setting.shots),
         ]
@@ -213,6 +204,7 @@ def design(
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
     """
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    expect_whole(seed, "seed", 0, "option.seed")
     rig = rig or Rig()
     family = Family(rig.material)
     before = _known(known, group, family, _log_ranges(family, ranges or {}))
@@ -220,10 +212,11 @@ def design(
     logs = low + (high - low) * Halton(len(low), seed=seed).random(DRAWS)  # few of its points cover the ranges
     bubble = bubble_of(rig.bubble)
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
-    settings, covariance = rig.settings(), np.diag((high - low)[:-1] ** 2 / 12.0)
-    what = covariance, np.diag(before.spreads**2), family.parameters, np.log10(1.0 + wanted)
-    expectations = shots.expectations(settings, done)
-    rows = [_row(setting, expected, *what) for setting, expected in zip(settings, expectations, strict=True)]
+    covariance, scatter = np.diag((high - low)[:-1] ** 2 / 12.0), np.diag(before.spreads**2)
+    settings, rows = rig.settings(), []
+    for setting, expected in zip(settings, shots.expectations(settings, done), strict=True):
+        needed = shots_wanted(expected, covariance, scatter, np.log10(1.0 + wanted))
+        rows.append(_row(setting, expected, family.parameters, needed))
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
@@ -237,15 +230,29 @@ def design(
         known={name: Quantity.from_interval(*three) for name, three in zip(before.ends, quantiles.T, strict=True)},
         shots_before=before.shots,
         settings=rows,
-        next=_best(rows),
+        next=min(range(len(rows)), key=lambda k: _effort(rows[k])),
     )
 
 
-def _best(rows: Sequence[DesignedSetting]) -> int:
-    """The setting that needs the fewest shots; of several the one whose widest interval is the narrowest."""
-    widest = [max(np.inf if x is None else x for x in row.half_width_percent.values()) for row in rows]
-    order = [(np.inf if row.shots is None else row.shots, width) for row, width in zip(rows, widest, strict=True)]
-    return order.index(min(order))
+def _row(setting: Setting, expected: Sequence[Expectation | None], names: Sequence[str], shots: int) -> DesignedSetting:
+    """The row of a setting, in which so many shots are needed. A recording that cannot be read has no half-width."""
+    widths = [shot.half_width for shot in expected if shot is not None]
+    decades = np.median(widths or [np.full(len(names), np.nan)], axis=0)
+    return DesignedSetting(
+        max_radius_m=setting.max_radius,
+        frame_rate_hz=setting.frame_rate,
+        frames=setting.frames,
+        noise_m=setting.noise,
+        readable=len(widths) / len(expected),
+        half_width_percent=dict(zip(names, 100.0 * (10.0**decades - 1.0), strict=True)),
+        shots=shots if shots <= MOST_SHOTS else None,
+    )
+
+
+def _effort(row: DesignedSetting) -> tuple[float, float]:
+    """By which settings are compared: the number of shots, then the widest interval."""
+    widths = (np.inf if width is None else width for width in row.half_width_percent.values())
+    return np.inf if row.shots is None else row.shots, max(widths)
 
 
 def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[str, Floats]:
@@ -254,38 +261,12 @@ def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[s
     for text, pair in ranges.items():
         name = require_name(text, (*family.parameters, "stretch"), family.name, "design.range")
         low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
-        if len(pair) != 2 or not low < pair[0] < pair[1] < high:
+        values = as_numbers("ranges", pair)
+        if values.shape != (2,) or not low < values[0] < values[1] < high:
             expected = f"must be [low, high] with {low:g} < low < high < {high:g}"
-            raise InputError(f"the range of {name} {expected}, got {list(pair)}", "design.range")
-        ends[name] = np.log10(pair)
+            raise InputError(f"the range of {name} {expected}, got {pair}", "design.range")
+        ends[name] = np.log10(values)
     return ends
-
-
-def _row(
-    setting: Setting,
-    expected: Sequence[Expectation | None],
-    covariance: Floats,
-    scatter: Floats,
-    names: Sequence[str],
-    wanted: float,
-) -> DesignedSetting:
-    """The row of a setting. covariance: (l, l) of what is known of the material, and scatter of its shots about it.
-    wanted: decades, half of the interval. A recording that cannot be read tells nothing."""
-    read = [shot for shot in expected if shot is not None]
-    share = len(read) / len(expected)
-    material = [material_information(shot.information, scatter) for shot in read]
-    counts = sorted(shots_wanted(share * one, covariance, wanted) for one in material)
-    shots = counts[len(counts) // 2] if counts else np.inf
-    decades = np.median([shot.half_width for shot in read] or [np.full(len(names), np.nan)], axis=0)
-    return DesignedSetting(
-        max_radius_m=setting.max_radius,
-        frame_rate_hz=setting.frame_rate,
-        frames=setting.frames,
-        noise_m=setting.noise,
-        readable=share,
-        half_width_percent=dict(zip(names, 100.0 * (10.0**decades - 1.0), strict=True)),
-        shots=int(shots) if np.isfinite(shots) else None,
-    )
 
 
 class Known(NamedTuple):
@@ -300,16 +281,38 @@ class Known(NamedTuple):
 
 
 def _known(known: Result | str | Path | None, group: str | None, family: Family, given: dict[str, Floats]) -> Known:
-    """What is known by a result and the given range of the stretch, or by given and usual ranges. Raises InputError."""
+    """What is known by given and usual ranges; or by the answer of a group of a result, and the given range of the
+    stretch. Raises InputError: no group has an answer by this law or the default model, with intervals or bounds of all
+    parameters of the law; or several have."""
+    usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
     if known is None:
-        usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
         return Known(usual | {"stretch": np.log10(STRETCHES)} | given, np.zeros(len(usual)), 0)
     if of_law := [name for name in given if name != "stretch"]:
         message = f"a result and a range of {listed(of_law)}: give one of them; both say what is known"
         raise InputError(message, "design.range")
-    found = _known_by(known, group, family)
-    found.ends.update(given)
-    return found
+    if not isinstance(known, Result):
+        path = as_path(known)
+        known = read_json(path / "result.json" if path.is_dir() else path, Result)
+    found = list[tuple[str, Known]]()
+    for record, rows in known.rows_by_group():
+        answer = record.population
+        ends = {name: _ends_of(answer.value(name), usual[name]) for name in usual}
+        of_this_law = answer.model.partition(",")[0] in (family.name, AUTO)
+        if group in (None, record.name) and of_this_law and np.all(np.isfinite([*ends.values()])):
+            stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
+            ends["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])
+            spreads = np.array([answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in usual])
+            doubts = [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
+            found.append((record.name, Known(ends | given, spreads, answer.n - len(answer.outliers), doubts)))
+    if not found:
+        names = ", ".join(record.name for record in known.groups)
+        message = f"no answer of {family.name} with intervals for {group or 'any group'} (groups: {names})"
+        raise InputError(f"{message}: give ranges instead", "design.no_answer")
+    if len(found) > 1:
+        names = ", ".join(name for name, _ in found)
+        message = f"the result has several materials ({names}): name the group of one with --group NAME"
+        raise InputError(message, "design.groups")
+    return found[0][1]
 
 
 def _ends_of(value: Quantity, usual: Floats) -> Floats:
@@ -324,33 +327,3 @@ def _ends_of(value: Quantity, usual: Floats) -> Floats:
         return np.array([low, max(usual[1], low + 1.0)])
     middle = 0.5 * (low + high) if value.bound == "wide" else np.log10(value.median or np.nan)
     return np.asarray(middle + EVEN * (high - low) / (2.0 * NORMAL_90))
-
-
-def _known_by(known: Result | str | Path, group: str | None, family: Family) -> Known:
-    """The answer of a group of a result. Raises InputError: no group has one by this law or the default model, with
-    intervals or bounds of all parameters of the law; or several have."""
-    if not isinstance(known, Result):
-        path = as_path(known)
-        known = read_json(path / "result.json" if path.is_dir() else path, Result)
-    usual = family.bounds(started=True)
-    found = list[tuple[Known, str]]()
-    for record, rows in known.rows_by_group():
-        answer = record.population
-        values = map(answer.value, family.parameters)
-        ends = np.array([_ends_of(value, pair) for value, pair in zip(values, usual, strict=True)])
-        of_law = answer.model.partition(",")[0] in (family.name, AUTO)
-        if group in (None, record.name) and of_law and np.all(np.isfinite(ends)):
-            both = dict(zip(family.parameters, ends, strict=True))
-            stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
-            both["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])
-            spreads = [answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in family.parameters]
-            doubts = [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
-            found.append((Known(both, np.array(spreads), answer.n - len(answer.outliers), doubts), record.name))
-    names = ", ".join(name for _, name in found) or ", ".join(record.name for record in known.groups)
-    if not found:
-        message = f"no answer of {family.name} with intervals for {group or 'any group'} (groups: {names})"
-        raise InputError(f"{message}: give ranges instead", "design.no_answer")
-    if len(found) > 1:
-        message = f"the result has several materials ({names}): name the group of one with --group NAME"
-        raise InputError(message, "design.groups")
-    return found[0][0]

@@ -21,10 +21,18 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference.cards import Arrays, Layers, ModelCard, card, path_of, read_weights
+from cavirheo.inference.cards import (
+    Arrays,
+    Layers,
+    ModelCard,
+    TrainingProblem,
+    card,
+    natural_values,
+    path_of,
+    read_weights,
+)
 from cavirheo.inference.emulator import Bubbles, Camera, emulator
 from cavirheo.inference.experiment import MISFIT, Experiment
-from cavirheo.inference.problem import TrainingProblem, natural_values
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, STRETCH_RANGE, natural_name, to_natural, to_prior_scale
 from cavirheo.physics.bubble import FIELD

@@ -24,7 +24,7 @@ from scipy.special import stdtrit
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError, require
-from cavirheo.parameters import Bound
+from cavirheo.parameters import MOST_WIDTH, Bound
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as medium_of
@@ -37,7 +37,6 @@ _ROUNDS, _KNEE = 5, 2.0  # of Huber's loss, and its knee in standard deviations
 _FLOOR = 1e-5  # relative scatter of t_1: a smaller one is that of rounding
 _EQUAL_TIME = 5e-4  # relative difference of t_1 within which values are equally good if the shots show no scatter
 _MAX_SCATTER = 0.03  # largest usual scatter of t_1: gels have 1.2 %
-_WIDE = 10.0  # ratio of the ends of an interval from which on it is a bound
 _EXACT_ROUNDS, _SAME = 30, 1e-5  # of simulations, and the relative change of their times at which they end
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/how-to/collapse-time.md)
 
@@ -232,7 +231,7 @@ def _quantity(value: float, ends: Floats, most: float, fitted: bool, interval: b
         return Quantity(median=value)
     low, high = ends.tolist()
     bound: Bound | None = None
-    if high > _WIDE * low:
+    if high > MOST_WIDTH * low:
         bound = "wide" if low > 0.0 else "upper"
     if high >= most:
         bound = "undetermined" if bound else "lower"

@@ -1,10 +1,7 @@
 """What a recording that a rig could make would tell of the material, before the shot is taken.
 
-Materials are drawn from what is known, and the emulator films a bubble in each of them as the rig would. The
-information of a recording is that of its frames about the truth, with the window, prior, likelihood and discrepancy of
-`infer`: the curvature of the log posterior there, without what stretch, bubble and camera could explain as well. Frames
-are linear in G and mu, not in their logarithms, so the information is that of the values over the truth, and adds up
-over shots, also where a single one only bounds G.
+The emulator films a bubble in each of the materials that are drawn, as the rig would. What a recording tells is its
+information at the truth, with the window, prior, likelihood and discrepancy of `infer` (docs/how-to/design.md).
 """
 
 from __future__ import annotations
@@ -165,19 +162,20 @@ def _half_widths(information: Floats, known: Floats, bounds: Floats) -> Floats:
     return np.array(widths)
 
 
-def material_information(information: Floats, scatter: Floats) -> Floats:
-    """Information (l, l) of one shot on the material; scatter: (l, l) covariance of shots about it, decades squared."""
-    return np.asarray(np.linalg.solve(np.eye(len(information)) + information @ scatter, information))
+def shots_wanted(expected: Sequence[Expectation | None], covariance: Floats, scatter: Floats, half_width: float) -> int:
+    """Number of shots that bring each parameter's 90 % interval to `half_width` decades about the median, in the median
+    over the draws; more than MOST_SHOTS if so many do not. expected: of a shot in each draw; one that cannot be read
+    tells nothing. covariance: (l, l) of what is known of the material. scatter: (l, l) that of its shots, decades^2."""
+    before, one = np.linalg.inv(covariance), np.eye(len(covariance))
+    read = [shot.information for shot in expected if shot is not None]
+    share = len(read) / len(expected)
 
+    def count(information: Floats) -> int:
+        def enough(shots: int) -> bool:
+            left = np.linalg.inv(before + shots * of_material)
+            return bool(np.max(NORMAL_90 * np.sqrt(np.diag(left))) <= half_width)
 
-def shots_wanted(information: Floats, covariance: Floats, half_width: float) -> float:
-    """Number of shots that bring each parameter's 90 % interval to `half_width` decades about the median; infinite if
-    it is more than MOST_SHOTS. information: (l, l) of one shot on the material. covariance: (l, l) of what is known."""
-    before = np.linalg.inv(covariance)
+        of_material = share * np.linalg.solve(one + information @ scatter, information)
+        return bisect_left(range(MOST_SHOTS + 1), True, key=enough)
 
-    def enough(count: int) -> bool:
-        left = np.linalg.inv(before + count * information)
-        return bool(np.max(NORMAL_90 * np.sqrt(np.diag(left))) <= half_width)
-
-    count = bisect_left(range(MOST_SHOTS + 1), True, key=enough)
-    return count if count <= MOST_SHOTS else np.inf
+    return sorted(map(count, read))[len(read) // 2] if read else MOST_SHOTS + 1

@@ -87,7 +87,9 @@ class Bubble:
     confinement_inertia: float | str = field(
         default=0.0, metadata=_or_free("above -0.5 and at most 3", lambda x: -0.5 < x <= 3)
     )
-    wall_distance: float | None = None
+    wall_distance: float | None = field(
+        default=None, metadata=domain("positive, or left out", lambda distance: distance is None or distance > 0)
+    )
     vapour_excess: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
     confinement_damping: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
     motion: str = field(default="keller-miksis", metadata=_one_of(MOTIONS))

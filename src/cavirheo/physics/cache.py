@@ -50,14 +50,6 @@ def _kept(function: Callable[..., Any], counted: bool) -> Any:
     return dispatcher
 
 
-def stored_files(function: Any) -> list[Path]:
-    """Files with the compiled code of a `compiled` function and its present source, for any Python and machine."""
-    store = function._cache
-    if not isinstance(store, StoredCode):
-        return []
-    return [file for folder in store.folders for file in folder.glob(f"{store.begin}.{store.source}.*.nbc")]
-
-
 class StoredCode(caching.NullCache):
     """The cache of one function: numba asks it for compiled code and gives it new code to save."""
 

@@ -1,19 +1,13 @@
 """Laws of materials: elastic and viscous laws, and the base classes of these and of arms with memory. Their names, laws
 with memory and sums are in materials.py; the ranges of their parameters in cavirheo/parameters.py.
 
-An elastic law is one function of one number, the stress integral S_el(L) at L = R/R_0. With stretches (b^-2, b, b)
-around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L (docs/method/physics.md, section 4),
+An elastic law is the stress integral S_el(L) at L = R/R_0, a viscous law S_v(g) at the wall's hoop rate g = U/R. With
+stretches (b^-2, b, b) around the bubble, What(b) = W(b^-2, b, b) and q = 1/L (docs/method/physics.md, section 4),
 
-    dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  dS_el/dL = -4 W_1 (q^2 + q^5),  S_el(1) = 0.
+    dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  -4 W_1 (q^2 + q^5),  S_el(1) = 0;   dS_v/dg = -4 mu(2 sqrt3 |g|).
 
-So an elastic law only needs `slope`, dS_el/dL; the table for the solver follows by quadrature. A viscous law is the
-stress integral S_v(g) at the wall's hoop rate g = U/R. The shear rate sqrt(2 D:D) is 2 sqrt3 |g| at the wall and falls
-as r^-3, so
-
-    S_v(g) = -4 int_0^g mu(2 sqrt3 |e|) de,   dS_v/dg = -4 mu(2 sqrt3 |g|):
-
-so a viscous law only needs `apparent`, its viscosity mu at a shear rate. Every law is also a material: a purely
-elastic solid, or a fluid.
+So an elastic law only needs `slope`, dS_el/dL, or `first`, W_1 = dW/dI_1, and a viscous law `apparent`, its viscosity
+mu at a shear rate. Every law is also a material: a purely elastic solid, or a fluid.
 """
 
 from __future__ import annotations
@@ -47,6 +41,11 @@ class Parts(NamedTuple):
     elastic: Elastic | None = None
     viscous: Viscous | None = None
     memory: tuple[Arm, ...] = ()
+
+
+def of_one(excluded: ArrayLike) -> bool:
+    """Whether parameters exclude each other in a single material. Of many at once, such ones have no frames instead."""
+    return np.ndim(excluded) == 0 and bool(excluded)
 
 
 class Material:
@@ -352,8 +351,7 @@ class CarreauYasuda(_Thinning):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        thins = np.less_equal(self.exponent, 1) | np.greater_equal(self.zero_rate, self.infinite_rate)
-        if np.ndim(thins) == 0 and not thins:  # of many materials at once, such ones have no frames
+        if of_one(np.greater(self.exponent, 1) & np.less(self.zero_rate, self.infinite_rate)):
             rates = f"with an exponent above 1, got {self.exponent!r}, zero_rate must not be below infinite_rate, got "
             why = f"{rates}{self.zero_rate!r} and {self.infinite_rate!r} Pa s: the viscosity would become negative"
             raise InputError(why, "physics.negative_viscosity")

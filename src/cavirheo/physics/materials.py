@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, expect
 from cavirheo.parameters import NOT_NEGATIVE, PARAMETERS, POSITIVE, REFERENCE_RATE
 from cavirheo.physics import laws
 from cavirheo.physics.laws import Arm, Elastic, Linear, Material, NeoHookean, Newtonian, Parts, Quadratic, Viscous
@@ -133,8 +133,7 @@ class OldroydB(Material):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        slower = np.greater(self.retardation_time, self.relaxation_time)
-        if np.ndim(slower) == 0 and slower:  # of many materials at once, such ones have no frames
+        if laws.of_one(np.greater(self.retardation_time, self.relaxation_time)):
             both = f"{self.retardation_time!r} and {self.relaxation_time!r} s"
             why = f"the retardation time must not exceed the relaxation time, got {both}"
             raise InputError(why, "physics.retardation_time")
@@ -241,6 +240,7 @@ def parse(text: str) -> Material:
     Raises:
         InputError: not a sum of laws, an unknown law, missing, surplus or invalid parameters, two parts of one kind.
     """
+    expect(text, str, f"a material as text, such as {EXAMPLE!r}")
     if not text.strip():
         raise InputError(f"the material is empty; {_ADVICE}", "laws.empty")
     try:

@@ -213,7 +213,7 @@ def group_record(
 
 def _of_one_shot(row: CurveRecord, errors: CommonErrors | None) -> tuple[PopulationRecord, Systematic]:
     """The answer of a single shot as that of its group, whose common errors it has, too."""
-    from cavirheo.inference.population.systematic import CommonErrors, slopes, widened, widened_limit
+    from cavirheo.inference.population.material import CommonErrors, slopes, widened, widened_limit
 
     errors = errors or CommonErrors()
     over = {"shear_modulus": row.diagnostics.modulus_over_scale, "viscosity": row.diagnostics.viscosity_over_scale}
@@ -334,7 +334,7 @@ def size_trends(shots: Iterable[CurveRecord]) -> list[str]:
 
 def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
     """The answer of a group by its material, and what common errors do to it; empty where that is not known."""
-    from cavirheo.inference.population.systematic import slopes
+    from cavirheo.inference.population.material import slopes
 
     fields = same_fields(PopulationRecord, material)
     fields |= {"model": f"{material.material}, {material.bubble.name}", "n": len(material.shots)}

@@ -20,7 +20,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, read_bytes, validation_message
-from cavirheo.inference.problem import TrainingProblem
+from cavirheo.inference.cards import TrainingProblem
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import Prior
 from cavirheo.training.trajectories import DOMAIN

@@ -27,14 +27,13 @@ import torch
 from pydantic_core import to_json
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import Tensor
 
 from cavirheo.errors import InputError
 from cavirheo.inference.cards import MAX_BYTES, EmulatorCard, ModelCard, unpack
 from cavirheo.training.dataset import load
-from cavirheo.training.networks import arrays_of
+from cavirheo.training.networks import Task, arrays_of, task_of
 from cavirheo.training.recipe import Recipe, TrainingTable, difference
-from cavirheo.training.tasks import Task, task_of
 from cavirheo.writing.document import atomic_file, writable_folder
 from cavirheo.writing.terminal import progress_bar
 
@@ -147,14 +146,9 @@ def train_epoch(task: Task, table: TrainingTable, epoch: int, advance: Callable[
     return float(summed) / task.count
 
 
-def networks_of(task: Task) -> nn.ModuleDict:
-    """The networks that a checkpoint holds."""
-    return nn.ModuleDict({"network": task.network} | ({"average": task.average} if task.average is not None else {}))
-
-
 def save(path: Path, task: Task, identity: Mapping[str, Any], done: Progress) -> None:
     """Write a checkpoint."""
-    tensors = networks_of(task).state_dict() | {f"best.{name}": tensor for name, tensor in done.best.items()}
+    tensors = task.trained.state_dict() | {f"best.{name}": tensor for name, tensor in done.best.items()}
     for k, optimiser in enumerate(task.optimisers):
         for index, moments in optimiser.state_dict()["state"].items():
             tensors |= {f"moments.{k}.{index}.{name}": tensor for name, tensor in moments.items()}
@@ -176,24 +170,19 @@ def resumed(path: Path, task: Task, identity: Mapping[str, Any]) -> Progress:
             raise OSError("no file")
         with safe_open(path, framework="pt") as file:
             note: dict[str, Any] = json.loads(file.metadata()[NOTE_KEY])
-            tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in list(file.keys())}
+            networks: dict[str, Tensor] = {name: file.get_tensor(name) for name in list(file.keys())}
         if changed := difference(note["identity"], identity):
             hint = "use another folder, or the recipe and data that it was begun with"
             raise InputError(f"{path.parent} holds another run ({changed}): {hint}", "training.another_run")
-        networks: dict[str, Tensor] = {}
-        best: dict[str, Tensor] = {}
+        best = {name.removeprefix("best."): networks.pop(name) for name in [*networks] if name.startswith("best.")}
         moments: list[dict[int, dict[str, Tensor]]] = [{} for _ in task.optimisers]
-        for name, tensor in tensors.items():
-            part, *rest = name.split(".")
-            if part == "moments":
-                k, index, which = rest
-                moments[int(k)].setdefault(int(index), {})[which] = tensor
-            else:
-                (best if part == "best" else networks)[name.removeprefix("best.")] = tensor
+        for name in [name for name in networks if name.startswith("moments.")]:
+            _, k, index, which = name.split(".")
+            moments[int(k)].setdefault(int(index), {})[which] = networks.pop(name)
         task.exported.load_state_dict(best)  # an error if it is of another network
         for optimiser, state in zip(task.optimisers, moments, strict=True):
             optimiser.load_state_dict(optimiser.state_dict() | {"state": state})
-        networks_of(task).load_state_dict(networks)
+        task.trained.load_state_dict(networks)
         losses = ("epoch", "train", "validation", "seconds")
         return Progress([{key: float(line[key]) for key in losses} for line in note["history"]], best)
     except InputError:

@@ -12,12 +12,9 @@ import numpy as np
 from cavirheo.arrays import Floats, at_levels
 from cavirheo.errors import expect, expect_whole, require
 from cavirheo.inference.answer import sensitivity_to_scale
-from cavirheo.inference.population.heaps import two_heaps
-from cavirheo.inference.population.hierarchy import MaterialPosterior
-from cavirheo.inference.population.likelihood import Likelihood, likelihood
-from cavirheo.inference.population.material import Population, quantiles
+from cavirheo.inference.population.hierarchy import Likelihood, MaterialPosterior, likelihood
+from cavirheo.inference.population.material import CommonErrors, Population, quantiles, shifts, two_heaps, widened_limit
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.inference.population.systematic import CommonErrors, shifts, widened_limit
 from cavirheo.inference.sample import Draws, effective_size
 from cavirheo.parameters import (
     DECIDING,
@@ -91,8 +88,8 @@ def population(
         switches=shared.switches,
         errors=errors,
     )
-    if counted and shared.liquid_possible:
-        empty = replace(empty, modulus_limit=_modulus_limit(counted, shared.modulus_limit, empty.errors))
+    if counted and shared.modulus_limit is not None:
+        empty = replace(empty, modulus_limit=_modulus_limit(counted, shared.modulus_limit, errors))
     if len(counted) < MIN_SHOTS:
         count = digits.counted_shots(len(counted), len(own))
         return replace(empty, warnings=(f"{count}, and a common G and µ need {MIN_SHOTS}",))
@@ -148,11 +145,11 @@ def _likelihood(answer: Posterior) -> Likelihood | None:
     return likelihood(theta, answer.log_weight, Prior(tuple(names), *np.array(rows, dtype=float).T))
 
 
-def _modulus_limit(answers: Sequence[Posterior], by_statistics: float | None, errors: CommonErrors) -> float | None:
+def _modulus_limit(answers: Sequence[Posterior], by_statistics: float, errors: CommonErrors) -> float | None:
     """95 % limit of G, Pa, of a material that may be a liquid, with the errors that all shots share; None: it is 0."""
     pressure = np.median([(answer.medium or WATER).pressure for answer in answers])
     stretch = np.median([answer.stretch or USUAL_STRETCH[0] for answer in answers])
-    return widened_limit(by_statistics or 0.0, errors, float(pressure), float(stretch)) or None
+    return widened_limit(by_statistics, errors, float(pressure), float(stretch)) or None
 
 
 def _with_material(

@@ -1,26 +1,65 @@
-"""The material of a group of shots: its values with their intervals, the scatter of its shots, and its line."""
+"""The material of a group of shots: its values with their intervals, which hold the errors that all shots share, the
+scatter of its shots, and its line; and whether the shots disagree, so that their intervals fall into two heaps.
+
+Errors of the radius scale, the frame rate, the density and the pressure each change t/t_c, and so all of them act as
+one (docs/method/population.md). Two different errors of the scale are told apart. `radius_scale` of each shot
+(experiment.py) is what differs from shot to shot, such as the focus and the fitted outline: it widens the interval of
+each shot, and averages out over many. The errors here are one number for all shots, such as the micrometres per pixel:
+no shot has them, and they do not average out. So nothing is counted twice.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from scipy.special import erf
 
-from cavirheo.arrays import Floats, relative_scatter
+from cavirheo.arrays import NORMAL_90, Floats, relative_scatter
 from cavirheo.errors import require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
-from cavirheo.inference.population.systematic import CommonErrors
 from cavirheo.messages import Message
 from cavirheo.parameters import Bound, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
-from cavirheo.posterior import Heap, check_level, upper_limit
+from cavirheo.physics.collapse import elastic_number
+from cavirheo.posterior import Heap, Posterior, check_level, upper_limit
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
 _EMPTY = np.empty((0, 0))
 HARDLY = 0.03  # decades: shots that scatter by less hardly scatter
+FEWEST = 2  # shots in a heap
+LEAST_SHARE = 0.2  # of the shots in the smaller heap: fewer are outliers
+APART = 0.3  # decades between the middles of the heaps
+CLEAR = 4.0  # this distance over the deviation of a shot within its heap
+_LN10 = float(np.log(10.0))
+_STREAM = 7  # of the random draws of the errors
+
+
+@dataclass(frozen=True)
+class CommonErrors:
+    """Relative standard deviations of the errors that all shots of a group share.
+
+    Attributes:
+        scale: of the radius (micrometres per pixel).
+        rate: of the frame rate.
+        density: of the medium.
+        pressure: far from the bubble.
+
+    Raises:
+        InputError: a number below 0, or above 0.2.
+    """
+
+    scale: float = 0.01
+    rate: float = 0.001
+    density: float = 0.01
+    pressure: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            message = f"the {name} error is a relative standard deviation from 0 to 0.2, got {value!r}"
+            require(isinstance(value, int | float) and 0.0 <= value <= 0.2, message, f"option.{name}_error")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,3 +252,100 @@ def quantiles(values: Floats, level: float) -> tuple[float, float, float]:
     """The ends and the middle of the central interval with this probability: (low, median, high) of values (k,)."""
     low, middle, high = np.quantile(values, [(1.0 - level) / 2.0, 0.5, (1.0 + level) / 2.0]).tolist()
     return low, middle, high
+
+
+def two_heaps(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> tuple[Heap, Heap] | None:
+    """The two heaps into which the intervals of a parameter (natural name) fall, the lower one first; None if they do
+    not: no interval of one reaches one of the other, and the heaps are clearly farther apart than they are wide.
+
+    A heap of bounds alone is taken at the limit that is nearest to the other heap. A bound that reaches over the gap,
+    so that its shot may belong to either heap, is in none."""
+    known, ends = _intervals(answers, shots, name)
+    fewest = max(FEWEST, int(np.ceil(LEAST_SHARE * len(known))))
+    valued = np.all(np.isfinite(ends), axis=1)
+    halves = 0.5 * np.diff(ends[valued], axis=1)
+    own = float(np.median(halves)) / NORMAL_90 if len(halves) else 0.0
+    best, most = None, 0
+    for gap in np.unique(ends[np.isfinite(ends[:, 1]), 1]):
+        low, high = ends[:, 1] <= gap, ends[:, 0] > gap
+        inside = int(np.count_nonzero(low | high))
+        if min(np.count_nonzero(low), np.count_nonzero(high)) < fewest or np.any(valued & ~low & ~high):
+            continue
+        below, above = ends[low & valued].mean(axis=1), ends[high & valued].mean(axis=1)
+        off = np.concatenate([part - np.mean(part) for part in (below, above) if len(part)] or [below])
+        free = max(len(off) - bool(len(below)) - bool(len(above)), 1)
+        width = float(np.hypot(np.linalg.norm(off) / np.sqrt(free), own))
+        bottom = np.mean(below) if len(below) else np.max(ends[low, 1])
+        top = np.mean(above) if len(above) else np.min(ends[high, 0])
+        if inside > most and top - bottom > max(APART, CLEAR * width):
+            first, second = ([known[i] for i in np.flatnonzero(heap)] for heap in (low, high))
+            best, most = (_heap(first, ends[low]), _heap(second, ends[high])), inside
+    return best
+
+
+def _intervals(answers: Sequence[Posterior], shots: Sequence[str], name: str) -> tuple[list[str], Floats]:
+    """Names of the shots that determine a parameter, or bound it on one side, and (n, 2) log10 of the ends; infinite
+    where there is a bound alone."""
+    known, ends = [], []
+    for answer, shot in zip(answers, shots, strict=True):
+        interval, bound = answer.interval(name), answer.bound(name)
+        if interval is None or bound in ("undetermined", "wide") or interval[1] <= 0.0:
+            continue
+        low = -np.inf if bound == "upper" or interval[0] <= 0.0 else float(np.log10(interval[0]))
+        high = np.inf if bound == "lower" else float(np.log10(interval[1]))
+        known.append(shot)
+        ends.append((low, high))
+    return known, np.array(ends, dtype=float).reshape(-1, 2)
+
+
+def _heap(shots: Sequence[str], ends: Floats) -> Heap:
+    lows, highs = (values[np.isfinite(values)] for values in ends.T)
+    low = float(10.0 ** np.min(lows)) if len(lows) else None
+    high = float(10.0 ** np.max(highs)) if len(highs) else None
+    return Heap(tuple(shots), low, high)
+
+
+def hidden_modulus(errors: CommonErrors, pressure: float, stretch: float) -> float:
+    """G, Pa, of a gel that looks like a liquid with a probability of 5 % because of these errors. The first collapse of
+    a gel comes sqrt(1 + Be G/p) times earlier than that of a liquid; a relative error e of this ratio, which is that of
+    R_max, of the rate, or half of that of density or pressure, moves G by 2 e p/Be."""
+    halved = 0.5 * np.hypot(errors.density, errors.pressure)
+    ratio = float(np.sqrt(errors.scale**2 + errors.rate**2 + halved**2))
+    return NORMAL_90 * 2.0 * ratio * pressure / float(elastic_number(stretch))
+
+
+def widened_limit(limit: float, errors: CommonErrors, pressure: float, stretch: float) -> float:
+    """A 95 % limit of G, Pa, that statistics give, with these errors."""
+    return float(np.hypot(limit, hidden_modulus(errors, pressure, stretch)))
+
+
+def slopes(name: str, over_scale: float) -> dict[str, float]:
+    """Relative change of a parameter, by its natural name, per relative change of what `CommonErrors` names, from that
+    per relative change of R_max."""
+    rate = over_scale if name == "shear_modulus" else over_scale - 1.0
+    return {"scale": over_scale, "rate": rate, "density": 0.5 * over_scale, "pressure": 1.0 - 0.5 * over_scale}
+
+
+def widened(
+    interval: tuple[float, float, float], by_error: Mapping[str, float], errors: CommonErrors
+) -> tuple[float, float]:
+    """Ends of the 90 % interval of one shot, given as (5 %, 50 %, 95 %) without these errors, with them. by_error: as
+    `slopes`. In the logarithm the errors are normal, and the sides of the interval as those of normal distributions."""
+    low, middle, high = interval
+    common = NORMAL_90 * float(np.linalg.norm([by_error[name] * error for name, error in asdict(errors).items()]))
+    below, above = np.hypot(np.log([middle / low, high / middle]), common).tolist()
+    return middle / float(np.exp(below)), middle * float(np.exp(above))
+
+
+def shifts(names: Sequence[str], over: Mapping[str, float], errors: CommonErrors, draws: int, seed: int) -> Floats:
+    """(draws, d) log10 of the factor by which errors drawn from their priors change each parameter, all by the same
+    errors; 0 for a parameter whose slope is not known."""
+    rng = np.random.Generator(np.random.Philox(seed).jumped(_STREAM))
+    deviations = asdict(errors)
+    drawn = rng.standard_normal((draws, len(deviations))) * [*deviations.values()]
+    changes = np.zeros((len(deviations), len(names)))
+    for k, name in enumerate(names):
+        if name in over:
+            by_error = slopes(name, over[name])
+            changes[:, k] = [by_error[error] for error in deviations]
+    return np.asarray(drawn @ changes / _LN10)

@@ -1,10 +1,9 @@
 """Shots of one material share the switches of the default family: all shots together decide whether the material is a
 liquid, whether it stiffens, and which bubble it needs; then each shot counts by its draws in that state alone.
 
-The evidence of a state is the product of its evidence in each shot. In a gel each shot has a modulus of its own there,
-and so each pays for the wide prior of G, which one modulus of all shots pays for once: the evidence of one modulus g is
-larger by the mean over the prior of prod r_i(g), r_i the integral of the likelihood of a shot over moduli about g.
-Without it ten shots of a soft gel would be a liquid."""
+The evidence of a state is the product of its evidence in each shot. In a gel each shot pays there for the wide prior of
+G, which one modulus of all shots pays for once (docs/method/population.md): without this, ten shots of a soft gel would
+be a liquid."""
 
 from __future__ import annotations
 
@@ -18,7 +17,7 @@ import numpy as np
 from cavirheo.arrays import Bools, Floats, log_sum
 from cavirheo.inference.assumptions import AUTO, LIQUID, PLAIN
 from cavirheo.inference.experiment import FIELD_PROBABILITY
-from cavirheo.inference.population.likelihood import likelihood
+from cavirheo.inference.population.hierarchy import likelihood
 from cavirheo.parameters import LOG10
 from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import TRUSTED, Posterior
@@ -60,17 +59,12 @@ def in_state(answer: Posterior, state: State) -> Bools:
 
 class Shared(NamedTuple):
     """answers: of the shots; those by the default family have the draws in the state that all of them together make
-    most probable, and are of its law. switches: the probability of each by all shots. modulus_limit: 95 % limit of G of
-    a gel, Pa, by all shots, where the material may be a liquid but need not be one."""
+    most probable, and are of its law. switches: the probability of each by all shots. modulus_limit: 95 % limit of G,
+    Pa, by all shots, where the material may be a liquid; 0 if it hardly can be a gel."""
 
     answers: list[Posterior]
     switches: dict[str, float]
     modulus_limit: float | None = None
-
-    @property
-    def liquid_possible(self) -> bool:
-        """Whether the material may be a liquid."""
-        return self.switches.get("liquid", 0.0) > LIKELY
 
 
 def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Shared:
@@ -98,13 +92,14 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
     best = max(log_probability, key=lambda state: log_probability[state])
     conditioned = [_conditioned(answer, best) if _is_default(answer) else answer for answer in answers]
     switches = {name: on for name, on in _switches(log_probability).items() if name in votes[0].switches}
-    shared = Shared(conditioned, switches)
-    if not LIKELY < shared.switches["liquid"] < 1.0 - LIKELY:
-        return shared
+    if switches["liquid"] <= LIKELY:
+        return Shared(conditioned, switches)
+    if switches["liquid"] >= 1.0 - LIKELY:
+        return Shared(conditioned, switches, 0.0)
     gel = max(log_ratios, key=lambda state: log_probability[state])
     density = np.exp(log_ratios[gel] - np.max(log_ratios[gel])) * 10.0**moduli  # flat in G, as `upper_limit`
     limit = np.interp(0.95, np.cumsum(density) / np.sum(density), moduli)
-    return shared._replace(modulus_limit=float(10.0**limit))
+    return Shared(conditioned, switches, float(10.0**limit))
 
 
 def _ratio(answer: Posterior, state: State, moduli: Floats) -> Floats:
