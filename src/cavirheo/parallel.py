@@ -27,7 +27,7 @@ _ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
 _pools: dict[int, Any] = {}  # the pool of this process, by its size
 _pool_lock = threading.Lock()
-_calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
+_flows: set[int] = set()  # calls of `Processes.map_unordered` that go on
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pools.clear)  # a pool is of the process that started it
 
@@ -113,34 +113,33 @@ class Processes:
     workers: int | None = None
 
     def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
-        """As `Executor.map_unordered`. After its close or an exception, running jobs end at once. Threads do the work
-        where no process can be started. Raises InputError: a process was ended from outside; and what `function`
-        raises."""
+        """As `Executor.map_unordered`. After its close or an exception, running jobs end at once, unless another thread
+        has jobs, too. Threads do the work where no process can be started. Raises InputError: a process was ended from
+        outside; and what `function` raises."""
+        from loky.process_executor import ShutdownExecutorError  # of jobs whose processes another thread has ended
+
         pool = process_pool(max(min(cores(self.workers), len(jobs)), 1))
         if pool is None:
             yield from Threads(self.workers).map_unordered(function, jobs)
             return
         indices: dict[Any, int] = {}
+        _flows.add(id(indices))
         try:
             indices |= {pool.submit(function, job): index for index, job in enumerate(jobs)}
             for future in as_completed(list(indices)):
                 output = future.result()
                 yield indices.pop(future), output
-        except _pool_errors() as error:
+        except (BrokenExecutor, ShutdownExecutorError) as error:
             end_processes()  # the next call starts others
             message = "a process of this machine was ended from outside, for want of memory perhaps"
             mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
             raise InputError(f"{message}: {mending}", "parallel.ended") from error
         finally:
-            if indices:
+            _flows.discard(id(indices))
+            for future in indices:
+                future.cancel()
+            if indices and not _flows:
                 end_processes()
-
-
-def _pool_errors() -> tuple[type[Exception], ...]:
-    """Errors of a job whose processes were ended: from outside, or by `end_processes` in another thread."""
-    from loky.process_executor import ShutdownExecutorError
-
-    return BrokenExecutor, ShutdownExecutorError
 
 
 @contextmanager
@@ -235,23 +234,3 @@ def run_in_thread(function: Callable[[], Output]) -> Output:
         return pool.submit(function).result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-
-
-def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
-    """function(*arguments), mostly Python code, for one of several threads: runs in the calling thread, or in a process
-    while another thread runs such a function, because two threads would take turns. The output is the same."""
-    if _calling_thread_lock.acquire(blocking=False):
-        try:
-            return function(*arguments)
-        finally:
-            _calling_thread_lock.release()
-    pool = process_pool(cores()) if cores() > 1 else None
-    if pool:
-        try:
-            output: Output = pool.submit(function, *arguments).result()
-            return output
-        except BrokenExecutor:  # ended from outside: the next call starts others
-            end_processes()
-        except _pool_errors():  # ended for a `map_unordered`
-            pass
-    return function(*arguments)

@@ -10,6 +10,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
+from socket import socket
 from threading import Event
 
 import httpx
@@ -17,18 +18,16 @@ import numpy as np
 import pytest
 from answers import same
 from bombs import abort
-from conftest import ANSWER, error_of, refused, until
+from conftest import ANSWER, ROOT, error_of, refused, until
 from files import write_curve
 from recordings import RATE, SCALE, film
 
 from cavirheo import RadiusCurve, read_curves
 from cavirheo.app.page import uploaded_paths
-from cavirheo.app.reader import Reader
-from cavirheo.app.session import PAGE_FIELDS, PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, export, infer, sliders, what_if
+from cavirheo.app.session import EXAMPLES, PAGE_FIELDS, PageSettings, Reader, VisitorLimits, Visitors
 from cavirheo.app.words import shots_table
 
-SOFT = examples()["soft_gel.csv"]
+SOFT = EXAMPLES["soft_gel.csv"]
 
 
 def serving(**how):
@@ -63,15 +62,10 @@ def told(message=""):
     return pytest.raises(AppError, match=message or None)
 
 
-@pytest.fixture(scope="module")
-def reader():
-    return Reader(seconds=60.0)
-
-
 @pytest.fixture
-def session(reader):
-    with closing(Session(VisitorLimits(), reader)) as one:
-        yield one
+def session():
+    with closing(Visitors(VisitorLimits(read_seconds=60.0))) as visitors:
+        yield visitors.session_for("one")
 
 
 CAMERA, QUICK = PageSettings(fps=RATE, um_per_px=SCALE), PageSettings(model="bdt-viscoelastic")
@@ -184,7 +178,7 @@ def test_answers_are_forgotten_with_the_last_visitor_who_has_them():
         for name in ("one", "other"):
             session = visitors.session_for(name)
             session.add([SOFT], QUICK, copy=True)
-            infer(session, ["soft_gel[1]"])
+            session.infer(["soft_gel[1]"])
         gone(visitors, "one")
         assert len(visitors.shared) == 1
         del session
@@ -207,18 +201,18 @@ def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
 def test_answers_are_of_their_settings_and_files(session):
     session.add([SOFT], QUICK, copy=True)
     with refused("app.no_answer"):
-        export(session)
+        session.export()
     with refused("app.no_shots"):
-        infer(session, [])
-    first = infer(session, ["soft_gel[2]"])
+        session.infer([])
+    first = session.infer(["soft_gel[2]"])
     words = "cavirheo infer soft_gel.csv --model bdt-viscoelastic --bubble field (1 of 5 shots)"
     assert first.document.command == words
     session.apply_settings(PageSettings(window=2))
-    for asked in (lambda: export(session), lambda: session.find_answer("soft_gel[2]")):
+    for asked in (lambda: session.export(), lambda: session.find_answer("soft_gel[2]")):
         with refused("app.no_answer"):
             asked()
     session.apply_settings(QUICK)
-    again = infer(session, ["soft_gel[2]"])
+    again = session.infer(["soft_gel[2]"])
     assert again.pairs[0][1].theta is first.pairs[0][1].theta  # it was kept
     session.add([SOFT], QUICK, copy=True)
     assert session.answers is None
@@ -227,10 +221,10 @@ def test_answers_are_of_their_settings_and_files(session):
 def test_which_shots_are_one_material_is_chosen(session, tmp_path):
     for k, name in enumerate(("gel_1", "gel_2", "<b>")):
         session.add([single(tmp_path / f"{name}.csv", 1.02 + 0.04 * k)], QUICK)
-    first = infer(session, session.names)
+    first = session.infer(session.names)
     assert [group.name for group in first.document.groups] == ["your files"]
     session.apply_settings(replace(QUICK, group="name"))
-    groups = [(group.name, group.n) for group in infer(session, session.names).document.groups]
+    groups = [(group.name, group.n) for group in session.infer(session.names).document.groups]
     assert groups == [("gel", 2), ("<b>", 1)]
     assert "<td>&lt;b&gt;</td>" in shots_table(session)
 
@@ -241,13 +235,13 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
 
     def again(analysis, curve, **options):
         with refused("parallel.busy"):
-            infer(session, ["soft_gel[2]"])
+            session.infer(["soft_gel[2]"])
         session.clear()
         return answer(analysis, curve, **options)
 
     monkeypatch.setattr(ANSWER, again)
     with refused("app.changed"):
-        infer(session, ["soft_gel[1]"])
+        session.infer(["soft_gel[1]"])
     assert session.answers is None
 
 
@@ -279,32 +273,32 @@ def test_a_reader_that_hangs_or_dies_costs_one_call(tmp_path, monkeypatch):
     path, options = single(tmp_path / "a.csv"), {"density": 998.0, "pressure": 101325.0}
     reader = Reader(seconds=0.01)
     with refused("limits.time", "a.csv", "0.01 s"):
-        reader.read([path], **options)
+        reader.read(tmp_path, [path.name], **options)
     reader.seconds = 60.0
     with monkeypatch.context() as broken, refused("reading.ended", "a.csv"):
-        broken.setattr("cavirheo.app.reader.read_in_folder", abort)
-        reader.read([path], **options)
-    assert len(reader.read([path], **options)[0]) == 1
+        broken.setattr("cavirheo.app.session.read_in_folder", abort)
+        reader.read(tmp_path, [path.name], **options)
+    assert len(reader.read(tmp_path, [path.name], **options)[0]) == 1
 
 
 def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(session, tmp_path):
     """The values of an exported simulation, typed into the sliders, give the RMSE that is shown."""
     session.add([SOFT], PageSettings(material="nhkv"), copy=True)
-    (record,) = infer(session, ["soft_gel[1]"]).document.curves
-    with zipfile.ZipFile(export(session)) as archive:
+    (record,) = session.infer(["soft_gel[1]"]).document.curves
+    with zipfile.ZipFile(session.export()) as archive:
         archive.extractall(tmp_path)
     folder = tmp_path / "cavirheo-result"
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert {"result.json", "result.csv", "report.html", "processed/001_soft_gel_1.csv"} <= names
     path = folder / "simulated" / "001_soft_gel_1-best-draw.csv"
     typed = [1e-3 * record.best["shear_modulus"], record.best["viscosity"], record.best["stretch"]]
-    assert [one["value"] for one in sliders(session, "soft_gel[1]").values()] == pytest.approx(typed, rel=1e-2)
-    assert what_if(session, "soft_gel[1]", typed).rmse_over_rmax == pytest.approx(record.rmse_over_rmax, abs=1e-3)
+    assert [one["value"] for one in session.sliders("soft_gel[1]").values()] == pytest.approx(typed, rel=1e-2)
+    assert session.what_if("soft_gel[1]", typed).rmse_over_rmax == pytest.approx(record.rmse_over_rmax, abs=1e-3)
     (processed,), (simulated,) = read_curves(folder / "processed" / "001_soft_gel_1.csv"), read_curves(path)
     frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
     assert np.sqrt(np.mean(left**2)) / record.max_radius_m == pytest.approx(record.rmse_over_rmax, rel=0.05)
-    assert what_if(session, "soft_gel[1]", [5.0, 0.03, 0.5]).verdict == "failed"
+    assert session.what_if("soft_gel[1]", [5.0, 0.03, 0.5]).verdict == "failed"
 
 
 def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path, monkeypatch):
@@ -331,12 +325,18 @@ def test_a_port_that_is_taken_is_said(served):
         pass
 
 
-def test_nothing_is_left_when_the_server_ends(tmp_path):
-    call = [sys.executable, "-m", "cavirheo", "app", "--no-browser", "--port", "0"]
-    about = os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, env=about) as server:
-        assert "starting" in server.stderr.readline()
-        address = re.search(r"http\S+", server.stderr.readline())[0]
+SPACE = pytest.param([ROOT / "packaging" / "space" / "app.py"], marks=pytest.mark.repository, id="space")
+
+
+@pytest.mark.parametrize("words", [["-m", "cavirheo", "app", "--no-browser", "--port", "0"], SPACE])
+def test_nothing_is_left_when_the_server_ends(tmp_path, words):
+    with socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    about = {"TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path), "GRADIO_SERVER_PORT": port}
+    how = {"stderr": subprocess.PIPE, "text": True, "env": os.environ | about}
+    with subprocess.Popen([sys.executable, *words], **how) as server:
+        address = next(filter(None, (re.search(r"http:\S+", line) for line in server.stderr)))[0]
         (kept,) = upload(address, SOFT.read_bytes()).json()
         assert Path(kept).is_relative_to(tmp_path)
         server.terminate()
@@ -370,12 +370,12 @@ def test_a_recording_waits_for_its_rate_and_scale_and_is_measured_once(session, 
     assert (session.names, session.problems) == (["other", "shot"], [])
     first = session.curves[1]
     with monkeypatch.context() as patched:
-        patched.setattr(session, "measurer", None)  # not needed again
+        patched.setattr(session.visitors, "measurer", None)  # not needed again
         session.apply_settings(replace(CAMERA, density=1050.0))
     assert same([session.curves[1].radius], [first.radius])
     session.apply_settings(replace(CAMERA, exclude="20"))
     assert np.isnan(session.curves[1].radius[19])
-    session.add([examples()["bubble.mp4"]], CAMERA, copy=True)
+    session.add([EXAMPLES["bubble.mp4"]], CAMERA, copy=True)
     with refused("option.exclude"):
         session.apply_settings(replace(CAMERA, exclude="20"))
     session.clear()

@@ -20,7 +20,7 @@ from distributed import Client, LocalCluster
 
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.parallel import Processes, Threads, run_jobs, run_on_any_core
+from cavirheo.parallel import Processes, Threads, run_jobs
 from cavirheo.workflow import Store, Workers, _run, analyse_all, check_workers, identity, slurm_cluster
 
 
@@ -44,7 +44,7 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
         assert list(executor.map_unordered(double, [])) == []
         with refused("test.refused", "no -1"), closing(executor.map_unordered(double, [-1, -1])) as flow:
             list(flow)
-    assert run_jobs(lambda job: run_on_any_core(double, job), range(7, 50), 4) == [2 * job for job in range(7, 50)]
+    assert run_jobs(double, range(7, 50), 4) == [2 * job for job in range(7, 50)]
     with closing(Processes(2).map_unordered(time.sleep, [0, 1e6, 1e6])) as flow:
         assert next(flow)[0] == 0  # the others end with the flow
     with refused("parallel.ended"):

@@ -14,8 +14,17 @@ from typing import Any, get_type_hints
 
 import gradio as gr
 
-from cavirheo.app import steps, words
-from cavirheo.app.session import PAGE_FIELDS, STARTS, PageSettings, Session, Visitors
+from cavirheo.app import words
+from cavirheo.app.session import (
+    EXAMPLE_CAMERA,
+    EXAMPLES,
+    PAGE_FIELDS,
+    SLIDERS,
+    STARTS,
+    PageSettings,
+    Session,
+    Visitors,
+)
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference import DEFAULT
 from cavirheo.physics.media import MEDIA
@@ -88,7 +97,7 @@ class Page:
             with gr.Column(scale=2, min_width=260):
                 _html(words.render("hint", "or look at a shipped example first:"))
                 with gr.Row():
-                    self.examples = {name: _small_button(name) for name in steps.examples()}
+                    self.examples = {name: _small_button(name) for name in EXAMPLES}
                 self.clear = _small_button("Start over")
                 self.infer_now = _button("Infer all shots", interactive=False)
         self.file_errors = _html()
@@ -138,7 +147,7 @@ class Page:
         self.checked_shot = gr.Dropdown(label="Shot")
         self.check_plot = _html()
         with gr.Row():
-            sliders = steps.SLIDERS.items()
+            sliders = SLIDERS.items()
             self.sliders = [gr.Slider(label=word, elem_id=f"slider-{key}", min_width=200) for key, (word, _) in sliders]
         self.trial = _html()
         self.facts = _html()
@@ -234,13 +243,13 @@ class Page:
     def _load(self, session: Session, files: list[str] | None, *settings: Any) -> _Updates:
         with uploaded_paths(files or []) as paths:
             if paths:  # none if an earlier event has loaded these files
-                session.add(paths, PageSettings(**_page_values(settings)))
+                session.add(paths, _settings(settings))
         return self._show_data(session) | {self.upload: None}
 
     def _load_example(self, name: str, session: Session, *settings: Any) -> _Updates:
-        path = steps.examples()[name]
-        camera: dict[str, Any] = steps.EXAMPLE_CAMERA if is_video(path) else {}
-        session.add([path], replace(PageSettings(**_page_values(settings)), **camera), copy=True)
+        path = EXAMPLES[name]
+        camera: dict[str, Any] = EXAMPLE_CAMERA if is_video(path) else {}
+        session.add([path], replace(_settings(settings), **camera), copy=True)
         return self._show_data(session) | self._show_settings(session)
 
     def _clear(self, session: Session, sure: str) -> _Updates:
@@ -294,7 +303,7 @@ class Page:
         before = session.settings
         curves = session.curves
         names = session.names
-        session.apply_settings(PageSettings(**_page_values(settings)))
+        session.apply_settings(_settings(settings))
         if session.settings == before:
             return {self.error_box: ""}
         if session.names != names:  # a recording was measured
@@ -303,7 +312,7 @@ class Page:
         return self._show_prepared(session, name) | tables | self._show_state(session)
 
     def _begin_run(self, session: Session, chosen: list[str], *settings: Any) -> _Updates:
-        session.apply_settings(PageSettings(**_page_values(settings)))
+        session.apply_settings(_settings(settings))
         session.announce(chosen)
         return {self.steps: gr.Tabs(selected=3), **self._refresh_answers(session)}
 
@@ -317,7 +326,7 @@ class Page:
     def _answer(self, session: Session, chosen: list[str]) -> _Updates:
         if session.run is None or session.run.working:  # the beginning failed
             return {}
-        names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
+        names = [curve.name for curve, _ in session.infer(chosen).pairs]
         with session.lock:
             updates = {self.checked_shot: gr.Dropdown(choices=names, value=names[0])}
             return updates | self._show_state(session) | self._show_check(session, names[0])
@@ -330,7 +339,7 @@ class Page:
         answers.trials.pop(name, None)
         updates = self._draw_check(session, name)
         updates[self.trial] = words.render("slider_start", bool(record.best))
-        for slider, limits in zip(self.sliders, steps.sliders(session, name).values(), strict=True):
+        for slider, limits in zip(self.sliders, session.sliders(name).values(), strict=True):
             updates[slider] = gr.Slider(visible=bool(limits), **(limits or {}))  # type: ignore[arg-type]
         return updates
 
@@ -338,16 +347,16 @@ class Page:
         return {self.check_plot: words.check_plot(session, name), self.facts: words.facts(session, name)}
 
     def _try_sliders(self, session: Session, name: str, *values: float | None) -> _Updates:
-        checks = steps.what_if(session, name, values)
+        checks = session.what_if(name, values)
         return {self.check_plot: words.check_plot(session, name), self.trial: words.render("trial", checks)}
 
     def _zip(self, session: Session) -> _Updates:
-        return {self.download: gr.DownloadButton(value=str(steps.export(session)))}
+        return {self.download: gr.DownloadButton(value=str(session.export()))}
 
 
-def _page_values(values: Sequence[Any]) -> dict[str, Any]:
-    """The values of PAGE_FIELDS by name."""
-    return dict(zip(PAGE_FIELDS, values, strict=True))
+def _settings(values: Sequence[Any]) -> PageSettings:
+    """The settings with these values of PAGE_FIELDS, in their order."""
+    return PageSettings(**dict(zip(PAGE_FIELDS, values, strict=True)))
 
 
 @contextmanager
@@ -371,13 +380,13 @@ def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
 
     def infer(files: list[gr.FileData], *options: Any) -> dict[str, Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
-        session = Session(visitors.limits, visitors.reader, visitors.measurer, visitors.shared)
+        session = Session(visitors)
         try:
             with uploaded_paths([str(dict(file)["path"]) for file in files or []]) as paths:
-                session.add(paths, PageSettings(**_page_values(options)))
+                session.add(paths, _settings(options))
                 if not session.curves:
                     raise InputError("; ".join(session.problems) or "no curve could be read", "app.no_curve")
-                document = steps.infer(session, session.names).document
+                document = session.infer(session.names).document
                 document.notes.extend(session.problems)
                 return document.model_dump(by_alias=True, mode="json")
         except (InputError, SolverError) as error:

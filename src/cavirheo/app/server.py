@@ -123,11 +123,11 @@ def _call_glibc(name: str, *arguments: int) -> None:
         ctypes.CDLL(None)[name](*arguments)
 
 
-def serve(host: str, port: int, *, browser: bool) -> None:
+def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits | None = None) -> None:
     """Serve the page until SIGINT or SIGTERM. Raises InputError."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     _call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: by default, each of many threads keeps a separate heap
-    with suppress(KeyboardInterrupt), running_server(host, port) as (address, visitors):
+    with suppress(KeyboardInterrupt), running_server(host, port, limits) as (address, visitors):
         say(f"cavirheo app: {address}   (Ctrl+C ends it)")
         threading.Thread(target=load_solver, daemon=True).start()
         if browser:

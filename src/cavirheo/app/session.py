@@ -1,31 +1,46 @@
-"""The session of one visitor (files, curves, settings, answers), its limits, and all sessions of the server."""
+"""The session of one visitor (files, curves, settings, answers), what the buttons do with it, its limits, and all
+sessions of the server."""
 
 from __future__ import annotations
 
+import os
+import re
 import shlex
 import shutil
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
+from threading import BoundedSemaphore
 from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
-from cavirheo.app.reader import Reader
+import numpy as np
+
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, parse_number_list, require
-from cavirheo.inference.analysis import DEFAULT
+from cavirheo.errors import InputError, listed, parse_number_list, require
+from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.cards import shipped
+from cavirheo.inference.what_if import checks_with, slider
+from cavirheo.io import apart, write_csv
 from cavirheo.io.files import without_headers
+from cavirheo.io.shots import CurveSet, read_shots
+from cavirheo.messages import Message
+from cavirheo.parallel import Flow
 from cavirheo.posterior import Checks, Posterior
+from cavirheo.reporting import group_pictures, result, write_report
+from cavirheo.reporting.documents import curve_record
 from cavirheo.reporting.record import CurveRecord, Result
 from cavirheo.settings import Exclude, InferOptions, checked
 from cavirheo.video.formats import is_video, pixels_of
-from cavirheo.writing.document import short_name
+from cavirheo.workflow import with_source_of
+from cavirheo.writing import digits
+from cavirheo.writing.document import LIST_FILE, short_name
 
 UPLOAD_FOLDER = "your files"  # the folder of a visitor, which names the group of single-shot files
 # the settings of the page, in the order of the options of the endpoint: a new one comes last
@@ -34,6 +49,15 @@ PAGE_FIELDS = (
     *("fps", "um_per_px", "exposure_us", "exclude"),
     *("group", "sound_speed", "surface_tension", "pressure", "temperature"),
 )
+SLIDERS = {  # label, factor from SI
+    "shear_modulus": ("Try G (kPa)", 1e-3),
+    "viscosity": ("Try µ (Pa s)", 1.0),
+    "stretch": ("Try λ (R_max/R_0)", 1.0),
+}
+EXAMPLES = {name: Path(__file__).parent / "examples" / name for name in ("soft_gel.csv", "stiff_gel.mat", "bubble.mp4")}
+EXAMPLE_CAMERA = {"fps": 500_000.0, "um_per_px": 4.0, "exposure_us": 0.4}  # of the shipped recording
+READER_MEMORY = 4 << 30  # bytes that reading may take
+KINDS: dict[str, Any] = {kind.__name__: kind for kind in (RadiusCurve, Message, CurveSet)}  # that a reader is sent
 STARTS = {"medium": "water", "material": "auto", "bubble": "real"}  # what fields show that stand for the default
 
 
@@ -89,6 +113,39 @@ class PageSettings(InferOptions):
         return camera | {"exposure": self.exposure, "exclude": self.exclude}
 
 
+class Reader:
+    """Reads files, each call in a process of its own, at most so many at a time."""
+
+    def __init__(self, seconds: float, *, processes: int = 1) -> None:
+        """seconds: time limit of a call."""
+        self.seconds = seconds
+        self._free = BoundedSemaphore(processes)
+
+    def read(
+        self, folder: Path, contents: Sequence[str | RadiusCurve], **options: Any
+    ) -> tuple[list[RadiusCurve], list[str]]:
+        """Return (the curves, all problems and remarks) of `read_shots` of files in one folder, in which the child
+        works: no message names it. contents: names of files, and curves that were measured in some.
+
+        Raises InputError: as `apart.call`.
+        """
+        name = listed([one if isinstance(one, str) else one.source for one in contents], 3)
+        how: dict[str, Any] = {"memory": READER_MEMORY, "seconds": self.seconds, "name": name, "kept": False}
+        with self._free:
+            answer = apart.call(read_in_folder, str(folder), [*contents], options, **how)
+        curves = []
+        for curve in answer.curves:
+            group: dict[str, Any] = {"group_source": curve.group} if "group_source" in curve.meta else {}
+            curves.append(curve.labelled(source=Path(curve.source).name, **group))
+        return curves, answer.problems + answer.remarks
+
+
+def read_in_folder(folder: str, files: list[str | RadiusCurve], options: dict[str, Any]) -> CurveSet:
+    """Read files that have names without their folder; in the child."""
+    os.chdir(folder)
+    return read_shots(files, **options)
+
+
 @dataclass(frozen=True, eq=False)
 class Answers:
     """The answers of one run."""
@@ -130,19 +187,12 @@ class Run:
         return passed, passed / done * (len(self.records) - done) if done else None
 
 
-Shared = WeakValueDictionary[str, Posterior]  # answers of all visitors by their keys, while a session keeps them
-
-
 class Session:
     """The state of one visitor. The files are in a temporary folder, which is removed with the session."""
 
-    def __init__(
-        self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, shared: Shared | None = None
-    ) -> None:
-        self.limits = limits
-        self.reader = reader
-        self.measurer = measurer or reader  # separate: reading tables need not wait for a recording
-        self.shared: Shared = WeakValueDictionary() if shared is None else shared
+    def __init__(self, visitors: Visitors) -> None:
+        self.visitors = visitors
+        self.limits = visitors.limits
         self.kept: dict[str, Posterior] = {}  # this visitor's answers, by their keys
         self.settings = PageSettings()
         self.link = token_urlsafe(16)  # secret: a page with it in its address opens this session
@@ -150,12 +200,13 @@ class Session:
         self.run: Run | None = None
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
+        self.uploads = self.folder / UPLOAD_FOLDER
         self.clear()
 
     def clear(self) -> None:
         """Remove all files and results; the settings stay."""
-        shutil.rmtree(self.folder / UPLOAD_FOLDER, ignore_errors=True)
-        (self.folder / UPLOAD_FOLDER).mkdir()
+        shutil.rmtree(self.uploads, ignore_errors=True)
+        self.uploads.mkdir()
         self.files: list[Path] = []
         self.measured: dict[Path, Measured] = {}  # of each recording
         self.curves: list[RadiusCurve] = []  # of all files, read with the settings
@@ -169,7 +220,7 @@ class Session:
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Move or copy the files into the session, and read them; unreadable ones are removed. Raises InputError: too
         many files, curves or frames, or a setting out of its domain."""
-        number = len(list((self.folder / UPLOAD_FOLDER).iterdir())) + len(files)
+        number = len(list(self.uploads.iterdir())) + len(files)
         if number > self.limits.files:
             message = f"{number} files; at most {self.limits.files} are read at once: start over with fewer, "
             raise InputError(message + "or put the shots of one material into one file", "app.too_many_files")
@@ -206,14 +257,15 @@ class Session:
         if settings.exclude and len(recordings) > 1:
             several = f"exclude is of one recording, there are {len(recordings)}"
             raise InputError(f"{several}: `cavirheo measure` each with its own", "option.exclude")
-        sources: list[Path | RadiusCurve] = [path for path in files if not is_video(path)]
+        contents: list[str | RadiusCurve] = [path.name for path in files if not is_video(path)]
         failed = list[str]()
         for path in recordings:  # measured once for each camera and each list of frames
             if path not in self.measured or self.measured[path].camera != settings.camera:
-                self.measured[path] = Measured(settings.camera, *self.measurer.read([path], **settings.camera))
-            sources += [curve.labelled(source=str(path)) for curve in self.measured[path].curves]
+                found = self.visitors.measurer.read(self.uploads, [path.name], **settings.camera)
+                self.measured[path] = Measured(settings.camera, *found)
+            contents += self.measured[path].curves
             failed += [] if self.measured[path].curves else self.measured[path].problems
-        curves, problems = self.reader.read(sources, **settings.read_options)
+        curves, problems = self.visitors.reader.read(self.uploads, contents, **settings.read_options)
         return curves, failed + problems
 
     @property
@@ -228,23 +280,15 @@ class Session:
         self.run = Run(names)
         return self.run
 
-    def start(self, names: Sequence[str]) -> Run:
-        """Start the run that was announced, or else a new one. Raises InputError: another one goes on."""
-        run = self.run
-        if run is None or run.working:
-            run = self.announce(names)
-        run.working = True
-        return run
-
-    @property
-    def command(self) -> str:
-        """The equivalent command line."""
+    def command(self, answered: int) -> str:
+        """The equivalent command line, and how many of the shots are answered if these are not all."""
         words = ["cavirheo", "infer", *(path.name for path in self.files)]
         for name in PAGE_FIELDS:
             value = getattr(self.settings, name)
             if value not in (None, getattr(PageSettings, name)):
                 words += [option_of(name), *([] if value is True else [str(value)])]
-        return shlex.join(words)
+        total = len(self.curves)
+        return shlex.join(words) + (f" ({answered} of {total} shots)" if answered < total else "")
 
     def apply_settings(self, settings: PageSettings) -> None:
         """Set the settings; read the files again if these change the curves. Answers by other settings are put away: a
@@ -271,17 +315,105 @@ class Session:
                 return answers, *pair, record
         raise InputError(f"{name} has no answer: infer first (step 3)", "app.no_answer")
 
+    def infer(self, names: Sequence[str]) -> Answers:
+        """Return the answers of the chosen shots, and keep them; after a stop no further shot is waited for. Raises
+        InputError: no shots, another run goes on, or files or settings changed during the run."""
+        with self.lock:
+            settings, curves = self.settings, self.curves
+            chosen = [curve for curve in curves if curve.name in names]
+            require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
+            run = self.run if self.run and not self.run.working else self.announce(names)
+            run.working = True
+        answered = dict[int, Posterior]()
+        try:
+            with closing(self._answers(settings.analysis, chosen)) as flow:
+                for index, answer in flow:
+                    answered[index] = with_source_of(answer, chosen[index])
+                    run.records[chosen[index].name] = curve_record(chosen[index], answered[index])
+                    if run.stopped.is_set():
+                        break
+            pairs = [(chosen[index], answered[index]) for index in sorted(answered)]
+            not_run = [curve.name for index, curve in enumerate(chosen) if index not in answered]
+            document = result(pairs, self.command(len(pairs)))
+            pooled = Answers(pairs, document, not_run, group_pictures(pairs, document, []))
+        finally:
+            with self.lock:
+                self.run = None if self.run is run else self.run
+        with self.lock:
+            if self.curves is not curves or self.settings != settings:
+                changed = "files or settings were changed while it ran: its answers are dropped; run it again"
+                raise InputError(changed, "app.changed")
+            self.answers = pooled
+            return pooled
+
+    def _answers(self, analysis: Analysis, curves: Sequence[RadiusCurve]) -> Flow[Posterior]:
+        """(index of a curve, its answer): first those that a visitor has, then the others as they are computed."""
+        keys = [analysis.key(curve) for curve in curves]
+        missing = list[int]()
+        for index, key in enumerate(keys):
+            if answer := self.visitors.shared.get(key):
+                self.kept[key] = answer
+                yield index, answer
+            else:
+                missing.append(index)
+        with closing(analysis.flow([curves[index] for index in missing])) as flow:
+            for place, answer in flow:
+                key = keys[missing[place]]
+                self.kept[key] = self.visitors.shared[key] = answer
+                yield missing[place], answer
+
+    def sliders(self, name: str) -> dict[str, dict[str, float] | None]:
+        """Return the limits, step and start of each slider, in kPa, Pa s and 1; None for a parameter that the law
+        lacks."""
+        posterior = self.find_answer(name)[2]
+        return {key: slider(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
+
+    def what_if(self, name: str, values: Sequence[float | None]) -> Checks:
+        """The checks of the answer with the sliders' values, which are kept beside the answer; failed ones hold the
+        reason."""
+        answers, curve, posterior, _ = self.find_answer(name)
+        changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
+        answers.trials[name] = checks_with(curve, posterior, changed, self.settings.analysis)
+        return answers.trials[name]
+
+    def export(self) -> Path:
+        """Return the path of the zip. Raises InputError: no current answers."""
+        answers, base = self.current, self.folder / "export"
+        folder, document = base / "cavirheo-result", answers.document
+        shutil.rmtree(base, ignore_errors=True)
+        for kind in ("processed", "simulated"):
+            (folder / kind).mkdir(parents=True)
+        write_report(folder, answers.pairs, document.model_copy(update={"notes": [*document.notes]}))
+        for listing in folder.rglob(LIST_FILE):  # the list of files by run, which one run does not need
+            listing.unlink()
+        _write_curves(folder, answers)
+        return Path(shutil.make_archive(str(self.folder / folder.name), "zip", base, folder.name))
+
     def close(self) -> None:
         self.clear()
         self._temporary.cleanup()
 
     def _unused_path(self, name: str) -> Path:
         """Return an unused path of this name in the visitor's folder, with a number if the name is taken."""
-        to = self.folder / UPLOAD_FOLDER / name
+        to = self.uploads / name
         numbers = count(2)
         while to.exists():
             to = to.with_name(f"{short_name(Path(name).stem)} ({next(numbers)}){Path(name).suffix}")
         return to
+
+
+def _write_curves(folder: Path, answers: Answers) -> None:
+    """Write the processed and the simulated curves as CSV."""
+    for number, (record, (curve, posterior)) in enumerate(zip(answers.document.curves, answers.pairs, strict=True), 1):
+        safe_name = re.sub(r"[^\w.+-]+", "_", record.name).strip("_.")
+        stem = short_name(f"{number:03}_{safe_name}")
+        write_csv(folder / "processed" / f"{stem}.csv", curve)
+        time, radius = posterior.checks.reconstruction_time, posterior.checks.reconstruction_radius
+        if time is not None and radius is not None:
+            # leave out points so close to a frame that their times are equal in the digits of the CSV
+            distinct = np.diff(time, prepend=-np.inf) > 1e-15
+            place = folder / "simulated" / f"{stem}-{digits.simulation_name(posterior.method).replace(' ', '-')}.csv"
+            write_csv(place, RadiusCurve(time[distinct], radius[distinct]), f"simulation of {record.name}")
 
 
 class Visitors:
@@ -290,8 +422,9 @@ class Visitors:
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits = limits
         self.reader = Reader(limits.read_seconds, processes=limits.readers)
-        self.measurer = Reader(limits.film_seconds)
-        self.shared: Shared = WeakValueDictionary()
+        self.measurer = Reader(limits.film_seconds)  # separate: reading tables need not wait for a recording
+        # answers of all visitors by their keys, while a session keeps them
+        self.shared: WeakValueDictionary[str, Posterior] = WeakValueDictionary()
         self._lock = threading.RLock()
         self._pages: dict[str, Session] = {}  # session of each page, in the order of use
         self._left: dict[str, float] = {}  # of each page that left: when it is to be forgotten
@@ -308,7 +441,7 @@ class Visitors:
             raise InputError("no session: reload the page")
         with self._lock:
             self._left.pop(name, None)
-            session = self._pages.pop(name, None) or Session(self.limits, self.reader, self.measurer, self.shared)
+            session = self._pages.pop(name, None) or Session(self)
             self._pages[name] = session
             for unused in self._sessions[self.limits.visitors :]:
                 self._forget([page for page, other in self._pages.items() if other is unused])

@@ -93,9 +93,7 @@ def material_choices() -> list[tuple[str, str]]:
 def shots_table(session: Session) -> str:
     """The table of the loaded shots, a row per shot."""
     curves = session.curves
-    rows = []
-    for curve in curves:
-        rows.append((curve, digits.elide(curve.name, 36), summary_cells(curve)))
+    rows = [(curve, digits.elide(curve.name, 36), summary_cells(curve)) for curve in curves]
     pooled = sum(curve.group == UPLOAD_FOLDER for curve in curves)
     return render("shots_table", rows, curves_by_note(curves), pooled)
 
