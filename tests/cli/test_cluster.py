@@ -164,7 +164,7 @@ def test_a_slurm_of_one_node_makes_the_same_data_set(tmp_path):
             assert process.wait() == (-signal.SIGKILL if count else 0), (tmp_path / "said.log").read_text()
     finally:
         subprocess.run([script, "stop", node], check=True)
-    assert len(contents(tmp_path / "there")) == 4
+    assert len(contents(tmp_path / "here")) > 3  # files: each kill was between two of them
     assert contents(tmp_path / "there") == contents(tmp_path / "here")
 
 
