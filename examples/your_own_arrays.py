@@ -9,7 +9,7 @@ true = cavirheo.simulate(cavirheo.NeoHookeanKelvinVoigt(8e3, 0.05), max_radius=2
 radius = true.radius + 1e-6 * np.random.default_rng(1).standard_normal(time.size)  # m
 radius[40] = np.nan  # a frame without a measurement
 
-# the first frame shows R_max; without the growth, or such a statement, the answer would be `check_input`
+# the first frame shows R_max: without this statement it may also be up to a frame earlier
 curve = cavirheo.RadiusCurve(time, radius, meta={"name": "mine"}, stated_time_of_max=0.0)
 answer = cavirheo.infer(curve, bubble="field")  # as it was simulated; leave `bubble` out for a recording
 print(f"G {answer.median('G'):.0f} Pa (true 8000), mu {answer.median('mu'):.4f} Pa s (true 0.05)")

@@ -38,7 +38,7 @@ cluster = [subprocess.Popen(command, **silent) for command in commands]
 # %% [markdown]
 # ## Infer on the cluster
 # `--scheduler` is the only option that is new.
-# Every worker must have the same cavirheo, and must give the same last bits of four simulations.
+# Every worker must have the same version and code of cavirheo.
 # A worker that differs is refused by name.
 
 # %%

@@ -58,4 +58,4 @@ answers[0].corner()
 # %% [markdown]
 # ## Further
 # The draws go to pandas and ArviZ: [read the answer](../../docs/how-to/read-the-answer.md#in-a-notebook).
-# For reports and figure files there is `cavirheo infer`, as in the tutorial on a gel.
+# For a report there is `cavirheo infer`, as in the tutorial on a gel.
