@@ -87,7 +87,7 @@ answer.plot()
 
 # %% [markdown]
 # ## The methods paragraph
-# It names the model, the window, the priors and the versions, and whom to cite.
+# It names the model, its constants, the window, the method and the version, and whom to cite.
 
 # %%
 run("cavirheo cite gel", shell=True, check=True)
