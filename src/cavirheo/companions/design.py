@@ -6,8 +6,9 @@ setting would tell; this module averages it, counts the shots that are needed, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Sized
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -62,17 +63,18 @@ class Rig:
         Family(self.material)
         medium(self.medium)
         Options(bubble=bubble_of(self.bubble))
-        radii = self.max_radius
-        expect(radii, Sized, "max_radius=(low, high) in m")
-        expect(self.frame_rate, Sized, "a list of frame rates, frame_rate=[1e6] in 1/s")
-        if len(radii) != 2 or not 0 < radii[0] <= radii[1]:
-            message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
+        radii, rates = as_numbers("max_radius", self.max_radius), as_numbers("frame_rate", self.frame_rate)
+        if radii.shape != (2,) or not 0 < radii[0] <= radii[1] < np.inf:
+            message = f"R_max must be (low, high) in m with 0 < low <= high, got {self.max_radius}"
             raise InputError(message, "design.max_radius")
-        for radius in radii:
+        if rates.ndim != 1 or not rates.size or not np.isfinite(rates).all():
+            message = f"give a list of one or more frame rates, frame_rate=[1e6] in 1/s, got {self.frame_rate}"
+            raise InputError(message, "design.frame_rate")
+        for radius in radii.tolist():
             RADIUS.check("the R_max of the rig", radius, "design.max_radius")
-        require(len(self.frame_rate) > 0, "give at least one frame rate", "design.frame_rate")
-        for rate in self.frame_rate:
+        for rate in rates.tolist():
             FRAME_RATE.check("the frame rate of the rig", rate, "design.frame_rate")
+        expect(self.noise, Real, "the noise over R_max, noise=0.01")
         if not 0 < self.noise < 0.5:
             raise InputError(f"noise must be above 0 and below half of R_max, got {self.noise:g} of it", "design.noise")
         expect_whole(self.frames, "frames", 10, "design.frames")

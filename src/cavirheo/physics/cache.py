@@ -30,24 +30,21 @@ _DIGEST = 32  # bytes of sha256
 NOTICES: dict[str, str] = {}  # by function ("solver.integrate"): a message on stderr, once, before it is compiled
 
 
-def compiled(function: Callable[..., Any]) -> Any:
+def compiled(function: Callable[..., Any], *, counted: bool = True) -> Any:
     """`function`, compiled by numba when it is first called. "contract" fuses a product and a sum into one operation if
-    the machine has it, which gains 9 %; other fastmath flags make the last bits depend on the addresses of arrays."""
-    return _kept(function, counted=True)
-
-
-def kernel(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for a function that makes no array: it does not count references to the arrays of its caller;
-    counting takes half of the time of a small function."""
-    return _kept(function, counted=False)
-
-
-def _kept(function: Callable[..., Any], counted: bool) -> Any:
+    the machine has it, which gains 9 %; other fastmath flags make the last bits depend on the addresses of arrays.
+    counted: whether references to arrays are counted."""
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}, "_nrt": counted}
     dispatcher: Any = numba.njit(**options)(function)
     with suppress(OSError):  # without source files the code of different versions could not be distinguished
         dispatcher._cache = StoredCode(function)
     return dispatcher
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """As `compiled`, for a function that makes no array: counting the references to those of its caller would take half
+    of the time of a small function."""
+    return compiled(function, counted=False)
 
 
 class StoredCode(caching.NullCache):

@@ -15,7 +15,7 @@ from cavirheo.inference.answer import sensitivity_to_scale
 from cavirheo.inference.population.hierarchy import Likelihood, MaterialPosterior, likelihood
 from cavirheo.inference.population.material import CommonErrors, Population, quantiles, shifts, two_heaps, widened_limit
 from cavirheo.inference.population.switches import share_switches
-from cavirheo.inference.sample import Draws, effective_size
+from cavirheo.inference.sample import effective_size
 from cavirheo.parameters import (
     DECIDING,
     USUAL_STRETCH,
@@ -163,7 +163,9 @@ def _with_material(
     all share."""
     posterior = MaterialPosterior(likelihoods)
     draws = posterior.sample(seed)
-    u = _resampled(draws, seed)
+    rng = np.random.Generator(np.random.Philox(seed).jumped())
+    levels = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
+    u = rng.permutation(draws.u[at_levels(np.exp(draws.log_weight), levels)])  # equally likely, in random order
     centre, spread = posterior.parts(u)
     over = {name: change for name in empty.names if (change := sensitivity_to_scale(answers, name)) is not None}
     with_errors = centre + shifts(empty.names, over, empty.errors, _DRAWS, seed)
@@ -183,13 +185,6 @@ def _with_material(
         bounds=bounds,
         over_scale=over,
     )
-
-
-def _resampled(sample: Draws, seed: int) -> Floats:
-    """(_DRAWS, m) equally likely draws, in random order."""
-    rng = np.random.Generator(np.random.Philox(seed).jumped())
-    levels = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
-    return rng.permutation(sample.u[at_levels(np.exp(sample.log_weight), levels)])
 
 
 def _warnings(shots: Sequence[str], likelihoods: Sequence[Likelihood], effective: float) -> Iterator[str]:
