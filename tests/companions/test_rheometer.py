@@ -162,7 +162,7 @@ def test_a_table_of_two_sweeps_is_split(tmp_path, first):
     assert [one.kind for one in found] == ["strain", "frequency"]
     assert found[0].plateau_storage_Pa == pytest.approx(2e3, rel=0.01)
     assert found[1].viscosity_Pa_s == pytest.approx(5.0)
-    assert "16 of the 67 rows of a table of several sweeps" in found[1].notes
+    assert "16 of the 67 rows of the table are of this sweep" in found[1].notes
     stress = [(w, 1e5 / (1e3 + w), 1e3 + w, 5 * w) for w in 10 * OMEGA]
     (one,) = read_sweeps(put(tmp_path / "stress.csv", table(head, units=(1.0,) * 4, rows=stress)))
     assert one.kind == "frequency"

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, takewhile
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable
@@ -25,6 +26,7 @@ from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
 from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of
 
+Indices = NDArray[np.int64]
 _LINEAR = 0.05  # largest relative deviation of G' from its plateau in a strain sweep
 _FLAT = 0.12  # the same in a frequency sweep: a power of 0.1 over a decade
 _LEAST_STRAINS, _LEAST_FREQUENCIES = 4.0, 9.9  # smallest ratio of the ends of a plateau; instruments are off by 1 %
@@ -169,9 +171,9 @@ def read_sweeps(path: str | Path, at: float = 1.0) -> list[Sweep]:
     path = Path(path)
     sweeps, refused = list[Sweep](), list[InputError]()
     with guarded(path) as source:
-        for part in chain.from_iterable(map(_parts, read_columns(source, VOCABULARY))):
+        for table in read_columns(source, VOCABULARY):
             try:
-                sweeps.append(_sweep(part, at))
+                sweeps += _sweeps(table, at)
             except InputError as error:
                 if error.code != _NO_SWEEP:
                     raise
@@ -184,93 +186,80 @@ def read_sweeps(path: str | Path, at: float = 1.0) -> list[Sweep]:
     return sweeps
 
 
-def _settings(table: Table) -> list[Column]:
-    """The columns of the frequency and of the strain, as far as there are any."""
-    kinds = (table.all(sure) + table.all(other) for sure, other in (_FREQUENCIES, _STRAINS))
-    return [columns[0] for columns in kinds if columns]
-
-
 def _varies(values: Floats) -> bool:
     """Whether a column counts as swept over these rows; values that are not positive do not count."""
     values = values[values > 0]
-    return len(values) > 0 and bool(values.max() >= _SWEPT_RATIO * values.min())
+    return len(values) >= _FEWEST and bool(values.max() >= _SWEPT_RATIO * values.min())
 
 
-def _valid(table: Table) -> Table:
-    """The table without the rows that are marked invalid."""
-    return replace(table, rows=[row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)])
+def _parts(table: Table) -> list[tuple[Column, Indices]]:
+    """What is swept, and in which rows. If both are, the frequency stays in each strain sweep, and the other rows are
+    of a frequency sweep; where the frequency only rises or only falls, the strain varies with it, at constant stress.
 
-
-def _parts(table: Table) -> list[Table]:
-    """A table, or its sweeps if it holds several: in each strain sweep the frequency stays, the other rows are of a
-    frequency sweep. Where the frequency only rises or only falls, it is one sweep, at constant stress.
-
-    Raises InputError: strain and frequency change together, and the frequency comes again."""
-    valid = _valid(table)
-    settings = _settings(valid)
-    try:
-        frequency, strain = (column.numbers for column in settings)
-    except ValueError:  # there is one of them alone, or cells of it are no numbers
-        return [table]
-    if not (_varies(frequency) and _varies(strain)):
-        return [table]
-    rows = np.flatnonzero((frequency > 0) & (strain > 0) & (valid.column("storage").numbers > 0))
-    steps = np.diff(np.log(frequency[rows]))
-    moves = np.abs(steps) > _STEADY
-    runs = np.split(rows, np.flatnonzero(moves) + 1)  # of rows at one frequency
-    sweeps = [run for run in runs if len(run) >= _FEWEST and _varies(strain[run])]
-    if not sweeps and len({*np.sign(steps[moves]).tolist()}) < 2:
-        return [table]
-    if not sweeps:
-        both = " and ".join(repr(column.title) for column in settings)
-        message = f"several sweeps in which {both} change together: write each below a header of its own"
-        raise InputError(message, "rheometer.mixed")
-    sweeps.append(np.setdiff1d(np.arange(len(valid.rows)), np.concatenate(sweeps)))
-    parts = []
-    for part in sweeps:
-        note = f"{len(part)} of the {len(table.rows)} rows of a table of several sweeps"
-        parts.append(replace(table, rows=[valid.rows[k] for k in part], notes=[*table.notes, note]))
-    return parts
-
-
-def _sweep(table: Table, at: float) -> Sweep:
-    """The sweep that a table holds. Raises InputError: it holds none."""
-    total, table = len(table.rows), _valid(table)
-    swept = _swept(table)
-    columns = [swept, table.column("storage"), table.column("loss")]
-    numbers = np.stack([column.numbers for column in columns])  # in units of the file
-    usable = np.flatnonzero(np.all(np.isfinite(numbers) & (numbers > 0), axis=0))
-    notes = [*table.notes]
-    if len(usable) < total:
-        left = counted(total - len(usable), "row")
-        notes.append(f"{left} left out: marked invalid, or without three positive numbers")
-    if len(usable) < _FEWEST:
-        few = f"{len(usable)} usable rows in a sweep, at least {_FEWEST} are needed; {'; '.join(notes)}"
-        raise InputError(few, _NO_SWEEP)
-    assumed = [column for column in columns if column.name.unit is None and column.term.unit]
-    notes += [f"{column.title!r} has no unit: taken to be in {column.term.unit}" for column in assumed]
-    if swept.unit in _HERTZ:
-        notes.append(f"{swept.title!r} is in {swept.unit}: converted to rad/s by 2 pi")
-    order = usable[np.argsort(numbers[0, usable], kind="stable")]
-    x, storage, loss = (column.si[order] for column in columns)
-    of_frequency = swept.name.kind in _FREQUENCIES
-    sweep = frequency_sweep(x, storage, loss, at) if of_frequency else strain_sweep(x, storage, loss)
-    sweep.notes = notes + sweep.notes
-    return sweep
-
-
-def _swept(table: Table) -> Column:
-    """The column of what is swept. Raises InputError: nothing is."""
-    settings = _settings(table)
+    Raises InputError: nothing is swept, or strain and frequency change together and the frequency comes again."""
+    kinds = (table.all(sure) + table.all(other) for sure, other in (_FREQUENCIES, _STRAINS))
+    settings = [columns[0] for columns in kinds if columns]
     if not settings:
         titles = ", ".join(map(repr, table.titles[:8]))
         raise InputError(f"no column for frequency or strain among {titles}; {VOCABULARY.expected}", _NO_SWEEP)
-    measured = table.column("storage").numbers > 0
-    for column in settings:  # at a constant stress, strains vary with the frequency
-        if _varies(column.numbers[measured]):
-            return column
-    titles = " and ".join(repr(column.title) for column in settings)
-    raise InputError(f"no sweep of {titles} in the {np.sum(measured)} rows with moduli", _NO_SWEEP)
+    both = " and ".join(repr(column.title) for column in settings)
+    measured = np.flatnonzero(table.column("storage").numbers > 0)
+    swept = list[Column]()
+    for column in settings:
+        try:
+            if _varies(column.numbers[measured]):
+                swept.append(column)
+        except InputError:
+            if not swept:  # otherwise the frequency is swept, and the strain need not be readable
+                raise
+    if not swept:
+        least = f"it takes {_FEWEST} rows, and ends that differ by a factor of {_SWEPT_RATIO:g}"
+        raise InputError(f"no sweep of {both} in the {len(measured)} rows with moduli: {least}", _NO_SWEEP)
+    every = np.arange(len(table.rows))
+    if len(swept) == 1:
+        return [(swept[0], every)]
+    frequency, strain = (column.numbers for column in swept)
+    rows = measured[(frequency[measured] > 0) & (strain[measured] > 0)]
+    steps = np.diff(np.log(frequency[rows]))
+    moves = np.abs(steps) > _STEADY
+    runs = [run for run in np.split(rows, np.flatnonzero(moves) + 1) if _varies(strain[run])]  # at one frequency
+    if not runs and len({*np.sign(steps[moves]).tolist()}) < 2:
+        return [(swept[0], every)]
+    if not runs:
+        message = f"several sweeps in which {both} change together: write each below a header of its own"
+        raise InputError(message, "rheometer.mixed")
+    rest = np.setdiff1d(every, np.concatenate(runs))
+    return [*((swept[1], run) for run in runs), *([(swept[0], rest)] if _varies(frequency[rest]) else [])]
+
+
+def _sweeps(table: Table, at: float) -> Iterator[Sweep]:
+    """The sweeps that a table holds. Raises InputError: it holds none."""
+    rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
+    total, table = len(table.rows), replace(table, rows=rows)
+    for swept, part in _parts(table):
+        columns = [swept, table.column("storage"), table.column("loss")]
+        numbers = np.stack([column.numbers for column in columns])  # in units of the file
+        usable = part[np.all(np.isfinite(numbers) & (numbers > 0), axis=0)[part]]
+        notes, size = [*table.notes], total
+        if len(part) < len(rows):
+            size = len(part)
+            notes.append(f"{size} of the {total} rows of the table are of this sweep")
+        if len(usable) < size:
+            left = counted(size - len(usable), "row")
+            notes.append(f"{left} left out: marked invalid, or without three positive numbers")
+        if len(usable) < _FEWEST:
+            few = f"{len(usable)} usable rows in a sweep, at least {_FEWEST} are needed; {'; '.join(notes)}"
+            raise InputError(few, _NO_SWEEP)
+        assumed = [column for column in columns if column.name.unit is None and column.term.unit]
+        notes += [f"{column.title!r} has no unit: taken to be in {column.term.unit}" for column in assumed]
+        if swept.unit in _HERTZ:
+            notes.append(f"{swept.title!r} is in {swept.unit}: converted to rad/s by 2 pi")
+        order = usable[np.argsort(numbers[0, usable], kind="stable")]
+        x, storage, loss = (column.si[order] for column in columns)
+        of_frequency = swept.name.kind in _FREQUENCIES
+        sweep = frequency_sweep(x, storage, loss, at) if of_frequency else strain_sweep(x, storage, loss)
+        sweep.notes = notes + sweep.notes
+        yield sweep
 
 
 class Rheometry(Document):
