@@ -206,6 +206,21 @@ def test_frames_and_pixels_ask_for_the_camera(tmp_path, name):
     assert said in "\n".join(curve.notes)
 
 
+def test_a_frame_rate_makes_times_of_numbers_and_a_doubt_of_other_times(tmp_path):
+    for title, times, step, codes in (
+        ("t", FRAMES, 1 / 270e3, []),
+        ("t_us", US, TIME[1] - TIME[0], ["check_input.rate_differs"]),
+    ):
+        (curve,) = read_curves(text_table(tmp_path / "a.csv", f"{title},R_um", times, UM), frame_rate_hz=270e3)
+        assert np.allclose(np.diff(curve.time), step)
+        assert [warning.code for warning in curve.warnings] == codes
+
+
+def test_a_second_shot_after_a_pause_is_a_doubt(tmp_path):
+    path = text_table(tmp_path / "a.csv", "t_us,R_um", np.r_[US, US + 500], np.r_[UM, 1.5 * UM])
+    assert [warning.code for warning in read_curves(path)[0].warnings] == ["check_input.time_gap"]
+
+
 def test_deviations_follow_the_unit_and_the_kind_of_the_radius(tmp_path):
     given = {"R_um,err_um": (1.0, 1.2), "R_px,sd": (1 / 3.2, 1.2 / 3.2), "D_um,dD_um": (2.0, 2.4)}
     given |= {"R_um,err_nm": (1.0, 1.2e3), "R_um,sd (%)": (1.0, np.nan), "Area (um^2),StdDev": (1.0, np.nan)}
@@ -232,6 +247,14 @@ BLOCKS = lines(",", [0.0, -1000.0, *US, -1000.0, *US], [7e-310, -1000.0, *UM, -1
 SEVERAL = {  # two curves, their names, and what each says
     "plain": (f"t_us,R1_um,R2_um\n{RADII}", "R1_um", "R2_um", "2 columns of radii"),
     "German": (f"Zeit_us,Schuss 1 [µm],Schuss 2 [µm]\n{RADII}", "Schuss 1", "Schuss 2", "2 columns of radii"),
+    "from 0": (f"t_us,shot 0 (um),shot 1 (um)\n{RADII}", "shot 0", "shot 1", "2 columns of radii"),
+    "beside a simulation": (
+        hdf5(GROUPS | {"sim/time": TIME, "sim/radius": 1.1 * RADIUS, "sim/rho": 1060.0}),
+        "first",
+        "series/second",
+        "not used: sim/radius, sim/rho, sim/time, unrelated",
+    ),
+    "rows above the labels": (labels(*[""] * N, *["B"] * N), "unlabelled", "B", "blank cells of 'shot' filled"),
     "unit row": (f"Time,shot 1,shot 2\nus,um,um\n{RADII}", "shot 1", "shot 2", "2 columns of radii"),
     "blocks": (BLOCKS, "1", "2", "rows with radius <= 0 left out"),
     "HDF5 groups": (hdf5(GROUPS | {"first/stretch": 7.0}), "first", "series/second", ""),

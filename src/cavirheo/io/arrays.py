@@ -36,6 +36,7 @@ _OF_FRAMES = _ESSENTIAL | {"frame", "curve", "radius_std", "max_radius", "stretc
 _LISTED = 12  # most names in a message
 _EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _CELL = re.compile(r"\{(\d+)\}$")  # at the end of a path
+_SIMULATED = re.compile(r"(^|[/_])(sim|simulated|simulations?|fit|fitted)\d*(\(\d+\))?$", re.I)  # a group of no shot
 _AT_REST = re.compile(r"(?<![a-z])r(\d+)(?=_?eq)", re.I)  # R1_eq: a radius at rest of the arrays of a number
 _DEEPEST = 16  # most references, structs or cells within each other
 _REAL = "fiub"  # numpy's dtype kinds of real numbers
@@ -253,7 +254,10 @@ def refusal(item: Any, others: int = 0) -> str:
 def _shots(arrays: Arrays) -> tuple[list[tuple[str, dict[str, Name]]], Container[str]]:
     """Return (the group of each shot with the names of its arrays, which are in it or outside all shots; the paths of
     arrays with a number for each frame)."""
-    names = {path: _name(path, array) for path, array in arrays.items()}
+    simulated = {_group(path) for path in arrays if _SIMULATED.search(_group(path))}
+    if all(_group(path) in simulated for path in arrays):
+        simulated = set()
+    names = {path: Name() if _group(path) in simulated else _name(path, array) for path, array in arrays.items()}
     of_frames = {  # a dict keeps their order
         path: None for path, name in names.items() if name.kind in _OF_FRAMES and _has_frames(path, arrays[path])
     }

@@ -37,6 +37,8 @@ _SHARED_TIMES = 0.05  # largest part of the frames that may have the time of ano
 _ROUNDED_SHARE, _COARSE = 0.2, 0.1  # least part of the shorter or longer intervals, and of an interval, for a rounding
 _FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier times are out of order
 _LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
+_LONG_GAP = 20.0  # median intervals; a longer one that is longer than all before it may part two shots
+_RATE_TOLERANCE = 0.01  # relative difference of two frame rates that is no doubt
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
@@ -293,7 +295,8 @@ def _read_series(
             about |= {"label": ", ".join(filter(None, words))} if any(words) else {}
             seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
             curve = _curve(seconds, scale * radius[chosen], scale * std[chosen], unit_of_time, unit, about)
-            curve = curve.labelled(warnings=(*curve.warnings, *_aspherical(series.radius, radius, chosen)))
+            doubts = (*_aspherical(series.radius, radius, chosen), *_rate_differs(curve, clock, camera))
+            curve = curve.labelled(warnings=(*curve.warnings, *doubts))
             curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
         return curves
 
@@ -366,12 +369,21 @@ def _aspherical(columns: Sequence[Column], radius: Floats, rows: Indices) -> tup
     return (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
 
 
+def _rate_differs(curve: RadiusCurve, clock: Column | None, camera: Camera) -> tuple[Message, ...]:
+    """Return a warning if the frame rate of a curve, which has times, is not the one that is given or stated."""
+    given, found = camera.frame_rate, curve.frame_rate
+    if clock is None or given is None or found is None or abs(given / found - 1.0) < _RATE_TOLERANCE:
+        return ()
+    return (Message("check_input.rate_differs", {"given": given, "found": found}),)
+
+
 def _labels(shot: Column, notes: list[str]) -> list[str]:
-    """Return the (n,) labels of shots: 1.0 is 1, and a blank cell has the label above it, which a note says."""
+    """Return the (n,) labels of shots: 1.0 is 1, and a blank cell has the label above it, which a note says; those
+    above all labels are "unlabelled"."""
     labels = [re.sub(r"^(\d+)\.0*$", r"\1", label) for label in shot.text]
-    blank = [k for k, label in enumerate(labels) if not label and any(labels[:1])]
+    blank = [k for k, label in enumerate(labels) if not label and any(labels)]
     for k in blank:
-        labels[k] = labels[k - 1]
+        labels[k] = labels[k - 1] if k else "unlabelled"
     if blank:
         notes.append(f"{len(blank)} blank cells of {shot.title!r} filled with the label above them")
     return labels
@@ -396,15 +408,17 @@ def _parts(time: Floats, radius: Floats) -> tuple[list[Indices], list[str]]:
 
 
 def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str]) -> tuple[Floats, str | None]:
-    """Return ((n,) times, their unit) of the frames of one shot; by the frame rate if they are numbered, or if their
-    times have too few digits."""
+    """Return ((n,) times, their unit) of the frames of one shot; by the frame rate if they are numbered, as by times
+    without a unit that count by one, or if their times have too few digits."""
     rate = camera.frame_rate
-    if clock is None or _counts_frames(clock):
-        assert rate is not None  # it was asked for
+    steps = np.diff(time)
+    counts = clock is not None and clock.unit is None and len(steps) > 0 and bool(np.all(steps == 1.0))
+    if rate is not None and (clock is None or _counts_frames(clock) or counts):
         what = f"of the numbers in {clock.title!r}" if clock else "of the rows"
         notes.append(f"times {what} at {rate:.6g} frames per second")
         return time / rate, "s"
-    shared = np.count_nonzero(np.diff(time) == 0.0) > _SHARED_TIMES * len(time)
+    assert clock is not None  # a frame rate was asked for
+    shared = np.count_nonzero(steps == 0.0) > _SHARED_TIMES * len(time)
     if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
         notes.append(f"times in {clock.title!r} have too few digits: {rate:.6g} frames per second are used instead")
         return np.arange(len(time)) / rate, "s"
@@ -533,6 +547,8 @@ def _curve(
     if step := _rounding(t):
         values = {"step": 1e6 * step, "interval": 1e6 * float(np.mean(np.diff(t)))}
         warnings += (Message("check_input.time_digits", values),)
+    if gap := _gap(t):
+        warnings += (Message("check_input.time_gap", {"gap": 1e6 * gap}),)
     remarks = {
         time_note: time_note,
         radius_note: radius_note,
@@ -552,6 +568,15 @@ def _curve(
         return RadiusCurve(t, r, std, meta, unscaled=unscaled, warnings=warnings)
     except InputError as error:  # not a bubble; the other curves of the file remain usable
         return unusable_curve(str(error), meta)
+
+
+def _gap(t: Floats) -> float:
+    """Return the longest interval of ascending times (n,), s, if it seems to part two shots: it is longer than all that
+    is before it, and many frames long; else 0."""
+    steps = np.diff(t)
+    k = int(np.argmax(steps)) if len(t) >= 2 * _FEWEST_FRAMES else 0
+    parts = _FEWEST_FRAMES <= k + 1 <= len(t) - _FEWEST_FRAMES
+    return float(steps[k]) if parts and steps[k] > max(t[k] - t[0], _LONG_GAP * float(np.median(steps))) else 0.0
 
 
 def _shared_times(t: Floats, r: Floats) -> str:

@@ -22,9 +22,9 @@ HEADER_ADVICE += "; if it has no times, give the frame rate (--fps)"
 
 
 def _shot_name(title: str) -> Name:
-    """Return what a title with a shot number names (`R2_um`, `Radius shot 2 (um)`, `Shot 2 (um)`); `R0` has none."""
+    """Return what a title with a shot number names (`R2_um`, `Radius shot 2 (um)`, `Shot 0 (um)`); `R0` has none."""
     match = _NUMBER.search(title[:200])
-    if not match or not match[2].strip("0"):
+    if not match or not (match[1] or match[2].strip("0")):
         return Name()
     shot, number = match.groups()
     words = f"{title[: match.start()]} {title[match.end() :]}".strip()
