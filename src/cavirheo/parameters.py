@@ -1,5 +1,6 @@
 """All parameters of laws and shots, with symbol, SI unit and searched range; plausible values of quantities, which
-reveal a wrong unit; and the domains of the fields of dataclasses.
+reveal a wrong unit; units of time and length as people and programs write them (`µs`, `microns`, `マイクロメートル`);
+and the domains of the fields of dataclasses.
 
 A name in the scale of a prior or of draws may begin with log10_ (log10_viscosity). If two laws of a sum have the same
 parameter, the name for the later law ends in its number in the sum (viscosity_2).
@@ -72,6 +73,22 @@ FRAME_RATE = PlausibleRange(1000.0, 1e10, 1e6, "frames per second", {"kHz": (1e3
 DURATION = PlausibleRange(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
 STRETCH_RANGE = (1.05, 40.0)  # searched range of R_max/R_0
 USUAL_STRETCH = 6.5, 2.0  # R_max/R_0 of bubbles in gels and liquids: middle, and factor of one standard deviation
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "cm": 1e-2}
+_WORDS_OF_UNITS = {
+    "s": "sec second seconds sekunde sekunden seconde secondes segundo segundos 秒",
+    "ms": "msec millisecond milliseconds millisekunden millisecondes milisegundos ミリ秒 毫秒",
+    "us": "usec microsecond microseconds mikrosekunden microsecondes microsegundos マイクロ秒 微秒",
+    "ns": "nsec nanosecond nanoseconds nanosekunden nanosecondes nanosegundos ナノ秒 纳秒",
+    "m": "meter meters metre metres metros",
+    "mm": "millimeter millimeters millimetre millimetres milimetros ミリメートル 毫米",
+    "um": "micron microns micrometer micrometers micrometre micrometres mikrometer micrometros マイクロメートル 微米",
+    "px": "pixel pixels pix pixeles ピクセル 像素",
+    "px2": "pixel2 pixels2",
+    "frame": "frames",
+    "um2": "micron2 microns2 sqmicrons squm",
+}
+_UNITS_BY_WORD = {word: unit for unit, words in _WORDS_OF_UNITS.items() for word in words.split()}
 
 
 PARAMETERS: dict[str, Parameter] = {
@@ -121,6 +138,22 @@ _LETTERS = {"α": "alpha", "β": "beta", "ζ": "zeta", "λ": "lambda", "μ": "mu
 DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters that make a verdict
 MOST_WIDTH = 10.0  # factor between the ends of the interval of a value; a wider one is no value
 END_SHARE = 0.25  # of an interval's width: nearer to an end of the range, an end is due to the range
+
+
+def plain_text(text: str) -> str:
+    """Return the text without accents, with ' for primes, '' for double primes, a plain minus, and mu for micro."""
+    if not text.isascii():
+        text = unicodedata.normalize("NFKD", text)
+        text = "".join(c for c in text if not unicodedata.combining(c)).replace("−", "-")
+    return re.sub("[′’‘´`]", "'", re.sub('["”“″]', "''", text))
+
+
+def unit_of(text: str, units: Mapping[str, float]) -> str | None:
+    """Return the unit of `units` that is written, or None. `rad/s` is read as rads, `s^-1` as s-1, `µm` as um; capitals
+    count if only they differ: mPa is not MPa."""
+    unit = re.sub(r"[\s/·⋅.*^_()\[\]{}]+", "", plain_text(text).replace("μ", "u"))
+    spellings = (unit, unit.lower(), _UNITS_BY_WORD.get(unit), _UNITS_BY_WORD.get(unit.lower()))
+    return next((spelling for spelling in spellings if spelling in units), None)
 
 
 def inferred_name(name: str) -> str:

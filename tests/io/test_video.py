@@ -348,6 +348,14 @@ def test_folders_of_images_and_films_of_two_files_are_one_recording_each(folder,
     assert expand(tmp_path / "camera.cihx") == [tmp_path / "camera.cihx"]
 
 
+def test_a_folder_that_lacks_an_image_is_doubtful(folder, tmp_path):
+    shutil.copytree(folder / "images", tmp_path / "images")
+    assert read(tmp_path / "images").warnings == ()
+    (tmp_path / "images" / "frame17.png").unlink()
+    (warning,) = read(tmp_path / "images").warnings
+    assert (warning.code, warning.parameters) == ("check_input.images_missing", {"gaps": 1})
+
+
 def test_the_command_writes_what_can_be_read_again(run, folder, whole):
     done(run("measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out"))
     rows, (_, curve) = rows_of("out/measured.csv"), whole

@@ -17,9 +17,9 @@ from cavirheo.inference.collapse_time import CollapseEstimate, estimate, unusabl
 from cavirheo.io.files import guarded
 from cavirheo.io.shots import Chosen, selected
 from cavirheo.io.tables import Term, Vocabulary, read_columns
+from cavirheo.parameters import LENGTH_UNITS, TIME_UNITS
 from cavirheo.physics.collapse import rayleigh_time
 from cavirheo.physics.media import Medium
-from cavirheo.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Record, write_rows
 

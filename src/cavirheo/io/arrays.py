@@ -14,6 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from math import prod
 from typing import Any
 
@@ -22,7 +23,7 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, listed
 from cavirheo.io import apart
-from cavirheo.io.curves import FORMS, Camera, read_each_table, read_table, stated
+from cavirheo.io.curves import FORMS, Camera, read_each, read_table, stated
 from cavirheo.io.files import LARGEST_TEXT, MOST_CURVES, MOST_NUMBERS, Source, check_limit
 from cavirheo.io.names import CURVES, STATED
 from cavirheo.io.tables import Name, Table
@@ -59,10 +60,10 @@ def read_arrays(source: Source, camera: Camera, density: float, pressure: float)
         arrays = _with_radii_of_rows(arrays)
     shots, of_frames = _shots(arrays)
 
-    def read(group: str, names: dict[str, Name]) -> list[RadiusCurve]:
-        return read_table(_table(group, names, of_frames, arrays), camera)
+    def read(group: str) -> list[RadiusCurve]:
+        return read_table(camera, _table(group, shots[group], of_frames, arrays))
 
-    curves = read_each_table(shots, read)
+    curves = read_each([(group if len(shots) > 1 else "", group) for group in shots], read)
     note = f"an array of numpy: {', '.join(arrays)}"
     return [curve.with_notes(note) for curve in curves] if source.kind == "numpy" else curves
 
@@ -251,8 +252,8 @@ def refusal(item: Any, others: int = 0) -> str:
     return ""
 
 
-def _shots(arrays: Arrays) -> tuple[list[tuple[str, dict[str, Name]]], Container[str]]:
-    """Return (the group of each shot with the names of its arrays, which are in it or outside all shots; the paths of
+def _shots(arrays: Arrays) -> tuple[dict[str, dict[str, Name]], Container[str]]:
+    """Return (by the group of each shot the names of its arrays, which are in it or outside all shots; the paths of
     arrays with a number for each frame)."""
     simulated = {_group(path) for path in arrays if _SIMULATED.search(_group(path))}
     if all(_group(path) in simulated for path in arrays):
@@ -272,14 +273,14 @@ def _shots(arrays: Arrays) -> tuple[list[tuple[str, dict[str, Name]]], Container
     for path in names:
         inside[_nearest(_group(path), groups)].append(path)
     outside = [path for path in inside[""] if "" not in groups or path not in of_frames]
-    shots: list[tuple[str, dict[str, Name]]] = []
+    shots: dict[str, dict[str, Name]] = {}
     for group in groups:
         group_of_times = _group_with_times(group, kinds, with_radii)
         here = {path: names[path] for path in [*inside[group], *(outside if group else ())]}
         for path in here.keys() & of_frames.keys():
             if _group(path) != (group_of_times if names[path].kind == "time" else group):
                 here[path] = Name()
-        shots.append((group, here))
+        shots[group] = here
     return shots, of_frames
 
 
@@ -421,9 +422,9 @@ def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> lis
             (Name("time", "s"), _scaled(arrays.get(time, "missing"), largest * np.sqrt(density / pressure))),
         ]
         table = Table(CURVES, [], [note], titles=[radius, time, *others], arrays=[*shot, *about])
-        tables.append((str(k + 1), table))
+        tables.append((str(k + 1) if count > 1 else "", table))
     curves = []
-    for curve in read_each_table(tables, lambda _, table: read_table(table, camera)):
+    for curve in read_each(tables, partial(read_table, camera)):
         warnings = (*curve.warnings, *_density_warning(curve, density))
         curves.append(replace(curve, stated_time_of_max=0.0, warnings=warnings))
     return curves

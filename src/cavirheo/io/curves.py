@@ -22,9 +22,8 @@ from cavirheo.io.files import MOST_CURVES, Source, check_limit
 from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.messages import Message
-from cavirheo.parameters import RADIUS
+from cavirheo.parameters import LENGTH_UNITS, RADIUS, TIME_UNITS
 from cavirheo.physics.media import CONSTANTS
-from cavirheo.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing.document import write_rows
 
 Part = TypeVar("Part")
@@ -100,29 +99,14 @@ def read_text(source: Source, density: float, pressure: float, camera: Camera) -
         except InputError:
             raise error from None
     if tables[0].titles:
-        return read_each_table([(table.name, table) for table in tables], lambda _, table: read_table(table, camera))
+        names = [table.name for table in tables] if len(tables) > 1 else [""]
+        return read_each([*zip(names, tables, strict=True)], partial(read_table, camera))
     return [curve for table in tables for curve in _read_without_header(table, density, pressure)]
 
 
-def read_each_table(
-    tables: Sequence[tuple[str, Part]], read: Callable[[str, Part], list[RadiusCurve]]
-) -> list[RadiusCurve]:
-    """Read the curves of all tables of a file, which are given by name, and label each with its table if there are
-    several. Raises InputError: as `read_table`, if no table can be read."""
-
-    def labelled(name: str, table: Part) -> list[RadiusCurve]:
-        curves = read(name, table)
-        if len(tables) == 1:
-            return curves
-        several = len(curves) > 1
-        labels = [f"{name}, {curve.meta.get('label', k)}" if several else name for k, curve in enumerate(curves, 1)]
-        return [curve.labelled(label=label) for curve, label in zip(curves, labels, strict=True)]
-
-    return _each(tables, labelled)
-
-
-def _each(parts: Collection[tuple[str, Part]], read: Callable[[str, Part], list[RadiusCurve]]) -> list[RadiusCurve]:
-    """Read the curves of all parts, by their labels; one that cannot be read is an unusable curve.
+def read_each(parts: Collection[tuple[str, Part]], read: Callable[[Part], list[RadiusCurve]]) -> list[RadiusCurve]:
+    """Read the curves of all parts. The label of a part, unless it is "", becomes that of its curve, or stands before
+    the labels of its curves; a part that cannot be read is an unusable curve.
 
     Raises InputError: no part can be read, or a limit is exceeded.
     """
@@ -131,19 +115,23 @@ def _each(parts: Collection[tuple[str, Part]], read: Callable[[str, Part], list[
     problems: list[InputError] = []
     for label, part in parts:
         try:
-            curves += read(label, part)
+            found = read(part)
         except InputError as error:
             if error.code.startswith("limits."):
                 raise
             problems.append(error)
-            curves.append(unusable_curve(error.message, {"label": label} if label else {}))
+            found = [unusable_curve(error.message, {})]
+        if label:
+            labels = [f"{label}, {curve.meta['label']}" for curve in found] if len(found) > 1 else [label]
+            found = [curve.labelled(label=each) for curve, each in zip(found, labels, strict=True)]
+        curves += found
         check_limit(len(curves), MOST_CURVES, "curves")
     if problems and len(problems) == len(curves):
         raise problems[0]
     return curves
 
 
-def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
+def read_table(camera: Camera, table: Table) -> list[RadiusCurve]:
     """Read the curves of a table. Raises InputError: an unknown layout, a missing column, a cell that is no number, or
     a frame rate or scale that is needed and not given."""
     series = _series(table)
@@ -160,7 +148,7 @@ def read_table(table: Table, camera: Camera) -> list[RadiusCurve]:
     notes.append(_unused(table, {column.index for column in used}))
     meta["notes"] = list(filter(None, notes))
     several_clocks = len({one.clock.index for one in series if one.clock}) > 1
-    return _each([*zip(names, series, strict=True)], partial(_read_series, camera, meta, several_clocks))
+    return read_each([*zip(names, series, strict=True)], partial(_read_series, camera, meta, several_clocks))
 
 
 def _series(table: Table) -> list[_Series]:
@@ -246,11 +234,9 @@ def _unused(table: Table, used: set[int]) -> str:
     return f"not used: {listed(left, 12)}" if left else ""
 
 
-def _read_series(
-    camera: Camera, meta: Mapping[str, Any], several_clocks: bool, name: str, series: _Series
-) -> list[RadiusCurve]:
-    """Read the curves of one radius: one, or shots below each other. name: its label, or "". Raises InputError: no
-    unit, or no times; arrays of different lengths."""
+def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, series: _Series) -> list[RadiusCurve]:
+    """Read the curves of one radius: one, or shots below each other. Raises InputError: no unit, or no times; arrays of
+    different lengths."""
     notes = [*meta["notes"]]
     clock = series.clock
     of_frames = [column for column in (*series.radius, clock, series.deviation, series.shot) if column]
@@ -278,9 +264,9 @@ def _read_series(
     rows_of: dict[str, list[int]] = {}
     for row, label in enumerate(_labels(series.shot, notes) if series.shot else ()):
         rows_of.setdefault(label, []).append(row)
-    rows_of = rows_of or {name: [*range(len(time))]}
+    rows_of = rows_of or {"": [*range(len(time))]}
 
-    def read(label: str, numbers: list[int]) -> list[RadiusCurve]:
+    def read(numbers: list[int]) -> list[RadiusCurve]:
         rows = np.array(numbers, dtype=np.intp)
         if several_clocks:  # rows below a shot that is shorter than another one
             rows = rows[np.isfinite(time[rows]) | np.isfinite(radius[rows])]
@@ -289,10 +275,10 @@ def _read_series(
         curves = []
         for number, part in enumerate(parts, 1):
             chosen = rows[part]
-            words = [label, str(number)] if len(parts) > 1 else [label]
-            more = [f"the times begin again: shot {number} of {len(parts)} below each other"] if len(parts) > 1 else []
-            about = {**meta, "notes": [*notes, *lost, *more]}
-            about |= {"label": ", ".join(filter(None, words))} if any(words) else {}
+            about = {**meta, "notes": [*notes, *lost]}
+            if len(parts) > 1:
+                about["label"] = str(number)
+                about["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
             seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
             curve = _curve(seconds, scale * radius[chosen], scale * std[chosen], unit_of_time, unit, about)
             doubts = (*_aspherical(series.radius, radius, chosen), *_rate_differs(curve, clock, camera))
@@ -300,7 +286,7 @@ def _read_series(
             curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
         return curves
 
-    return _each(rows_of.items(), read)
+    return read_each(rows_of.items(), read)
 
 
 def _unit_of_radius(series: _Series, notes: list[str]) -> str | None:
@@ -494,7 +480,7 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
     notes = ["no header: columns taken as time and radius", *table.notes]
     if empty.any():
         notes.append(f"{np.count_nonzero(empty)} rows with radius <= 0 left out")
-    curves = read_table(Table(CURVES, [], notes, titles=titles, arrays=arrays), Camera())
+    curves = read_table(Camera(), Table(CURVES, [], notes, titles=titles, arrays=arrays))
     ratios = [ratio for curve in curves if (ratio := curve.rayleigh_ratio(density, pressure))]
     if not ratios or not all(_RATIOS[0] <= ratio <= _RATIOS[1] for ratio in ratios):
         raise InputError(f"no header, and the numbers do not prove their units; {HEADER_ADVICE}", "table.header")

@@ -29,9 +29,8 @@ MOST_CELLS = 1_000_000  # of the sheets that are read of a workbook, empty cells
 LONGEST_LINE = 100_000  # characters
 LARGEST_FILE = 4_000_000_000  # bytes of any file
 LARGEST_TEXT = 100_000_000  # bytes of a text file
-_TEXT_ENDINGS = {".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"}
-_ARRAY_ENDINGS = {".mat", ".npy", ".npz", ".h5", ".hdf5"}
-FILE_ENDINGS = {*_ARRAY_ENDINGS, ".xlsx", ".xlsm", ".xls", ".xlsb", ".ods", *_TEXT_ENDINGS, *ENDINGS}
+_OF_TABLES = ".csv .txt .tsv .dat .asc .lvm .xlsx .xlsm .xls .xlsb .ods .mat .npy .npz .h5 .hdf5"
+FILE_ENDINGS = {*_OF_TABLES.split(), *ENDINGS}
 Kind = Literal["empty", "text", "workbook", "numpy", "matlab", "matlab73", "hdf5", "binary"]
 _KINDS: dict[bytes, Kind] = {  # by the first bytes
     b"PK\x03\x04": "workbook",

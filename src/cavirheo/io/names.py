@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from cavirheo.io.tables import Name, Term, Vocabulary
-from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
+from cavirheo.parameters import LENGTH_UNITS, TIME_UNITS, unit_of
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a placeholder factor until R_max is given
 _UNITS = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # recognises a unit of another quantity, to report it

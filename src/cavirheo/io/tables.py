@@ -23,18 +23,9 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, is_float, without_invisible
-from cavirheo.io import apart
-from cavirheo.io.files import (
-    LARGEST_TEXT,
-    LONGEST_LINE,
-    MOST_CELLS,
-    MOST_COLUMNS,
-    MOST_NUMBERS,
-    MOST_ROWS,
-    Source,
-    check_limit,
-)
-from cavirheo.units import plain_text, unit_of
+from cavirheo.io import apart, files
+from cavirheo.io.files import Source, check_limit
+from cavirheo.parameters import plain_text, unit_of
 from cavirheo.writing.digits import counted
 
 _SEPARATORS = ("\t", ";", ",", None)  # None: spaces
@@ -356,8 +347,8 @@ def _titles_with_units(titles: list[str], rows: list[Row], vocabulary: Vocabular
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     if source.kind in ("text", "empty"):
-        check_limit(source.size, LARGEST_TEXT, "bytes of text")
-        check_limit(source.content.count(b"\n") + 1, MOST_ROWS, "lines")
+        check_limit(source.size, files.LARGEST_TEXT, "bytes of text")
+        check_limit(source.content.count(b"\n") + 1, files.MOST_ROWS, "lines")
         sheets = [_text_table(_decoded(source.content), vocabulary)]
     elif source.kind == "workbook":
         book = json.loads(apart.call(_sheets_of_workbook, str(source.path.absolute())))
@@ -365,7 +356,7 @@ def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
     else:
         raise InputError(f"neither text nor a workbook; {vocabulary.expected}", "tabular.binary")
     for sheet in sheets:
-        check_limit(max((len(row.texts) for row in sheet.rows), default=0), MOST_COLUMNS, "columns")
+        check_limit(max((len(row.texts) for row in sheet.rows), default=0), files.MOST_COLUMNS, "columns")
         _replace_signs(sheet)
     return sheets
 
@@ -398,14 +389,14 @@ def _sheets_of_workbook(path: str) -> str:
             continue
         sheet = book.get_sheet_by_name(tab.name)
         cells += sheet.height * sheet.width
-        if cells > MOST_CELLS:
-            more = f"the workbook has {cells} cells: more than {MOST_CELLS} are not read"
+        if cells > files.MOST_CELLS:
+            more = f"the workbook has {cells} cells: more than {files.MOST_CELLS} are not read"
             raise InputError(f"{more}; save the table alone as CSV", "limits.cells")
         first = (sheet.start or (0, 0))[0] + 1
         rows = [(number, list(map(_text, row))) for number, row in enumerate(sheet.iter_rows(), first)]
         sheets.append((_text(tab.name), [(number, texts) for number, texts in rows if any(texts)]))
     text = json.dumps(sheets)
-    check_limit(len(text), LARGEST_TEXT, "characters in all cells")
+    check_limit(len(text), files.LARGEST_TEXT, "characters in all cells")
     return text
 
 
@@ -429,8 +420,8 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     header."""
     text, invisible = without_invisible(text)
     lines = text.splitlines()
-    check_limit(len(lines), MOST_ROWS, "lines")
-    check_limit(max(map(len, lines), default=0), LONGEST_LINE, "characters in one line")
+    check_limit(len(lines), files.MOST_ROWS, "lines")
+    check_limit(max(map(len, lines), default=0), files.LONGEST_LINE, "characters in one line")
     data = ["" if _COMMENT.match(line) else line for line in lines]
     rows = _rows_with_header(data, vocabulary)
     if rows is None:
@@ -487,7 +478,7 @@ def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
     try:
         for texts in reader:
             total += len(texts)
-            check_limit(total, MOST_NUMBERS, "cells")
+            check_limit(total, files.MOST_NUMBERS, "cells")
             if any(texts := [cell.strip() for cell in texts]):
                 yield Row(reader.line_num, texts)
     except csv.Error as error:

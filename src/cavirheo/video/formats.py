@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, read_bytes, require
 from cavirheo.messages import Message
-from cavirheo.parameters import FRAME_RATE
-from cavirheo.units import LENGTH_UNITS, TIME_UNITS, unit_of
+from cavirheo.parameters import FRAME_RATE, LENGTH_UNITS, TIME_UNITS, unit_of
 from cavirheo.writing.export import import_optional
 
 Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
@@ -249,7 +248,17 @@ def _read_folder(path: Path) -> Footage:
         raise InputError(f"no recording in this folder; {expected}", "video.no_images")
     frames = _join_frames(frame for name in names for frame in _pillow_images(name, 1))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
-    return Footage(_unsigned(frames), notes=(note,))
+    gaps = _gaps_in_numbers([name.stem for name in names])
+    warnings = (Message("check_input.images_missing", {"gaps": gaps}),) if gaps else ()
+    return Footage(_unsigned(frames), notes=(note,), warnings=warnings)
+
+
+def _gaps_in_numbers(names: Iterable[str]) -> int:
+    """Return how often names that end in numbers, most of them evenly spaced, leave numbers out."""
+    numbers = [int(match[0]) for name in names if (match := re.search(r"\d{1,18}(?=\D*$)", name))]
+    steps = np.diff(numbers)
+    usual = np.median(steps) if len(steps) else 0
+    return int(np.sum(steps > usual)) if np.mean(steps == usual) > 0.5 and np.all(steps > 0) else 0
 
 
 def _images(folder: Path) -> list[Path]:
