@@ -1,4 +1,4 @@
-"""Work on all cores: the interface of executors, and those of this machine, with threads and with processes."""
+"""Work on all cores: executors of this machine, with threads and with processes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecutor, as_completed, wait
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from multiprocessing import resource_tracker
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -22,12 +23,15 @@ from cavirheo.errors import InputError, expect_whole
 Job = TypeVar("Job")
 Output = TypeVar("Output")
 Flow = Generator[tuple[int, Output], None, None]  # (index of a job, its output), in the order in which jobs end
+Executor = Callable[[Callable[[Any], Any], Sequence[Any]], Flow[Any]]
+"""Runs function(job) for each job: on threads or processes of this machine, or on a cluster. The outputs are the same.
+Closing the flow drops jobs that have not begun."""
 # no modules from the current folder; loky restarts a process with so many bytes more than after its first job
 _ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
 _pools: dict[int, Any] = {}  # the pool of this process, by its size
 _pool_lock = threading.Lock()
-_flows: set[int] = set()  # calls of `Processes.map_unordered` that go on
+_flows: set[int] = set()  # calls of `on_processes` that go on
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pools.clear)  # a pool is of the process that started it
 
@@ -77,69 +81,52 @@ class _OneBlasThread:
 one_blas_thread = _OneBlasThread()
 
 
-class Executor(Protocol):
-    """Runs jobs: `Threads` or `Processes` of this module, or the workers of a cluster. The outputs are the same."""
-
-    def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
-        """(index, function(job)) of each job, in the order in which they end. Closing it drops jobs not yet begun."""
-
-
-@dataclass(frozen=True)
-class Threads:
-    """`workers` threads of this machine, by default one per core: for jobs that mostly run the compiled solver, which
-    releases Python's global lock."""
-
-    workers: int | None = None
-
-    def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
-        """As `Executor.map_unordered`. An exception, also Ctrl-C, is raised at once: jobs not yet begun are dropped,
-        jobs that have begun end by themselves. BLAS has one thread meanwhile. The main thread only waits: compiled code
-        that Ctrl-C interrupts raises a SystemError."""
-        with one_blas_thread:
-            pool = ThreadPoolExecutor(max(min(cores(self.workers), len(jobs)), 1))
-            try:
-                indices = {pool.submit(function, job): index for index, job in enumerate(jobs)}
-                for future in as_completed(indices):
-                    yield indices.pop(future), future.result()
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-
-
-@dataclass(frozen=True)
-class Processes:
-    """`workers` processes of this machine, by default one per core: for jobs of some seconds that mostly run Python
-    code, which threads would run one at a time."""
-
-    workers: int | None = None
-
-    def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
-        """As `Executor.map_unordered`. After its close or an exception, running jobs end at once, unless another thread
-        has jobs, too. Threads do the work where no process can be started. Raises InputError: a process was ended from
-        outside; and what `function` raises."""
-        from loky.process_executor import ShutdownExecutorError  # of jobs whose processes another thread has ended
-
-        pool = process_pool(max(min(cores(self.workers), len(jobs)), 1))
-        if pool is None:
-            yield from Threads(self.workers).map_unordered(function, jobs)
-            return
-        indices: dict[Any, int] = {}
-        _flows.add(id(indices))
+def on_threads(function: Callable[[Job], Output], jobs: Sequence[Job], workers: int | None = None) -> Flow[Output]:
+    """An `Executor` with `workers` threads of this machine, by default one per core: for jobs that mostly run the
+    compiled solver, which releases Python's global lock. An exception, also Ctrl-C, is raised at once, and jobs that
+    have begun end by themselves. BLAS has one thread meanwhile. The main thread only waits: compiled code that Ctrl-C
+    interrupts raises a SystemError."""
+    with one_blas_thread:
+        pool = ThreadPoolExecutor(max(min(cores(workers), len(jobs)), 1))
         try:
-            indices |= {pool.submit(function, job): index for index, job in enumerate(jobs)}
-            for future in as_completed(list(indices)):
-                output = future.result()
-                yield indices.pop(future), output
-        except (BrokenExecutor, ShutdownExecutorError) as error:
-            end_processes()  # the next call starts others
-            message = "a process of this machine was ended from outside, for want of memory perhaps"
-            mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
-            raise InputError(f"{message}: {mending}", "parallel.ended") from error
+            indices = {pool.submit(function, job): index for index, job in enumerate(jobs)}
+            for future in as_completed(indices):
+                yield indices.pop(future), future.result()
         finally:
-            _flows.discard(id(indices))
-            for future in indices:
-                future.cancel()
-            if indices and not _flows:
-                end_processes()
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers: int | None = None) -> Flow[Output]:
+    """An `Executor` with `workers` processes of this machine, by default one per core: for jobs of some seconds that
+    mostly run Python code, which threads would run one at a time. After its close or an exception, running jobs end at
+    once, unless another thread has jobs, too. Threads do the work where no process can be started. Raises InputError: a
+    process was ended from outside; and what `function` raises."""
+    from loky.process_executor import ShutdownExecutorError  # of jobs whose processes another thread has ended
+
+    size = max(min(cores(workers), len(jobs)), 1)
+    pool = process_pool(size)
+    if pool is None:
+        yield from on_threads(function, jobs, workers)
+        return
+    waiting = iter(enumerate(jobs))
+    indices: dict[Any, int] = {}  # of submitted jobs: so few that none is left behind when the flow is closed
+    _flows.add(id(indices))
+    try:
+        indices |= {pool.submit(function, job): index for index, job in islice(waiting, 2 * size)}
+        while indices:
+            for future in wait(indices, return_when=FIRST_COMPLETED).done:
+                output = future.result()
+                indices |= {pool.submit(function, job): index for index, job in islice(waiting, 1)}
+                yield indices.pop(future), output
+    except (BrokenExecutor, ShutdownExecutorError) as error:
+        end_processes()  # the next call starts others
+        message = "a process of this machine was ended from outside, for want of memory perhaps"
+        mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
+        raise InputError(f"{message}: {mending}", "parallel.ended") from error
+    finally:
+        _flows.discard(id(indices))
+        if indices and not _flows:
+            end_processes()
 
 
 @contextmanager
@@ -188,7 +175,7 @@ def tie_to_parent(parent: int) -> None:
 
 
 def end_processes() -> None:
-    """End all processes that `Processes` has started, even running ones."""
+    """End all processes that `on_processes` has started, even running ones."""
     with _pool_lock:
         while _pools:
             _pools.popitem()[1].shutdown(kill_workers=True)
@@ -207,7 +194,7 @@ def default_executor(jobs: int, workers: int | None = None) -> Executor:
     """The executor for this number of jobs of some seconds: processes, or threads for one job and in a child process of
     another program, which would wait for our processes at its end."""
     use_processes = jobs > 1 and cores(workers) > 1 and multiprocessing.parent_process() is None
-    return Processes(workers) if use_processes else Threads(workers)
+    return partial(on_processes if use_processes else on_threads, workers=workers)
 
 
 def run_jobs(
@@ -219,7 +206,7 @@ def run_jobs(
     """function(job) of each job, in their order, on this number of threads (default: all cores). `on_output` is called
     in this thread with the index and the output of each job, in the order in which they end."""
     outputs: dict[int, Output] = {}
-    with closing(Threads(workers).map_unordered(function, list(jobs))) as pairs:
+    with closing(on_threads(function, list(jobs), workers)) as pairs:
         for index, result in pairs:
             outputs[index] = result
             if on_output:
@@ -229,8 +216,4 @@ def run_jobs(
 
 def run_in_thread(function: Callable[[], Output]) -> Output:
     """function() in a new thread: the calling thread only waits, so that Ctrl-C ends even a long compilation."""
-    pool = ThreadPoolExecutor(1)
-    try:
-        return pool.submit(function).result()
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    return run_jobs(lambda _: function(), [None], 1)[0]

@@ -11,7 +11,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
@@ -177,29 +177,24 @@ def check_workers(client: Client, notify: Callable[[str], None], wait: float) ->
     notify(f"{len(workers)} workers with {sum(client.nthreads().values())} threads, all with {identity()}")
 
 
-@dataclass(frozen=True)
-class Workers:
-    """All workers of a cluster, also those that come later; each must have the identity of this process."""
+def on_workers(client: Client, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
+    """An `Executor` with all workers of a cluster, also those that come later. Another worker does the jobs of a lost
+    one. Raises InputError: a worker has another identity than this process, a job ended several workers, or the
+    scheduler is gone. Also raises errors of `function`."""
+    from distributed import KilledWorker, as_completed
 
-    client: Client
-
-    def map_unordered(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Flow[Output]:
-        """As `Executor.map_unordered`. Another worker does the jobs of a lost one. Raises InputError: a worker has
-        another identity, a job ended several workers, or the scheduler is gone. Also raises errors of `function`."""
-        from distributed import KilledWorker, as_completed
-
-        run = partial(_run, identity(), function)
-        indices = {self.client.submit(run, job, pure=False): index for index, job in enumerate(jobs)}
-        try:
-            for future in as_completed(list(indices), loop=self.client.loop):
-                yield indices.pop(future), future.result()
-        except KilledWorker as error:
-            message = f"one job ended several workers, so it is given up: is their memory too small? {error}"
-            raise InputError(message, "cluster.killed") from None
-        except CancelledError:
-            raise InputError("the scheduler is gone or restarted: the same command goes on", "cluster.lost") from None
-        finally:
-            self.client.cancel(list(indices), force=True)
+    run = partial(_run, identity(), function)
+    indices = {client.submit(run, job, pure=False): index for index, job in enumerate(jobs)}
+    try:
+        for future in as_completed(list(indices), loop=client.loop):
+            yield indices.pop(future), future.result()
+    except KilledWorker as error:
+        message = f"one job ended several workers, so it is given up: is their memory too small? {error}"
+        raise InputError(message, "cluster.killed") from None
+    except CancelledError:
+        raise InputError("the scheduler is gone or restarted: the same command goes on", "cluster.lost") from None
+    finally:
+        client.cancel(list(indices), force=True)
 
 
 def _run(required: str, function: Callable[[Job], Output], job: Job) -> Output:
@@ -213,7 +208,7 @@ def _run(required: str, function: Callable[[Job], Output], job: Job) -> Output:
 
 
 @contextmanager
-def connected(scheduler: str | None, slurm: int | None, notify: Callable[[str], None]) -> Iterator[Workers | None]:
+def connected(scheduler: str | None, slurm: int | None, notify: Callable[[str], None]) -> Iterator[Executor | None]:
     """The executor of `--scheduler` ("tcp://HOST:PORT" or "tls://HOST:PORT" of a dask scheduler) or of `--slurm`, a
     number of jobs; without both None, which stands for this machine. Workers are checked before they get work. Raises
     InputError: no such scheduler, no workers, or workers that are refused (the message names them)."""
@@ -242,7 +237,7 @@ def connected(scheduler: str | None, slurm: int | None, notify: Callable[[str], 
             cluster.scale(jobs=slurm)
             notify(f"{slurm} jobs asked of SLURM; the work begins when the first is there")
         check_workers(client, notify, SCHEDULER_TIMEOUT if scheduler else QUEUE_TIMEOUT)
-        yield Workers(client)
+        yield partial(on_workers, client)
 
 
 def slurm_cluster() -> SLURMCluster:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,16 +21,21 @@ from distributed import Client, LocalCluster
 
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.parallel import Processes, Threads, run_jobs
-from cavirheo.workflow import Store, Workers, _run, analyse_all, check_workers, identity, slurm_cluster
+from cavirheo.parallel import Executor, on_processes, on_threads, run_jobs
+from cavirheo.workflow import Store, _run, analyse_all, check_workers, identity, on_workers, slurm_cluster
 
 
 @pytest.fixture(scope="module")
-def workers() -> Iterator[Workers]:
+def client() -> Iterator[Client]:
     how = {"processes": False, "n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
     quiet = config.set({"distributed.worker.profile.enabled": False})  # it can stop Python (workflow.py)
-    with quiet, LocalCluster(**how) as cluster, Client(cluster) as client:
-        yield Workers(client)
+    with quiet, LocalCluster(**how) as cluster, Client(cluster) as one:
+        yield one
+
+
+@pytest.fixture
+def workers(client) -> Executor:
+    return partial(on_workers, client)
 
 
 def double(job: int) -> int:
@@ -38,24 +44,29 @@ def double(job: int) -> int:
     return 2 * job
 
 
-def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(workers):
-    for executor in (Threads(2), Threads(1), Processes(2), workers):
-        assert sorted(executor.map_unordered(double, range(7, 50))) == [(i, 2 * (i + 7)) for i in range(43)]
-        assert list(executor.map_unordered(double, [])) == []
-        with refused("test.refused", "no -1"), closing(executor.map_unordered(double, [-1, -1])) as flow:
+def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(client, workers):
+    for executor in (on_threads, partial(on_threads, workers=1), partial(on_processes, workers=2), workers):
+        assert sorted(executor(double, range(7, 50))) == [(i, 2 * (i + 7)) for i in range(43)]
+        assert list(executor(double, [])) == []
+        with refused("test.refused", "no -1"), closing(executor(double, [-1, -1])) as flow:
             list(flow)
     assert run_jobs(double, range(7, 50), 4) == [2 * job for job in range(7, 50)]
-    with closing(Processes(2).map_unordered(time.sleep, [0, 1e6, 1e6])) as flow:
+    with closing(on_processes(double, [1, 2, 3], 2)) as longer:
+        next(longer)
+        with closing(on_processes(double, [4, 5, 6], 2)) as flow:
+            next(flow)
+        assert len(list(longer)) == 2  # of somebody who stopped nothing
+    with closing(on_processes(time.sleep, [0, 1e6, 1e6], 2)) as flow:
         assert next(flow)[0] == 0  # the others end with the flow
     with refused("parallel.ended"):
-        list(Processes(2).map_unordered(os._exit, [1, 1]))
+        list(on_processes(os._exit, [1, 1], 2))
     with pytest.raises(InputError):  # of a worker that comes later and is another
-        workers.client.submit(_run, "cavirheo 9.9", double, 1).result()
+        client.submit(_run, "cavirheo 9.9", double, 1).result()
 
 
 def test_processes_end_when_their_parent_is_killed():
-    flow = "Processes(2).map_unordered(time.sleep, [0, 300, 300])"
-    program = f"import time; from cavirheo.parallel import Processes; [print(one, flush=True) for one in {flow}]"
+    flow = "on_processes(time.sleep, [0, 300, 300], 2)"
+    program = f"import time; from cavirheo.parallel import on_processes; [print(one, flush=True) for one in {flow}]"
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as parent:
         parent.stdout.readline()  # the first job is done
         parent.kill()
@@ -114,12 +125,12 @@ def test_another_version_and_a_worker_without_the_package_are_refused_by_name(ru
     assert not Path("d").exists()
 
 
-def test_a_worker_with_other_code_is_refused(workers, monkeypatch):
+def test_a_worker_with_other_code_is_refused(client, monkeypatch):
     other = f"{identity().partition(', code')[0]}, code 00000000"
-    answers = dict(zip(workers.client.nthreads(), (identity(), other), strict=True))
-    monkeypatch.setattr(workers.client, "run", lambda *_, **__: answers)
+    answers = dict(zip(client.nthreads(), (identity(), other), strict=True))
+    monkeypatch.setattr(client, "run", lambda *_, **__: answers)
     with refused("cluster.refused", "code 00000000"):
-        check_workers(workers.client, lambda _: None, 5.0)
+        check_workers(client, lambda _: None, 5.0)
 
 
 QUEUE = {"queue": "short", "cores": 4, "memory": "8 GB", "walltime": "00:30:00"}

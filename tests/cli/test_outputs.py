@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from files import write_curve
 
 from cavirheo import Posterior, RadiusCurve, infer_many, load, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.parallel import Threads
+from cavirheo.parallel import on_threads
 from cavirheo.workflow import Store, analyse_all
 from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs, locked_folder
 
@@ -31,6 +32,7 @@ VERBS = {  # what each writes first, and a call that is complete but for -o
     "simulation.csv": "simulate --material newtonian(0.1) --rmax-um 100 --stretch 5 --duration-us 5",
 }
 CLAIM = Claim("cavirheo infer", {})
+ONE = partial(on_threads, workers=1)
 
 
 def stopped(*_: object, **__: object) -> None:
@@ -199,7 +201,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer, monkeypatch):
 
     def answers(curves, seed=0):
         store = Store(tmp_path / "unfinished")
-        return store, analyse_all(curves, {"": Analysis(seed=seed)}, store, Threads(1))[""]
+        return store, analyse_all(curves, {"": Analysis(seed=seed)}, store, ONE)[""]
 
     monkeypatch.setattr(ANSWER, of)
     _, found = answers(curves)
@@ -227,7 +229,7 @@ def test_a_failed_answer_is_asked_for_again(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(ANSWER, lambda _, curve, **__: asked.append(curve.name) or unanswered("too little memory"))
     for _ in range(2):
-        analyse_all(read_curves(EXAMPLE)[:1], {"": Analysis()}, Store(tmp_path), Threads(1))
+        analyse_all(read_curves(EXAMPLE)[:1], {"": Analysis()}, Store(tmp_path), ONE)
     assert len(asked) == 2
 
 

@@ -225,7 +225,7 @@ class Analysis:
         `workers` cores of this machine, without its curve. Closing it drops the curves that have not started."""
         threads = 1 if executor else max(cores(workers) // max(len(curves), 1), 1)
         executor = executor or default_executor(len(curves), workers)
-        return executor.map_unordered(partial(_answer, self, threads), list(curves))
+        return executor(partial(_answer, self, threads), list(curves))
 
     def answer(self, curve: RadiusCurve, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason."""

@@ -32,7 +32,7 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, listed, sha256
 from cavirheo.inference.cards import TrainingProblem
 from cavirheo.io.arrays import local_items, refusal
-from cavirheo.parallel import Executor, Threads
+from cavirheo.parallel import Executor, on_threads
 from cavirheo.prior import uniforms
 from cavirheo.training import trajectories
 from cavirheo.training.recipe import difference
@@ -199,7 +199,7 @@ def generate(
         blocks = [range(n)[start : start + PER_FILE] for start in range(0, n, PER_FILE)]
         todo = [block for block in blocks if not (folder / _name(block.start)).exists()]
         simulated = sum(map(len, todo))
-        work = (executor or Threads(workers)).map_unordered(partial(layout.simulate, seed), todo)
+        work = (executor or partial(on_threads, workers=workers))(partial(layout.simulate, seed), todo)
         with progress_bar("simulating", simulated, visible=progress) as advance, closing(work) as flow:
             for index, columns in flow:
                 start = todo[index].start
