@@ -162,6 +162,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
     "HDF5 attributes": (hdf5({"t_us": US, "R_um": UM, "@time": "noon", "@_v": 1, "@rho": 1e3}), "@rho, @time"),
+    "a simulation alone": (hdf5({"sim/t_us": US, "sim/R_um": UM, "G": 1e3}), "not used: G"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
     "arrays of numpy": (packed, "not used: about, read.me"),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),

@@ -37,7 +37,7 @@ _OF_FRAMES = _ESSENTIAL | {"frame", "curve", "radius_std", "max_radius", "stretc
 _LISTED = 12  # most names in a message
 _EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _CELL = re.compile(r"\{(\d+)\}$")  # at the end of a path
-_SIMULATED = re.compile(r"(^|[/_])(sim|simulated|simulations?|fit|fitted)\d*(\(\d+\))?$", re.I)  # a group of no shot
+_SIMULATED = re.compile(r"(^|[/_])(sim|simulated|simulations?|fit|fitted)\d*(\(\d+\))?(/|$)", re.I)  # groups of no shot
 _AT_REST = re.compile(r"(?<![a-z])r(\d+)(?=_?eq)", re.I)  # R1_eq: a radius at rest of the arrays of a number
 _DEEPEST = 16  # most references, structs or cells within each other
 _REAL = "fiub"  # numpy's dtype kinds of real numbers
@@ -229,10 +229,8 @@ def local_items(group: Any) -> dict[str, Any]:
     items: dict[str, Any] = {}
 
     def add(name: str | bytes, item: Any) -> None:
-        path = (
-            name.decode("latin-1") if isinstance(name, bytes) else name
-        )  # h5py gives names that are not UTF-8 as bytes
-        items[path] = item
+        # a name that is not UTF-8, which h5py gives as bytes, is Latin-1
+        items[name.decode("latin-1") if isinstance(name, bytes) else name] = item
         check_limit(len(items), MOST_NUMBERS // 100, "groups and datasets")
 
     group.visititems(add)
@@ -255,10 +253,7 @@ def refusal(item: Any, others: int = 0) -> str:
 def _shots(arrays: Arrays) -> tuple[dict[str, dict[str, Name]], Container[str]]:
     """Return (by the group of each shot the names of its arrays, which are in it or outside all shots; the paths of
     arrays with a number for each frame)."""
-    simulated = {_group(path) for path in arrays if _SIMULATED.search(_group(path))}
-    if all(_group(path) in simulated for path in arrays):
-        simulated = set()
-    names = {path: Name() if _group(path) in simulated else _name(path, array) for path, array in arrays.items()}
+    names = {path: _name(path, array) for path, array in arrays.items()}
     of_frames = {  # a dict keeps their order
         path: None for path, name in names.items() if name.kind in _OF_FRAMES and _has_frames(path, arrays[path])
     }
@@ -266,6 +261,9 @@ def _shots(arrays: Arrays) -> tuple[dict[str, dict[str, Name]], Container[str]]:
     for path in of_frames:
         kinds.setdefault(_group(path), set()).add(names[path].kind)
     with_radii = [group for group, found in kinds.items() if any(found.issuperset(form.kinds) for form in FORMS)]
+    if measured := [group for group in with_radii if not _SIMULATED.search(group)]:
+        with_radii = measured
+        names = {path: Name() if _SIMULATED.search(_group(path)) else name for path, name in names.items()}
     groups = [group for group in with_radii if _group_with_times(group, kinds, with_radii) is not None] or with_radii
     if not groups:
         raise _no_history(arrays)
