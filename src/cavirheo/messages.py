@@ -89,9 +89,11 @@ def heaps_in_words(name: str, heaps: Sequence[Any]) -> str:
 
 def _constants(values: Mapping[str, float]) -> str:
     """'density 998 kg/m3, pressure 101 kPa' of constants of the medium by name, SI."""
-    units = {"pressure": (1e-3, "kPa"), "density": (1.0, "kg/m3")}
-    shown = {name: (units[name][0] * value, units[name][1]) for name, value in values.items()}
-    return ", ".join(f"{name} {digits.significant(value)} {unit}" for name, (value, unit) in shown.items())
+    words = []
+    for name, value in values.items():
+        factor, unit = (1e-3, "kPa") if name == "pressure" else (1.0, "kg/m3")
+        words.append(f"{name} {digits.number(value, factor)} {unit}")
+    return ", ".join(words)
 
 
 def _words(name: str) -> str:
@@ -125,7 +127,7 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
     if bound == "undetermined":
         return f"the recording does not determine {symbol}: values all over the range that is searched follow it"
     shown = digits.shown(name, q05 if bound == "lower" else q95)
-    low, high = (digits.significant(shown.factor * end, 2) for end in (q05, q95))
+    low, high = (digits.number(end, shown.factor, 2) for end in (q05, q95))
     what, limits = {
         "upper": (f"an upper limit of {symbol} alone", f"below {high}"),
         "lower": (f"a lower limit of {symbol} alone", f"above {low}"),
@@ -192,10 +194,10 @@ _FORMS: dict[str, Callable[[Any], str]] = {  # how a value stands in a template,
     "does": lambda count: "does" if count == 1 else "do",
     "number": lambda value: value if isinstance(value, str) else f"{value:.6g}",
     "unit": lambda unit: f" {unit}" if unit else "",
-    "two digits": lambda value: digits.significant(value, 2),
+    "two digits": lambda value: digits.number(value, count=2),
     "percent": lambda share: f"{digits.percent(share)} %",
     "µm": lambda metres: f"{1e6 * metres:.4g} µm",
-    "about µm": lambda metres: f"{digits.significant(1e6 * metres, 2)} µm",
+    "about µm": lambda metres: f"{digits.number(metres, 1e6, 2)} µm",
     "µs": lambda seconds: f"{1e6 * seconds:.4g} µs",
     "constants": _constants,
 }

@@ -228,7 +228,7 @@ class Posterior:
             value = digits.quantity(self.quantity(name), unit="" if unit == "1" else unit)
             lines.append(f"  {name:<20}{value}")
         if self.stretch is not None and "stretch" not in self.parameters:
-            lines.append(f"  {'stretch':<20}{digits.significant(self.stretch)}")
+            lines.append(f"  {'stretch':<20}{digits.number(self.stretch)}")
         return "\n".join(lines)
 
     @property

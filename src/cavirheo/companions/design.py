@@ -155,7 +155,7 @@ def print_table(document: Design) -> None:
     def half_width(percent: float | None) -> str:  # that of a bound, with ends that are far apart, is no number
         if percent is None:
             return digits.MISSING
-        return "bound" if percent > 100.0 * (np.sqrt(MOST_WIDTH) - 1.0) else digits.significant(percent, 2)
+        return "bound" if percent > 100.0 * (np.sqrt(MOST_WIDTH) - 1.0) else digits.number(percent, count=2)
 
     symbols = [digits.shown(name).symbol for name in document.settings[0].half_width_percent]
     heads = ["R_max\nµm", "frames/s", *(f"{symbol}\n± %" for symbol in symbols), "readable\n%", "shots"]

@@ -9,12 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from cavirheo.messages import heaps_in_words
-from cavirheo.parameters import BUBBLE, VISCOSITY_AT_RATE
+from cavirheo.parameters import BUBBLE, VISCOSITY_AT_RATE, symbol
 from cavirheo.reporting.documents import DECIDING_SHARE
 from cavirheo.reporting.record import (
     MAIN_FIELDS,
     OUR_METHOD,
-    SYMBOLS,
     CurveRecord,
     GroupRecord,
     PopulationRecord,
@@ -41,14 +40,14 @@ def answer_lines(
     refusal = _refusal(group, shots)
     lines = list[tuple[str, list[str]]]()
     uses: dict[str, list[str]] = {}
-    for name in (*SYMBOLS, *_further(group.population)):
-        symbol = result.shown(name).symbol
+    for name in (*MAIN_FIELDS, *_further(group.population)):
+        short = result.shown(name).symbol
         line, notes, use = _value_line(result, group, shots, name)
         notes += ["not to be used yet"] if refusal else []
         if line:
-            lines.append((symbol, [*line, f"({'; '.join(notes)})"] if notes else line))
+            lines.append((short, [*line, f"({'; '.join(notes)})"] if notes else line))
         if use:
-            uses.setdefault(use, []).append(symbol)
+            uses.setdefault(use, []).append(short)
     lines.append(("use", [refusal or _use(group, shots, uses)]))
     said = refusal or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
     known = {message.code for message in group.doubts} | ({"group.left_out"} if said else set())
@@ -66,7 +65,7 @@ def _further(population: PopulationRecord) -> list[str]:
     probability of its switch."""
     if "liquid" in population.switches:
         return []
-    known = [name for name in parameters_of([population]) if name not in (*SYMBOLS, VISCOSITY_AT_RATE)]
+    known = [name for name in parameters_of([population]) if name not in (*MAIN_FIELDS, VISCOSITY_AT_RATE)]
     reference = "reference_viscosity"
     if reference in population.other_parameters and reference not in known and not population.viscosity.known:
         known.insert(0, reference)
@@ -137,7 +136,7 @@ def _value_line(
 def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     """Why no value of a group is to be used, in a sentence; "" if one may be."""
     serious = any(message.code not in _DISAGREEMENTS for message in group.doubts)
-    if serious or len(group.population.heaps) == len(SYMBOLS):
+    if serious or len(group.population.heaps) == len(MAIN_FIELDS):
         others = [message.text for message in group.doubts if message.code not in _APART]
         return f"nothing yet: {'; '.join([*_disagreement(group), *others])}"
     misfits = group.verdicts.get("does_not_fit", 0)
@@ -165,7 +164,7 @@ def _use(group: GroupRecord, shots: Sequence[CurveRecord], uses: Mapping[str, Se
 def _disagreement(group: GroupRecord) -> list[str]:
     """['the shots disagree in G and µ'] as the lines of these parameters show; [] if they agree."""
     apart = {*group.population.heaps, *group.population.wide_scatters}
-    symbols = " and ".join(symbol for name, symbol in SYMBOLS.items() if name in apart)
+    symbols = " and ".join(symbol(name) for name in MAIN_FIELDS if name in apart)
     return [f"the shots disagree in {symbols}"] if symbols else []
 
 
@@ -263,17 +262,17 @@ def comparison_table(result: Result) -> tuple[list[str], list[list[str]]]:
     rows = []
     for group in result.groups:
         for name in dict.fromkeys([*MAIN_FIELDS, *(name for values in group.published.values() for name in values)]):
-            symbol, factor, unit, _ = result.shown(name)
+            short, factor, unit, _ = result.shown(name)
             if name not in MAIN_FIELDS:  # of a rheometer, at one angular frequency
-                symbol, unit = f"µ at {name.removeprefix('viscosity_at_').removesuffix('_rad_per_s')} rad/s", "Pa s"
+                short, unit = f"µ at {name.removeprefix('viscosity_at_').removesuffix('_rad_per_s')} rad/s", "Pa s"
             ours = group.value(name)
             for method, values in group.published.items():
                 if value := values.get(name):
                     ratio = ours.median / value.mean if ours.median is not None and value.mean else None
                     words = digits.spread(value, factor)
-                    rows.append([group.name, f"{symbol}, {unit}", method, words, digits.number(ratio)])
+                    rows.append([group.name, f"{short}, {unit}", method, words, digits.number(ratio)])
             if name in MAIN_FIELDS:
-                rows.append([group.name, f"{symbol}, {unit}", OUR_METHOD, digits.quantity(ours, factor), ""])
+                rows.append([group.name, f"{short}, {unit}", OUR_METHOD, digits.quantity(ours, factor), ""])
     return ["group", "quantity", "method", "value", f"{OUR_METHOD}\nover it"], rows
 
 

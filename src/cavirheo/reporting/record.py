@@ -21,7 +21,7 @@ from cavirheo.arrays import relative_scatter
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import listed
 from cavirheo.messages import is_input_warning
-from cavirheo.parameters import VISCOSITY_AT_RATE, column_name, is_law_parameter
+from cavirheo.parameters import VISCOSITY_AT_RATE, column_name, is_law_parameter, symbol
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Heap, Pair, Verdict
@@ -29,8 +29,7 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import Document, Finite, Quantity, Record, Spread
 from cavirheo.writing.export import dataframe
 
-MAIN_FIELDS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
-SYMBOLS = {"shear_modulus": "G", "viscosity": "µ"}  # of the parameters of an answer
+MAIN_FIELDS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # of every law, by parameter
 WIDE_SCATTER = 0.4  # standard deviation from shot to shot over the material; one batch of gel has less
 _ENDS = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}  # columns of a quantity in CSV
 OUR_METHOD = "cavirheo"  # name of the answers of this program beside the values of other methods
@@ -179,8 +178,8 @@ class CurveRecord(ParameterValues):
         words = digits.VERDICT_STYLES[self.verdict].words
         subjects = [message.code.split(".")[1].replace("_", " ") for message in self.warnings[:1]]
         if self.verdict == "bound":
-            values = {symbol: self.main(name) for name, symbol in SYMBOLS.items()}
-            bounds = {symbol: value.bound for symbol, value in values.items() if value.bound and not value.is_zero}
+            values = {symbol(name): self.main(name) for name in MAIN_FIELDS}
+            bounds = {short: value.bound for short, value in values.items() if value.bound and not value.is_zero}
             words = "wide" if {*bounds.values()} == {"wide"} else words
             subjects = [*bounds]
         return ": ".join(filter(None, [words, ", ".join(subjects)]))

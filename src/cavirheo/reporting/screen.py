@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from cavirheo.reporting import advice
-from cavirheo.reporting.record import SYMBOLS, CurveRecord, GroupRecord, Result
+from cavirheo.reporting.record import MAIN_FIELDS, CurveRecord, GroupRecord, Result
 from cavirheo.writing import digits, terminal
 
 MOST_ROWS = 12  # shots of a group that all have a row; of a larger one the exceptions have
@@ -74,7 +74,7 @@ def print_comparison(result: Result) -> None:
 def print_line(record: CurveRecord) -> None:
     """Print an answer in one line, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa (5.9 to 7.0), µ 0.029 Pa
     s (0.026 to 0.033), λ 6.1 (5.9 to 6.3), R_max 152 µm, RMSE 1.2 %'."""
-    values = {name: record.main(name) for name in (*SYMBOLS, "stretch")}
+    values = {name: record.main(name) for name in (*MAIN_FIELDS, "stretch")}
     parts = [digits.shown(name, value.largest).named(value) for name, value in values.items() if value.known]
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
     line = f"  {record.name}: {', '.join(parts) if record.has_answer else record.message}"
@@ -114,7 +114,7 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collecti
         words = ", ".join(f"{count} {verdict}" for verdict, count in verdicts)
         _say("", f"{digits.counted(len(hidden), 'more shot')}: {words} (--all shows them)", most=2)
         ranges = []
-        for name in SYMBOLS:
+        for name in MAIN_FIELDS:
             shown = result.shown(name)
             medians = [shot.main(name).median for shot in shots if shot.trusted]
             if ends := digits.ends(medians, shown.factor, 2):

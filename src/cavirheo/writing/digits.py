@@ -95,17 +95,15 @@ def value_parts(value: Quantity, factor: float = 1.0) -> tuple[str, str]:
         return "", f"{number(value.q05, factor, 2)} to {number(value.q95, factor, 2)}"
     if value.bound:
         return "", f"{_SIDES[value.bound]} {number(value.largest, factor, 2)}"
-    if value.median is None:
-        return MISSING, ""
-    if value.q05 is None or value.q95 is None or value.q05 == value.q95:
-        return significant(value.median * factor), ""
+    if value.median is None or value.q05 is None or value.q95 is None or value.q05 == value.q95:
+        return number(value.median, factor), ""
     relative = 0.5 * (value.q95 - value.q05) / abs(value.median) if value.median else 1.0
     count = min(max(ceil(-log10(min(relative, 1.0))) + 1, 2), 4) if relative > 0 else 4
-    middle = significant(value.median * factor, count)
+    middle = number(value.median, factor, count)
     high, places = value.q95 * factor, len(middle.partition(".")[2])
     is_far = "e" in middle or high > 100.0 * abs(value.median * factor)
-    above = significant(high, count) if is_far else f"{high:.{places}f}"
-    return middle, f"{significant(value.q05 * factor, count)} to {above}"
+    above = number(high, count=count) if is_far else f"{high:.{places}f}"
+    return middle, f"{number(value.q05, factor, count)} to {above}"
 
 
 def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
@@ -122,17 +120,19 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
 
 def spread(value: Spread, factor: float = 1.0) -> str:
     """Mean ± deviation to two digits of the deviation, '6.4 ± 1.6'; '6.44' without one."""
-    if value.mean is None:
-        return MISSING
-    if not value.std:
-        return significant(value.mean * factor)
+    if value.mean is None or not value.std:
+        return number(value.mean, factor)
     std = value.std * factor
     places = min(max(1 - floor(log10(std)), 0), 9)
     return f"{value.mean * factor:.{places}f} ± {std:.{places}f}"
 
 
-def significant(value: float, count: int = 3) -> str:
-    """The value with `count` significant digits, without an exponent from 1e-4 to 1e6."""
+def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
+    """The value times the factor with `count` significant digits, without an exponent from 1e-4 to 1e6; MISSING for
+    None."""
+    if value is None:
+        return MISSING
+    value = factor * value
     if value == 0.0 or not isfinite(value):
         return f"{value:g}"
     if not 1e-4 <= abs(value) < 1e6:
@@ -168,15 +168,10 @@ def simulation_name(method: str) -> str:
     return METHODS.get(method, ("", "answer"))[1]
 
 
-def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
-    """The value times the factor with `count` significant digits; MISSING for None."""
-    return MISSING if value is None else significant(factor * value, count)
-
-
 def ends(values: Iterable[float | None], factor: float = 1.0, count: int = 3) -> str:
     """The smallest and the largest of these values times the factor: '120 to 310', '120' if equal; "" for none."""
     numbers = sorted(value for value in values if value is not None)
-    return " to ".join(dict.fromkeys(significant(factor * end, count) for end in numbers[:1] + numbers[-1:]))
+    return " to ".join(dict.fromkeys(number(end, factor, count) for end in numbers[:1] + numbers[-1:]))
 
 
 def percent(value: float | None) -> str:

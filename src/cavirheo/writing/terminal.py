@@ -16,8 +16,7 @@ _LEAST_WORDS = 8  # characters of a column of words in a narrow terminal
 _MAX_LINE = 1000  # most characters of one line
 
 if TYPE_CHECKING:
-    from rich.console import Console, ConsoleOptions
-    from rich.segment import Segment
+    from rich.console import Console
     from rich.text import Text
 
 
@@ -28,10 +27,6 @@ def console(*, stderr: bool = False) -> Console:
     class Plain(Console):
         def render_str(self, text: str, **options: Any) -> Text:
             return super().render_str(printable(text), **options)
-
-        def render(self, renderable: Any, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-            for part in super().render(renderable, options):
-                yield part if part.control else part._replace(text=printable(part.text))
 
     return Plain(markup=False, emoji=False, highlight=False, stderr=stderr)
 

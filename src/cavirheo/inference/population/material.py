@@ -226,7 +226,7 @@ class Population:
         percents = {}
         for name in self.determined:
             decades = self.scatter(name)[2 if none else 1]
-            percents[parameter_of(name).symbol] = digits.significant(100 * relative_scatter(decades), 2)
+            percents[parameter_of(name).symbol] = digits.percent(relative_scatter(decades))
         single = len(self.names) == 1 and not none
         within = ", ".join(f"{value} %" if single else f"{value} % in {symbol}" for symbol, value in percents.items())
         if none:
