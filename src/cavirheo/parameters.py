@@ -291,17 +291,15 @@ def check_domain(allowed: Mapping[str, Any], name: str, value: float | Floats) -
     `physics.` and the first word of `name`. NaN in an array: of many materials there is no such one."""
     words, holds = allowed["domain"]
     try:
-        fine = all(map(holds, _extremes(value))) if isinstance(value, np.ndarray) else holds(value)
+        if isinstance(value, np.ndarray):
+            numbers = value[~np.isnan(value)]
+            fine = not numbers.size or (holds(float(np.min(numbers))) and holds(float(np.max(numbers))))
+        else:
+            fine = holds(value)
     except (TypeError, ValueError):  # text, or several numbers
         fine, words = False, f"a number, {words}"
     if not fine:
         raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
-
-
-def _extremes(values: Floats) -> list[float]:
-    """The smallest and the largest number that is not NaN; none if all are."""
-    numbers = values[~np.isnan(values)]
-    return [float(np.min(numbers)), float(np.max(numbers))] if numbers.size else []
 
 
 def check(parameters: Any) -> None:

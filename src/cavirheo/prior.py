@@ -8,7 +8,7 @@ over x.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -116,10 +116,10 @@ class Prior:
 
     def _state(self, probability: float, fixed: Mapping[str, float]) -> State:
         free = [name for name in self.names if name not in fixed]
-        at = [self.names.index(name) for name in free]
-        prior = Prior(tuple(free), self.low[at], self.high[at], self.mean[at], self.std[at])
+        columns = np.array([self.names.index(name) for name in free], dtype=int)
+        prior = replace(self.marginal(free), zero=np.array(0.0), infinite=np.array(0.0))
         x = np.array([fixed.get(name, 0.0) for name in self.names])
-        return State(prior, np.array(at, dtype=int), x, float(np.log(probability)))
+        return State(prior, columns, x, float(np.log(probability)))
 
     def sample(self, draws: int | range, seed: int) -> Floats:
         """Draws (draws, parameters) of a uniform prior; draw i depends on (seed, i) alone, not on the others."""
@@ -135,13 +135,6 @@ class Prior:
         below = ndtr((self.low - centre) / unit)
         return uniform, unit, centre, below, ndtr((self.high - centre) / unit) - below
 
-    def cdf(self, x: Floats) -> Floats:
-        """Cumulative probabilities (..., d) of x (..., d)."""
-        flat, unit, centre, below, inside = self._normal
-        uniform = (x - self.low) / (self.high - self.low)
-        normal = (ndtr((x - centre) / unit) - below) / inside
-        return np.asarray(np.clip(np.where(flat, uniform, normal), 0.0, 1.0))
-
     def to_x(self, u: Floats) -> Floats:
         """x (..., d) from u (..., d)."""
         flat, unit, centre, below, inside = self._normal
@@ -156,7 +149,10 @@ class Prior:
     def to_u(self, x: Floats, inside: float = 0.0) -> Floats:
         """u (..., d) from x (..., d); infinite at and beyond a bound, unless `inside` > 0 limits the probability. An
         atom gives the middle of its part of u."""
-        p = self.zero + (1.0 - self.zero - self.infinite) * np.clip(self.cdf(x), inside, 1.0 - inside)
+        flat, unit, centre, below, mass = self._normal
+        uniform = (x - self.low) / (self.high - self.low)
+        within = np.where(flat, uniform, (ndtr((x - centre) / unit) - below) / mass)
+        p = self.zero + (1.0 - self.zero - self.infinite) * np.clip(within, inside, 1.0 - inside)
         p = np.where(np.isneginf(x), 0.5 * self.zero, p)
         return np.asarray(ndtri(np.where(np.isposinf(x), 1.0 - 0.5 * self.infinite, p)))
 
