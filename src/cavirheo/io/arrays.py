@@ -49,13 +49,13 @@ _ATTRIBUTE = "@"  # before the name of an attribute of HDF5 in a path; attribute
 _OF_LIBRARIES = re.compile(r"MATLAB|_|[A-Z_0-9]+$")  # attributes that MATLAB, netCDF and PyTables write
 
 
-def read_arrays(source: Source, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
+def read_arrays(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read the curves of a file of arrays. density and pressure make seconds of BDT's times. Raises InputError: no
     radius history, or none that can be used; the file violates its format, or exceeds a limit."""
     arrays = _variables(source)
     names = {path.partition("{")[0] for path in arrays}
     if names.issuperset(_BDT[:2]):
-        return _bdt(arrays, camera, density, pressure)
+        return _bdt(arrays, density, pressure, camera)
     if names.issuperset(_ROWS):
         arrays = _with_radii_of_rows(arrays)
     shots, of_frames = _shots(arrays)
@@ -394,7 +394,7 @@ def _no_history(arrays: Arrays) -> InputError:
     return InputError(f"no radius history; found: {found}; expected {expected}", "matlab.variables")
 
 
-def _bdt(arrays: Arrays, camera: Camera, density: float, pressure: float) -> list[RadiusCurve]:
+def _bdt(arrays: Arrays, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read BDT's cells of R/R_max and t* = t/(R_max sqrt(rho/p)), with R_max of each in RmaxList."""
     others = [path for path in arrays if _CELL.sub("", path) not in _BDT]
     about = [

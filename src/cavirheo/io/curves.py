@@ -260,7 +260,8 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
         scale, unit = camera.um_per_px, "um"
         notes.append(f"radii in pixels of {scale:g} um")
     elif camera.um_per_px is not None:
-        notes.append("the scale is not used: the radii have a unit of length")
+        why = "the radii have a unit of length" if unit else "the radii are too small for pixels"
+        notes.append(f"the scale is not used: {why}")
     rows_of: dict[str, list[int]] = {}
     for row, label in enumerate(_labels(series.shot, notes) if series.shot else ()):
         rows_of.setdefault(label, []).append(row)
@@ -294,9 +295,8 @@ def _unit_of_radius(series: _Series, notes: list[str]) -> str | None:
     title, unit = series.radius[0].title, series.radius[0].unit
     clock = series.clock
     if any(column.unit != unit for column in series.radius):
-        raise InputError(
-            f"{' and '.join(column.title for column in series.radius)}: give both in one unit", "table.units"
-        )
+        both = " and ".join(column.title for column in series.radius)
+        raise InputError(f"{both}: give both in one unit", "table.units")
     if series.form.kinds == ("area",):
         if unit is not None and unit not in AREA_UNITS:
             raise InputError(f"{title!r} is in {unit}: expected a unit of area, as in Area [um^2]", "table.units")
@@ -376,21 +376,22 @@ def _labels(shot: Column, notes: list[str]) -> list[str]:
 
 
 def _parts(time: Floats, radius: Floats) -> tuple[list[Indices], list[str]]:
-    """Return the indices of the frames of each shot in (n,) times, which begin again with each, and a note, in a list,
-    on the rows that are no frames: those without a time, and after the start those with time 0 and no radius."""
+    """Return the indices of the frames of each shot in (n,) times, which begin again with each, and notes on the rows
+    that are no frames: those without a time, and after the start those with time 0 and no radius."""
     timed = np.abs(time) < _LARGEST_NUMBER
     latest = np.maximum.accumulate(np.r_[-np.inf, np.where(timed, time, -np.inf)])[:-1]  # before each row
     padding = (time == 0.0) & ~(radius > 0.0) & (latest >= 0.0)
-    notes = {
-        f"{len(time) - timed.sum()} of {len(time)} frames without a time left out": not timed.all(),
-        f"{padding.sum()} rows with time 0 and no radius left out: lost frames or padding": padding.any(),
-    }
+    lost = []
+    if not timed.all():
+        lost.append(f"{len(time) - timed.sum()} of {len(time)} frames without a time left out")
+    if padding.any():
+        lost.append(f"{padding.sum()} rows with time 0 and no radius left out: lost frames or padding")
     frames = np.flatnonzero(timed & ~padding)
     parts = np.split(frames, np.flatnonzero(np.diff(time[frames]) < 0) + 1)
     whole = time[parts[0]]
     start = whole[0] + _LATEST_START * np.ptp(whole) if len(whole) else np.nan
     begins_again = all(len(part) >= _FEWEST_FRAMES and time[part[0]] <= start for part in parts)
-    return parts if begins_again else [frames], [note for note, applies in notes.items() if applies]
+    return parts if begins_again else [frames], lost
 
 
 def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str]) -> tuple[Floats, str | None]:

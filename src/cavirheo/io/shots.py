@@ -103,7 +103,7 @@ def _read(source: Source, density: float, pressure: float, camera: Camera) -> li
         raise InputError(f"binary data of no known format: {advice}; {_EXPECTED}", "reading.binary")
     if source.kind in ("text", "workbook"):
         return read_text(source, density, pressure, camera)
-    return read_arrays(source, camera, density, pressure)
+    return read_arrays(source, density, pressure, camera)
 
 
 def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:

@@ -319,8 +319,8 @@ def _read_cine(path: Path) -> Footage:
             warnings.append(Message("check_input.camera_clock", {"header": rate, "stamps": stamped}))
     if len(blocks.get(_EXPOSURES, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[_EXPOSURES], "<u4")[:n])) / 2**32 or None
-    metadata: dict[str, Any] = {"notes": tuple(notes), "warnings": tuple(warnings)}
-    return replace(movie, time=time, frame_rate=rate or None, exposure=exposure, **metadata)
+    footage = replace(movie, time=time, frame_rate=rate or None, exposure=exposure)
+    return replace(footage, notes=tuple(notes), warnings=tuple(warnings))
 
 
 def _cine_header(path: Path) -> tuple[int, float, dict[int, bytes]]:
