@@ -137,6 +137,7 @@ VISCOSITY_AT_RATE, REFERENCE_RATE = "viscosity_at_1e5_per_s", 1e5  # name of a v
 _LETTERS = {"α": "alpha", "β": "beta", "ζ": "zeta", "λ": "lambda", "μ": "mu", "τ": "tau", "Δ": "Delta"}
 DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters that make a verdict
 MOST_WIDTH = 10.0  # factor between the ends of the interval of a value; a wider one is no value
+NO_ONE_VALUE = 1.0  # scatter of the shots of a group over its value, from which on no one value stands for them
 END_SHARE = 0.25  # of an interval's width: nearer to an end of the range, an end is due to the range
 
 

@@ -108,7 +108,7 @@ _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation i
 ExposureUs = Annotated[Any, number(_EXPOSURE, INPUT, above=0)]
 _CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damping and inertia of walls; field: equilibrium, unbounded"
-_MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water, with those of the file]"
+_MEDIUM = "named constants: water, bu2026, estrada2018, ...  [default: water; measured files may state others]"
 _DAMPING = "2 pi (R_max^2/A) c/U_c of a tube around it"
 _FREE = ("free",)
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"

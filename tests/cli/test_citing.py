@@ -108,3 +108,13 @@ def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path
     assert row.stretch_prior["std"] >= 0.4
     assert "stretch_prior.file" in [one.code for one in row.messages]
     assert free.stretch.median != row.stretch.median
+
+
+def test_priors_and_common_errors_are_those_of_the_answer(run):
+    run("infer", EXAMPLE, "--shots", "1", "--no-pictures", "--scale-error", "3", "-o", "one")
+    row = load("one").curves[0]
+    paragraph = done(run("cite", "one")).partition("Command:")[0]
+    for name in ("shear_modulus", "viscosity"):
+        low, high = row.provenance["prior"][name][:2]
+        assert f"{10.0**low:g} to {10.0**high:g}" in paragraph
+    assert "scale 3 %" in paragraph

@@ -45,7 +45,7 @@ class Accuracy:
 
 
 DEFAULT = Accuracy()  # median error 4e-5 of R_max, up to 1e-3 in the most violent collapses
-PRECISE = Accuracy(384, 1e-5)  # ten times as accurate as the default, and five times as slow
+PRECISE = Accuracy(384, 1e-5)  # six times as accurate as the default, and five times as slow
 ROUGH = Accuracy(64, 3e-4)  # inside a search: 2 ms, error up to 1 % of R_max, mostly 0.04 %
 BRISK = Accuracy(64, 1e-3)  # stands in for an emulator that does not know the bubble; its error is corrected (weigh.py)
 COARSE = Accuracy(24, 3e-3)  # for the starting points of a search: 1 ms

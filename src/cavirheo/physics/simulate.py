@@ -190,7 +190,7 @@ def simulate(
         driving: pressure far from the bubble above the ambient one (`Pulse`, `Trace`).
         relaxed: start laws with memory without stress; otherwise, but for `qsls`, with that of `memories_after_growth`.
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
-        accuracy: in space and time; PRECISE of physics/accuracy.py is ten times as accurate as the default.
+        accuracy: in space and time; PRECISE of physics/accuracy.py is six times as accurate as the default.
         throw: raise on a failed solve; otherwise return it with its status.
         unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and times of more than a second.
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from cavirheo.messages import heaps_in_words
-from cavirheo.parameters import BUBBLE, VISCOSITY_AT_RATE, symbol
+from cavirheo.parameters import BUBBLE, NO_ONE_VALUE, VISCOSITY_AT_RATE, symbol
 from cavirheo.reporting.documents import DECIDING_SHARE
 from cavirheo.reporting.record import (
     MAIN_FIELDS,
@@ -28,7 +28,6 @@ _COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from wh
 _APART = ("group.doubt.heaps", "group.doubt.scatter")
 _OF_MODEL = ("group.doubt.misfits", "group.doubt.switches", "group.doubt.trend")  # said in the line of the use
 _DISAGREEMENTS = (*_APART, *_OF_MODEL)
-_NO_VALUE = 1.0  # scatter of the shots over the material, from which on no one value stands for them
 _SURE = 0.95  # probability from which on a group has settled that its material is a liquid
 
 
@@ -112,7 +111,7 @@ def _value_line(
     if value.bound == "undetermined":
         return [interval], [], "not"
     scatter = group.population.wide_scatters.get(name, 0.0)
-    if scatter >= _NO_VALUE:
+    if scatter >= NO_ONE_VALUE:
         return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], [], "not"
     notes = list[str]()
     if not middle:

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 
+from cavirheo.parameters import is_law_parameter, parameter_of
 from cavirheo.physics.materials import LAWS
 from cavirheo.reporting.drawing import template
-from cavirheo.reporting.record import Result, parameters_of
+from cavirheo.reporting.record import CurveRecord, Result, parameters_of
 
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 MEDIUM_KEYS = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
@@ -39,6 +41,8 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
     answers = [curve for curve in result.curves if curve.has_answer]
     if not answers:
         return "", []
+    from cavirheo.inference.assumptions import AUTO, Family
+
     year = (result.date or "")[:4]
     program = f"@misc{{cavirheo{year},\n  author = {{{{The cavirheo developers}}}},\n  title = {{{TITLE}}},\n"
     program += f"  year = {{{year}}},\n" if year else ""
@@ -49,6 +53,9 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
         answers=answers,
         models=dict.fromkeys((curve.material, curve.bubble, curve.bubble_title) for curve in answers),
         media=dict.fromkeys(curve.medium for curve in answers if curve.medium),
+        law_priors=_law_priors(answers),
+        atoms=Family(AUTO).atoms if any(curve.switches.get("liquid") is not None for curve in answers) else {},
+        common_errors=next((group.systematic.errors for group in result.groups if group.systematic.errors), {}),
         stretch_priors=[curve.stretch_prior for curve in answers if curve.stretch_prior],
         laws=dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws),
         verdicts=Counter(curve.verdict for curve in result.curves),
@@ -60,3 +67,13 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
     cited = dict.fromkeys(key for keys in _CITED.findall(paragraph) for key in keys.split(", "))
     sources = [program, *(references()[key] for key in cited if key in references())]
     return f"{paragraph} Command: {result.command}", sources
+
+
+def _law_priors(answers: Sequence[CurveRecord]) -> dict[str, tuple[float, float]]:
+    """Ends of the ranges of the laws' parameters, SI, by their symbols with units."""
+    ranges = dict[str, tuple[float, float]]()
+    for name, ends in (item for curve in answers for item in curve.provenance.get("prior", {}).items()):
+        if is_law_parameter(name):
+            parameter = parameter_of(name)
+            ranges[f"{parameter.symbol} ({parameter.unit})"] = 10.0 ** ends[0], 10.0 ** ends[1]
+    return ranges

@@ -1,9 +1,9 @@
 """Training sets: simulated curves of a problem in HDF5 files, whose bytes do not depend on how they were made.
 
 Curve i depends on (problem, seed, i) alone and a file holds a fixed range of i: processes or machines can share the
-work, and a killed run can be continued. A file gets its name when it is complete. Its size is checked before it is
-read. A failed simulation keeps its row (NaN where nothing was computed) with the reason, because without these rows
-the distribution of the parameters would not be the prior.
+work, and a killed run can be continued. A file gets its name when it is complete, and one that is too large is refused
+before it is read. A failed simulation keeps its row (NaN where nothing was computed) with the reason, because without
+these rows the distribution of the parameters would not be the prior.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ class Simulate(Verb, settings.Liquid, settings.BubbleOptions):
     polytropic: Annotated[float | None, number(_POLYTROPIC, BUBBLE)] = None
     damage: Annotated[tuple[float, float] | None, _DAMAGE] = None  # type: ignore[assignment]
     relaxed: Annotated[bool, option("laws with memory start unstressed", MATERIAL, "--relaxed")] = False
-    precise: Annotated[bool, option("ten times as accurate, five times as long", OUTPUT, "--precise")] = False
+    precise: Annotated[bool, option("six times as accurate, five times as long", OUTPUT, "--precise")] = False
     out: Out = Path("cavirheo-simulation")
 
     def __call__(self, run: Run) -> None:

@@ -20,7 +20,7 @@ from cavirheo.arrays import NORMAL_90, Floats, relative_scatter
 from cavirheo.errors import require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
 from cavirheo.messages import Message
-from cavirheo.parameters import Bound, matching, parameter_of, require_name
+from cavirheo.parameters import NO_ONE_VALUE, Bound, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import elastic_number
 from cavirheo.posterior import Heap, Posterior, check_level, upper_limit
@@ -215,6 +215,9 @@ class Population:
     def _value(self, name: str) -> str:
         value = self.quantity(name)
         shown = digits.shown(name, value.largest)
+        scattered = name in self.determined and relative_scatter(self.scatter(name)[1]) >= NO_ONE_VALUE
+        if scattered or name in self.heaps:
+            return f"no one value of {shown.symbol}"
         if value.bound:
             return shown.named(value)
         middle, interval = shown.parts(value)
