@@ -121,11 +121,13 @@ RIGS = (
     {"material": "jelly"}, {"medium": "honey"}, {"bubble": "auto"},
 )  # fmt: skip
 OPTIONS = ({"ranges": {"shear_modulus": (2e3, 1e3)}}, {"ranges": {"nothing": (1, 2)}}, {"wanted": 0.0})
+OPTIONS += ({"ranges": [1]}, {"wanted": "a tenth"})
 
 
 @pytest.mark.parametrize(("rig", "wrong"), [*((rig, {}) for rig in RIGS), *(({}, wrong) for wrong in OPTIONS)])
 def test_what_cannot_be_is_refused(quick, rig, wrong):
     error_of(lambda: cavirheo.design(rig=Rig(**rig), **wrong))
+    error_of(lambda: cavirheo.design(rig=5))
 
 
 NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051", "--wanted-percent", 30]

@@ -205,7 +205,10 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
     """
+    expect(wanted, Real, "the wanted half of an interval over the value, such as 0.1")
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    expect(rig or Rig(), Rig, "a Rig such as Rig(frames=128), or none")
+    expect(ranges or {}, Mapping, "ranges by parameter, such as {'G': [1e3, 1e4]}")
     expect_whole(seed, "seed", 0, "option.seed")
     rig = rig or Rig()
     family = Family(rig.material)

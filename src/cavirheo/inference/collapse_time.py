@@ -23,6 +23,7 @@ from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
 from cavirheo.arrays import Floats
+from cavirheo.curve import as_numbers
 from cavirheo.errors import SolverError, require
 from cavirheo.parameters import MOST_WIDTH, Bound
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
@@ -109,7 +110,8 @@ def estimate(
     sizes = [np.size(values) for values in (max_radius, stretch, time)]
     lengths = f"R_max, lambda and t_1 must have one length, got {sizes}"
     require(len({*sizes}) == 1 and sizes[0] > 0, lengths, "collapse_time.lengths")
-    shots = np.array([max_radius, stretch, time], dtype=float).reshape(3, -1)
+    arrays = zip(("max_radius", "stretch", "time"), (max_radius, stretch, time), strict=True)
+    shots = np.array([as_numbers(name, values).ravel() for name, values in arrays])
     for number, values in enumerate(shots.T.tolist(), 1):
         trouble = unusable(*values)
         require(not trouble, f"shot {number}: {trouble}", "collapse_time.shot")

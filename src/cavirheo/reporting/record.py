@@ -21,7 +21,7 @@ from cavirheo.arrays import relative_scatter
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import listed
 from cavirheo.messages import is_input_warning
-from cavirheo.parameters import VISCOSITY_AT_RATE, column_name, is_law_parameter, symbol
+from cavirheo.parameters import NO_ONE_VALUE, VISCOSITY_AT_RATE, column_name, is_law_parameter, symbol
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Heap, Pair, Verdict
@@ -373,8 +373,10 @@ class GroupRecord(Record):
     _omitted_if_empty = ("published", "laws")
 
     def value(self, name: str) -> Quantity:
-        """The group's answer for a parameter by its natural name; an empty one if there is none."""
-        return self.population.value(name)
+        """The group's answer for a parameter by its natural name; an empty one if there is none, or if no one value
+        stands for the shots, so much do they scatter."""
+        scatter = self.population.wide_scatters.get(name, 0.0)
+        return Quantity() if scatter >= NO_ONE_VALUE else self.population.value(name)
 
     @property
     def has_answer(self) -> bool:

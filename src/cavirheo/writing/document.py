@@ -316,7 +316,7 @@ class Outputs:
 
     def _of_other_runs(self) -> Iterator[dict[str, str]]:
         """The lines of files of other runs that are as these wrote them, and are no input."""
-        for name in {entry["name"] for entry in self._listed}:
+        for name in dict.fromkeys(entry["name"] for entry in self._listed):
             entry = self.listed_entry(name)
             if entry and entry["run"] != self._claim.key and os.path.realpath(self.folder / name) not in self._inputs:
                 yield entry
