@@ -208,7 +208,6 @@ def design(
     expect(wanted, Real, "the wanted half of an interval over the value, such as 0.1")
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
     expect(rig or Rig(), Rig, "a Rig such as Rig(frames=128), or none")
-    expect(ranges or {}, Mapping, "ranges by parameter, such as {'G': [1e3, 1e4]}")
     expect_whole(seed, "seed", 0, "option.seed")
     rig = rig or Rig()
     family = Family(rig.material)
@@ -262,6 +261,7 @@ def _effort(row: DesignedSetting) -> tuple[float, float]:
 
 def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[str, Floats]:
     """log10 of the ends of ranges, by name. Raises InputError: no such parameter, or an impossible range."""
+    expect(ranges, Mapping, "ranges by parameter, such as {'G': [1e3, 1e4]}")
     ends = {}
     for text, pair in ranges.items():
         name = require_name(text, (*family.parameters, "stretch"), family.name, "design.range")
