@@ -9,10 +9,9 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, ThreadPoolExecutor, as_completed, wait
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor, as_completed
 from contextlib import closing, contextmanager, suppress
 from functools import partial
-from itertools import islice
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
@@ -31,7 +30,7 @@ _ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
 _pools: dict[int, Any] = {}  # the pool of this process, by its size
 _pool_lock = threading.Lock()
-_flows: set[int] = set()  # calls of `on_processes` that go on
+_calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pools.clear)  # a pool is of the process that started it
 
@@ -99,34 +98,33 @@ def on_threads(function: Callable[[Job], Output], jobs: Sequence[Job], workers: 
 def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers: int | None = None) -> Flow[Output]:
     """An `Executor` with `workers` processes of this machine, by default one per core: for jobs of some seconds that
     mostly run Python code, which threads would run one at a time. After its close or an exception, running jobs end at
-    once, unless another thread has jobs, too. Threads do the work where no process can be started. Raises InputError: a
-    process was ended from outside; and what `function` raises."""
-    from loky.process_executor import ShutdownExecutorError  # of jobs whose processes another thread has ended
-
-    size = max(min(cores(workers), len(jobs)), 1)
-    pool = process_pool(size)
+    once. Threads do the work where no process can be started. Raises InputError: a process was ended from outside; and
+    what `function` raises."""
+    pool = process_pool(max(min(cores(workers), len(jobs)), 1))
     if pool is None:
         yield from on_threads(function, jobs, workers)
         return
-    waiting = iter(enumerate(jobs))
-    indices: dict[Any, int] = {}  # of submitted jobs: so few that none is left behind when the flow is closed
-    _flows.add(id(indices))
+    indices: dict[Any, int] = {}
     try:
-        indices |= {pool.submit(function, job): index for index, job in islice(waiting, 2 * size)}
-        while indices:
-            for future in wait(indices, return_when=FIRST_COMPLETED).done:
-                output = future.result()
-                indices |= {pool.submit(function, job): index for index, job in islice(waiting, 1)}
-                yield indices.pop(future), output
-    except (BrokenExecutor, ShutdownExecutorError) as error:
+        indices |= {pool.submit(function, job): index for index, job in enumerate(jobs)}
+        for future in as_completed(list(indices)):
+            output = future.result()
+            yield indices.pop(future), output
+    except _pool_errors() as error:
         end_processes()  # the next call starts others
         message = "a process of this machine was ended from outside, for want of memory perhaps"
         mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
         raise InputError(f"{message}: {mending}", "parallel.ended") from error
     finally:
-        _flows.discard(id(indices))
-        if indices and not _flows:
+        if indices:
             end_processes()
+
+
+def _pool_errors() -> tuple[type[Exception], ...]:
+    """Errors of a job whose processes were ended: from outside, or by `end_processes` in another thread."""
+    from loky.process_executor import ShutdownExecutorError
+
+    return BrokenExecutor, ShutdownExecutorError
 
 
 @contextmanager
@@ -217,3 +215,23 @@ def run_jobs(
 def run_in_thread(function: Callable[[], Output]) -> Output:
     """function() in a new thread: the calling thread only waits, so that Ctrl-C ends even a long compilation."""
     return run_jobs(lambda _: function(), [None], 1)[0]
+
+
+def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
+    """function(*arguments), mostly Python code, for one of several threads: runs in the calling thread, or in a process
+    while another thread runs such a function, because two threads would take turns. The output is the same."""
+    if _calling_thread_lock.acquire(blocking=False):
+        try:
+            return function(*arguments)
+        finally:
+            _calling_thread_lock.release()
+    pool = process_pool(cores()) if cores() > 1 else None
+    if pool:
+        try:
+            output: Output = pool.submit(function, *arguments).result()
+            return output
+        except BrokenExecutor:  # ended from outside: the next call starts others
+            end_processes()
+        except _pool_errors():  # ended for an `on_processes`
+            pass
+    return function(*arguments)

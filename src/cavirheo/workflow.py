@@ -226,14 +226,15 @@ def connected(scheduler: str | None, slurm: int | None, notify: Callable[[str], 
     from distributed import Client
 
     with ExitStack() as held:
-        cluster = held.enter_context(slurm_cluster()) if slurm else None
+        cluster = held.enter_context(slurm_cluster()) if slurm is not None else None
         try:
             client = held.enter_context(Client(cluster or scheduler, timeout=SCHEDULER_TIMEOUT))
         except (OSError, TimeoutError, ValueError, TypeError) as error:
             reason = str(error).partition("\n")[0] or "time out"
-            message = f"no dask scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
+            advice = "start one with `dask scheduler`" if scheduler else "ask for fewer jobs, or look at their log"
+            message = f"no dask scheduler answers at {scheduler or 'the jobs of SLURM'} ({reason}); {advice}"
             raise InputError(message, "cluster.unreachable") from None
-        if cluster:
+        if cluster is not None:
             cluster.scale(jobs=slurm)
             notify(f"{slurm} jobs asked of SLURM; the work begins when the first is there")
         check_workers(client, notify, SCHEDULER_TIMEOUT if scheduler else QUEUE_TIMEOUT)

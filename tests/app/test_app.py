@@ -24,7 +24,8 @@ from recordings import RATE, SCALE, film
 
 from cavirheo import RadiusCurve, read_curves
 from cavirheo.app.page import uploaded_paths
-from cavirheo.app.session import EXAMPLES, PAGE_FIELDS, PageSettings, Reader, VisitorLimits, Visitors
+from cavirheo.app.reader import Reader
+from cavirheo.app.session import EXAMPLES, PAGE_FIELDS, PageSettings, VisitorLimits, Visitors
 from cavirheo.app.words import shots_table
 
 SOFT = EXAMPLES["soft_gel.csv"]
@@ -276,7 +277,7 @@ def test_a_reader_that_hangs_or_dies_costs_one_call(tmp_path, monkeypatch):
         reader.read(tmp_path, [path.name], **options)
     reader.seconds = 60.0
     with monkeypatch.context() as broken, refused("reading.ended", "a.csv"):
-        broken.setattr("cavirheo.app.session.read_in_folder", abort)
+        broken.setattr("cavirheo.app.reader.read_in_folder", abort)
         reader.read(tmp_path, [path.name], **options)
     assert len(reader.read(tmp_path, [path.name], **options)[0]) == 1
 

@@ -116,7 +116,7 @@ def test_a_column_gives_each_shot_its_r_max(run, tmp_path):
     assert any("not used" in note for note in curve.notes)
 
 
-def test_a_frame_rate_that_is_given_for_a_recording_is_no_doubt_of_the_tables_beside_it():
+def test_a_frame_rate_that_is_for_a_recording_is_no_doubt_of_the_tables_beside_it():
     table, film = ROOT / "examples" / "soft_gel.csv", ROOT / "examples" / "bubble.mp4"
     curves = read_shots([table, film], frame_rate_hz=5e5, um_per_px=4.0, shots="1").curves
     assert [curve.warnings for curve in curves] == [(), ()]

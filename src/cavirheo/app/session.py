@@ -3,7 +3,6 @@ sessions of the server."""
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import shutil
@@ -12,26 +11,25 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
-from threading import BoundedSemaphore
 from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
 import numpy as np
 
+from cavirheo.app.reader import Reader
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, listed, parse_number_list, require
+from cavirheo.errors import InputError, parse_number_list, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.cards import shipped
 from cavirheo.inference.what_if import checks_with, slider
-from cavirheo.io import apart, write_csv
+from cavirheo.io import write_csv
 from cavirheo.io.files import without_headers
-from cavirheo.io.shots import CurveSet, read_shots
-from cavirheo.messages import Message
-from cavirheo.parallel import Flow
+from cavirheo.parallel import Flow, cores, on_threads, run_on_any_core
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import group_pictures, result, write_report
 from cavirheo.reporting.documents import curve_record
@@ -56,8 +54,6 @@ SLIDERS = {  # label, factor from SI
 }
 EXAMPLES = {name: Path(__file__).parent / "examples" / name for name in ("soft_gel.csv", "stiff_gel.mat", "bubble.mp4")}
 EXAMPLE_CAMERA = {"fps": 500_000.0, "um_per_px": 4.0, "exposure_us": 0.4}  # of the shipped recording
-READER_MEMORY = 4 << 30  # bytes that reading may take
-KINDS: dict[str, Any] = {kind.__name__: kind for kind in (RadiusCurve, Message, CurveSet)}  # that a reader is sent
 STARTS = {"medium": "water", "material": "auto", "bubble": "real"}  # what fields show that stand for the default
 
 
@@ -111,39 +107,6 @@ class PageSettings(InferOptions):
         """The options of `read_curves` for a recording."""
         camera = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px}
         return camera | {"exposure": self.exposure, "exclude": self.exclude}
-
-
-class Reader:
-    """Reads files, each call in a process of its own, at most so many at a time."""
-
-    def __init__(self, seconds: float, *, processes: int = 1) -> None:
-        """seconds: time limit of a call."""
-        self.seconds = seconds
-        self._free = BoundedSemaphore(processes)
-
-    def read(
-        self, folder: Path, contents: Sequence[str | RadiusCurve], **options: Any
-    ) -> tuple[list[RadiusCurve], list[str]]:
-        """Return (the curves, all problems and remarks) of `read_shots` of files in one folder, in which the child
-        works: no message names it. contents: names of files, and curves that were measured in some.
-
-        Raises InputError: as `apart.call`.
-        """
-        name = listed([one if isinstance(one, str) else one.source for one in contents], 3)
-        how: dict[str, Any] = {"memory": READER_MEMORY, "seconds": self.seconds, "name": name, "kept": False}
-        with self._free:
-            answer = apart.call(read_in_folder, str(folder), [*contents], options, **how)
-        curves = []
-        for curve in answer.curves:
-            group: dict[str, Any] = {"group_source": curve.group} if "group_source" in curve.meta else {}
-            curves.append(curve.labelled(source=Path(curve.source).name, **group))
-        return curves, answer.problems + answer.remarks
-
-
-def read_in_folder(folder: str, files: list[str | RadiusCurve], options: dict[str, Any]) -> CurveSet:
-    """Read files that have names without their folder; in the child."""
-    os.chdir(folder)
-    return read_shots(files, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,20 +310,18 @@ class Session:
             return pooled
 
     def _answers(self, analysis: Analysis, curves: Sequence[RadiusCurve]) -> Flow[Posterior]:
-        """(index of a curve, its answer): first those that a visitor has, then the others as they are computed."""
-        keys = [analysis.key(curve) for curve in curves]
-        missing = list[int]()
-        for index, key in enumerate(keys):
-            if answer := self.visitors.shared.get(key):
-                self.kept[key] = answer
-                yield index, answer
-            else:
-                missing.append(index)
-        with closing(analysis.flow([curves[index] for index in missing])) as flow:
-            for place, answer in flow:
-                key = keys[missing[place]]
-                self.kept[key] = self.visitors.shared[key] = answer
-                yield missing[place], answer
+        """(index of a curve, its answer), in the order in which they are ready; visitors with one file share one."""
+        workers = max(cores() // len(curves), 1)
+
+        def answer_one(curve: RadiusCurve) -> Posterior:
+            key = analysis.key(curve)
+            answer = self.visitors.shared.get(key)
+            if answer is None:
+                answer = run_on_any_core(partial(analysis.answer, curve, workers=workers))
+            self.kept[key] = self.visitors.shared[key] = answer
+            return answer
+
+        return on_threads(answer_one, curves)
 
     def sliders(self, name: str) -> dict[str, dict[str, float] | None]:
         """Return the limits, step and start of each slider, in kPa, Pa s and 1; None for a parameter that the law

@@ -158,10 +158,12 @@ class TrainingProblem:
 
 
 def natural_values(names: Sequence[str], theta: ArrayLike) -> dict[str, float]:
-    """Values in SI by parameter name from theta (names,) in the prior's scale."""
-    pairs = zip(names, np.asarray(theta, dtype=float), strict=True)
+    """Values in SI by parameter name from theta (names,) in the prior's scale. Raises InputError: another shape."""
+    theta = np.asarray(theta, dtype=float)
+    if theta.shape != (len(names),):
+        raise InputError(f"theta must hold {', '.join(names)}, got shape {theta.shape}", "problem.theta")
     with np.errstate(over="ignore"):
-        return {natural_name(name): float(to_natural(name, value)) for name, value in pairs}
+        return {natural_name(name): float(to_natural(name, value)) for name, value in zip(names, theta, strict=True)}
 
 
 class _Answers(BaseModel):

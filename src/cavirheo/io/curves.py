@@ -37,7 +37,6 @@ _ROUNDED_SHARE, _COARSE = 0.2, 0.1  # least part of the shorter or longer interv
 _FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier times are out of order
 _LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
 _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all before it may part two shots
-_RATE_TOLERANCE = 0.01  # relative difference of two frame rates that is no doubt
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
@@ -282,8 +281,7 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
                 about["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
             seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
             curve = _curve(seconds, scale * radius[chosen], scale * std[chosen], unit_of_time, unit, about)
-            doubts = (*_aspherical(series.radius, radius, chosen), *_rate_differs(curve, clock, camera))
-            curve = curve.labelled(warnings=(*curve.warnings, *doubts))
+            curve = curve.labelled(warnings=(*curve.warnings, *_aspherical(series.radius, radius, chosen)))
             curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
         return curves
 
@@ -353,14 +351,6 @@ def _aspherical(columns: Sequence[Column], radius: Floats, rows: Indices) -> tup
     large = radius[rows] > 0.5 * np.nanmax(radius[rows], initial=0.0)
     share = float(np.median(np.abs(a - b)[large] / np.maximum(a, b)[large])) if large.any() else 0.0
     return (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
-
-
-def _rate_differs(curve: RadiusCurve, clock: Column | None, camera: Camera) -> tuple[Message, ...]:
-    """Return a warning if the frame rate of a curve, which has times, is not the one that is given or stated."""
-    given, found = camera.frame_rate, curve.frame_rate
-    if clock is None or given is None or found is None or abs(given / found - 1.0) < _RATE_TOLERANCE:
-        return ()
-    return (Message("check_input.rate_differs", {"given": given, "found": found}),)
 
 
 def _labels(shot: Column, notes: list[str]) -> list[str]:

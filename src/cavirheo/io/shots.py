@@ -21,7 +21,6 @@ from cavirheo.errors import InputError, as_path, parse_number_list, printable, r
 from cavirheo.io.arrays import read_arrays
 from cavirheo.io.curves import SCALE_TOLERANCE, Camera, read_text
 from cavirheo.io.files import Source, guarded
-from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.video.formats import is_video
 
@@ -208,14 +207,11 @@ def read_shots(
     check_max_radius(max_radius)
     curves: list[RadiusCurve] = []
     problems: list[str] = []
-    filmed = any(is_video(as_path(path)) for path in files if not isinstance(path, RadiusCurve))
     for path in files:
         try:
             curves += [path] if isinstance(path, RadiusCurve) else read_curves(path, **options)
         except InputError as error:
             problems.append(str(error))
-    if filmed:  # a frame rate that is given is theirs
-        curves = [curve.labelled(warnings=_without_rate(curve.warnings)) for curve in curves]
     curves, remarks = _unique_recordings(curves)
     curves = _grouped(_with_unique_names(curves), group)
     remarks += dict.fromkeys(hint for curve in curves for hint in curve.hints)
@@ -223,10 +219,6 @@ def read_shots(
         curves, scale_remarks = _scaled(curves, max_radius)
         remarks += scale_remarks
     return CurveSet(curves, problems, remarks)
-
-
-def _without_rate(warnings: Iterable[Message]) -> tuple[Message, ...]:
-    return tuple(warning for warning in warnings if warning.code != "check_input.rate_differs")
 
 
 def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:

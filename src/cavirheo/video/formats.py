@@ -257,8 +257,10 @@ def _gaps_in_numbers(names: Iterable[str]) -> int:
     """Return how often names that end in numbers, most of them evenly spaced, leave numbers out."""
     numbers = [int(match[0]) for name in names if (match := re.search(r"\d{1,18}(?=\D*$)", name))]
     steps = np.diff(numbers)
-    usual = np.median(steps) if len(steps) else 0
-    return int(np.sum(steps > usual)) if np.mean(steps == usual) > 0.5 and np.all(steps > 0) else 0
+    if len(steps) == 0 or np.any(steps <= 0):
+        return 0
+    usual = np.median(steps)
+    return int(np.sum(steps > usual)) if np.mean(steps == usual) > 0.5 else 0
 
 
 def _images(folder: Path) -> list[Path]:
