@@ -14,13 +14,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from math import inf, log10
+from numbers import Real
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, brief
 
 LOG10 = "log10_"
 Bound = Literal["upper", "lower", "undetermined", "wide"]
@@ -56,6 +57,8 @@ class PlausibleRange(NamedTuple):
 
     def check(self, name: str, value: float, code: str, advice: str = "") -> None:
         """Raises InputError for a value out of range, except inf; the message names the unit that may be meant."""
+        if not isinstance(value, Real):
+            raise InputError(f"{name} must be a number ({self.unit}), got {brief(value)}", code)
         if self.low <= value <= self.high or value == inf:
             return
         converted = ((value * factor + offset, unit) for unit, (factor, offset) in self.mistaken_units.items())

@@ -8,7 +8,6 @@ from conftest import BDT, ROOT, code_of, refusal, refused
 from files import RADIUS, TIME, text_table
 
 from cavirheo import load, read_curves
-from cavirheo.io.shots import read_shots
 
 FILE = ROOT / "examples" / "stiff_gel.mat"
 
@@ -114,9 +113,3 @@ def test_a_column_gives_each_shot_its_r_max(run, tmp_path):
     refusal(run("show", "two.csv"), "rmax_um")
     (curve,) = read_curves(sized(tmp_path / "no_unit.csv", {"x": 1.0}, ("3",), "Rmax"))
     assert any("not used" in note for note in curve.notes)
-
-
-def test_a_frame_rate_that_is_for_a_recording_is_no_doubt_of_the_tables_beside_it():
-    table, film = ROOT / "examples" / "soft_gel.csv", ROOT / "examples" / "bubble.mp4"
-    curves = read_shots([table, film], frame_rate_hz=5e5, um_per_px=4.0, shots="1").curves
-    assert [curve.warnings for curve in curves] == [(), ()]

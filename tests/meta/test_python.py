@@ -29,6 +29,11 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer(CURVE, model="gel"), "bdt-viscoelastic"),
     (lambda: cavirheo.infer(CURVE, medium=1000.0), "Medium"),
     (lambda: cavirheo.infer(CURVE, window=0), "0"),
+    (lambda: cavirheo.infer(CURVE, window=True), "True"),
+    (lambda: cavirheo.infer(CURVE, trust_input="false"), "'false'"),
+    (lambda: cavirheo.infer(CURVE, discrepancy=3), "3"),
+    (lambda: cavirheo.infer(CURVE, material=""), "''"),
+    (lambda: cavirheo.read_curves("shot.csv", frame_rate_hz="x"), "'x'"),
     (lambda: cavirheo.infer(CURVE, windows=2), "infer has no option windows; it has curve, medium, stretch, "),
     (
         lambda: cavirheo.infer_many([CURVE], windows=2),

@@ -110,6 +110,11 @@ class Analysis:
     def __post_init__(self) -> None:
         require(self.method in _METHODS, f"method must be {', '.join(_METHODS)}, got {self.method!r}", "option.method")
         expect_whole(self.seed, "seed", 0, "option.seed")
+        for switch in ("trust_input", "discrepancy"):
+            value = getattr(self, switch)
+            require(
+                isinstance(value, bool | np.bool_), f"{switch} must be True or False, got {value!r}", "option.switch"
+            )
         name = str(self.model)
         point = self.method != "fit" and name != DEFAULT
         settings: dict[str, Any] = {
@@ -126,7 +131,7 @@ class Analysis:
             settings["method"] = "bdt"
             message = f"the model {name} answers {usual}: leave out material {self.material!r}, or the model"
             require(self.material in (None, usual), message, "option.material")
-        settings["material"] = self.material or usual
+        settings["material"] = usual if self.material is None else self.material
         settings["bubble"] = bubble_of(("field" if point else "real") if self.bubble is None else self.bubble)
         if self.free is None:
             settings["free"] = FREE_BY_DEFAULT if self.method == "fit" else tuple(FREE)

@@ -22,7 +22,7 @@ SCALE_BOUND = 0.015  # largest error of scale and R_max: a radius calibration is
 _STRETCHES = ("plateau", "free")
 _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "window": (
-        lambda n: n in (None, "all") or (isinstance(n, Integral) and int(n) > 0),
+        lambda n: n in (None, "all") or (isinstance(n, Integral) and not isinstance(n, bool) and int(n) > 0),
         "collapses from 1 up, or 'all'",
     ),
     "end": (lambda time: time is None or 0 < time < np.inf, "a positive time in s"),

@@ -313,6 +313,9 @@ def _deviations(series: _Series, radius: Floats, notes: list[str]) -> Floats:
     deviation, unit = series.deviation, series.radius[0].unit
     if deviation is None:
         return np.full(len(radius), np.nan)
+    if not np.any(deviation.numbers > 0.0):
+        notes.append(f"{deviation.title!r} is not used: a standard deviation is above 0, and none of its numbers is")
+        return np.full(len(radius), np.nan)
     notes.append(f"{deviation.title!r} is taken as the standard deviation of the radius in each frame")
     unit = unit or next(iter(_units_by_size(_largest(radius))), None)
     factor = series.form.deviation
@@ -424,7 +427,8 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
         elif values:
             notes.append(f"{column.title!r} is not used: it changes from frame to frame, or is no stretch")
     if "stretch" in meta:
-        notes.append(f"the file states the stretch {meta['stretch']:.4g} +- {meta.get('stretch_std', np.nan):.2g}")
+        deviation = f" +- {meta['stretch_std']:.2g}" if "stretch_std" in meta else ""
+        notes.append(f"the file states the stretch {meta['stretch']:.4g}{deviation}")
     elif column := series.at_rest:
         per_number = float(np.nanmax(curve.radius, initial=0.0)) / largest if largest > 0.0 else np.nan
         at_rest = float(column.numbers[0]) * LENGTH_UNITS.get(column.unit or "", per_number)  # m

@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Unpack
 
@@ -308,7 +309,7 @@ def check_camera(frame_rate: float | None, um_per_px: float | None) -> None:
     """Raise InputError unless the frame rate (1/s) and the scale are None or possible."""
     if frame_rate is not None:
         FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
-    if um_per_px is not None and not 0 < um_per_px < np.inf:
+    if um_per_px is not None and not (isinstance(um_per_px, Real) and 0 < um_per_px < np.inf):
         raise InputError(f"the scale must be a number of um per pixel above 0, got {um_per_px!r}", "table.scale")
 
 

@@ -204,7 +204,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         return "the same command with the right --um-per-px (or --rmax-um) and --fps"
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
     if group.verdict == "does_not_fit" or (misfits and codes) or not {*codes}.isdisjoint(_OF_MODEL):
-        return f"cavirheo which-law {_files(misfits or shots)}   (whether another law follows them)"
+        return f"cavirheo which-law {_files(misfits or shots)}   (and the same options: whether another law follows)"
     if codes:
         return f"look at the shots in {out / 'report.html'}   (which of them lie apart)"
     if group.verdict == "unverified":

@@ -53,7 +53,7 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
         media=dict.fromkeys(curve.medium for curve in answers if curve.medium),
         law_priors=_law_priors(answers),
         atoms=_atoms() if any("liquid" in curve.switches for curve in answers) else {},
-        common_errors=next((group.systematic.errors for group in result.groups if group.systematic.errors), {}),
+        common_errors=next((group.systematic.errors for group in result.groups if group.systematic.slopes), {}),
         stretch_priors=[curve.stretch_prior for curve in answers if curve.stretch_prior],
         laws=dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws),
         verdicts=Counter(curve.verdict for curve in result.curves),

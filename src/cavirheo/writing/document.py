@@ -370,6 +370,7 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"])) or "the document"
         message = f"{path}: not a cavirheo {kind.__name__.lower()} of schema 1; {where}: {first['msg']}"
+        message += "; read it with the version of cavirheo that wrote it, or make it again"
         raise InputError(message, "document.other") from None
 
 
