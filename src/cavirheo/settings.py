@@ -48,6 +48,7 @@ class Number:
         self.above = above
         self.least = least
         self.most = most
+        self.__name__ = kind.__name__  # which older versions of typer need
 
     @property
     def range(self) -> str:
