@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import answer, bubble, unanswered, with_evidence
-from conftest import ANSWER
+from conftest import ANSWER, done
 from files import write_curve
 
 from cavirheo import load
@@ -59,3 +59,12 @@ def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have(chosen):
     assert group.laws.contenders == ["newtonian", "nhkv"]
     (group,) = chosen(newtonian=liquid, zener=[None] * 3, nhkv=by_chance).groups  # a law that failed everywhere
     assert (group.laws.shots, group.laws.chosen, group.laws.laws["zener"].log_evidence) == (3, "newtonian", None)
+
+
+def test_the_screen_gives_the_material_by_each_law_that_cannot_be_told_from_the_best(chosen, run):
+    (group,) = chosen(nhkv=[5.0, 5.0, 5.0], qkv=[5.5, 5.0, 5.2], newtonian=[-50.0, -50.0, -50.0]).groups
+    (other,) = {*group.laws.contenders} - {group.laws.chosen}
+    screen = " ".join(done(run("show", "r")).split())
+    checked = screen.partition(" use ")[2]
+    assert group.laws.laws[other].material.partition(";")[0] in checked
+    assert "newtonian" not in checked

@@ -16,6 +16,7 @@ from cavirheo.reporting.record import (
     OUR_METHOD,
     CurveRecord,
     GroupRecord,
+    LawsOfGroup,
     PopulationRecord,
     Result,
     parameters_of,
@@ -50,13 +51,21 @@ def answer_lines(
     lines.append(("use", [refusal or _use(group, shots, uses)]))
     said = refusal or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
     known = {message.code for message in group.doubts} | ({"group.left_out"} if said else set())
-    facts = [message.text for message in group.messages if message.code not in known]
+    facts = [*_equal_laws(group.laws), *(message.text for message in group.messages if message.code not in known)]
     if facts:
         lines.append(("check", facts))
     if group.has_answer and group.population.switches:
         lines.append(("model", [model_in_words(group.population.switches)]))
     lines.append(("next", [next_step(result, group, shots, out)]))
     return lines
+
+
+def _equal_laws(laws: LawsOfGroup | None) -> list[str]:
+    """What each other law says that the evidence does not reject, if laws were compared."""
+    if laws is None:
+        return []
+    others = [name for name in laws.contenders if name != laws.chosen]
+    return [f"{name} follows as well: {laws.laws[name].material}" for name in others]
 
 
 def _further(population: PopulationRecord) -> list[str]:

@@ -88,7 +88,8 @@ def _print_laws(result: Result, *, every_pair: bool) -> None:
         if group.laws:
             title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {group.laws.TITLE}"
             terminal.print_table(group.laws.HEADS, group.laws.rows, title=title)
-            terminal.print_remarks({}, group.laws.sentences if every_pair else group.laws.sentences[:1])
+            best = group.laws.sentences[: min(len(group.laws.pairs), 1)]
+            terminal.print_remarks({}, group.laws.sentences if every_pair else best)
 
 
 def _width() -> int:
