@@ -168,6 +168,15 @@ def test_a_maximum_that_was_missed_is_a_doubt():
     assert recorded(GEL, 7.0, frames=150, noise=0.003).frames_missed == 0.0
 
 
+def test_stiffening_that_a_late_start_feigns_is_said():
+    """The same shot (the truth does not stiffen), whole and from 8 us after R_max on."""
+    whole = read_curves(EXAMPLE)[0]
+    kept = whole.time >= whole.time_of_max + 8e-6
+    late = RadiusCurve(whole.time[kept], whole.radius[kept])
+    said = [[message.code for message in cavirheo.infer(curve).checks.messages] for curve in (late, whole)]
+    assert ["stiffening.late_start" in codes for codes in said] == [True, False]
+
+
 def test_stiff_gels_are_told_from_soft_ones_misread():
     """Radii doubled, or the frame interval wrong by two; a few recordings show too little to tell."""
     stiff, soft = ([gel(seed, kind) for seed in range(30)] for kind in (True, False))

@@ -141,6 +141,8 @@ def sampled_answer(
         verdict = "bound"
     for name, (other, bound) in traded.items():
         messages.append(Message(f"traded.{name}", {"name": name, "other": other, "bound": bound}))
+    if shot.curve.begins_late and found.switches.get("stiffening", 0.0) > 0.5:
+        messages.append(Message("stiffening.late_start"))
     messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
     messages += shot.messages
     diagnostics = Diagnostics(

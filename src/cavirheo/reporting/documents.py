@@ -296,9 +296,12 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
 
 
 def _facts(members: Sequence[CurveRecord], population: PopulationRecord, systematic: Systematic) -> list[Message]:
-    """Messages on what 1 % of scale or rate does to G, on constants that nobody gave, and on shots that do not count or
-    are unlike the others."""
+    """Messages on stiffening that a late start may feign, on what 1 % of scale or rate does to G, on constants that
+    nobody gave, and on shots that do not count or are unlike the others."""
     messages = list[Message]()
+    late = sum("stiffening.late_start" in [message.code for message in record.messages] for record in members)
+    if late:
+        messages.append(Message("group.late_start", {"count": late, "total": len(members)}))
     change = systematic.slopes.get("shear_modulus", {}).get("scale")
     if change is not None and abs(change) >= LEAST_CHANGE:
         messages.append(Message("group.scale", {"change": change}))
