@@ -207,9 +207,9 @@ def design(
     """
     expect(wanted, Real, "the wanted half of an interval over the value, such as 0.1")
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
-    expect(rig or Rig(), Rig, "a Rig such as Rig(frames=128), or none")
     expect_whole(seed, "seed", 0, "option.seed")
     rig = rig or Rig()
+    expect(rig, Rig, "a Rig such as Rig(frames=128), or none")
     family = Family(rig.material)
     before = _known(known, group, family, _log_ranges(family, ranges or {}))
     low, high = np.transpose(list(before.ends.values()))

@@ -315,17 +315,21 @@ class LawsOfGroup(Record):
         return rows
 
     @property
-    def sentences(self) -> list[str]:
-        """How strongly the evidence prefers the best law to each other law; then the material by each law."""
-        preferences = [
+    def preferences(self) -> list[str]:
+        """How strongly the evidence prefers the best law to each other law, the next best first."""
+        return [
             f"{pair.first} before {pair.second} by {pair.difference:.1f} ± {pair.error:.1f} in log evidence (scatter "
             f"over the shots); {pair.shots[0]} shots for, {pair.shots[1]} against"
             for pair in self.pairs[: len(self.laws) - 1]  # those with the best law come first
         ]
+
+    @property
+    def sentences(self) -> list[str]:
+        """The preferences; then the material by each law."""
         materials: dict[str, list[str]] = {}  # names of the laws by what they say: often the same
         for name, law in self.laws.items():
             materials.setdefault(law.material, []).append(name)
-        return preferences + [f"{', '.join(names)}: {said}" for said, names in materials.items() if said]
+        return self.preferences + [f"{', '.join(names)}: {said}" for said, names in materials.items() if said]
 
 
 class PublishedValue(Spread):

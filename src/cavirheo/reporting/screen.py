@@ -88,8 +88,7 @@ def _print_laws(result: Result, *, every_pair: bool) -> None:
         if group.laws:
             title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {group.laws.TITLE}"
             terminal.print_table(group.laws.HEADS, group.laws.rows, title=title)
-            best = group.laws.sentences[: min(len(group.laws.pairs), 1)]
-            terminal.print_remarks({}, group.laws.sentences if every_pair else best)
+            terminal.print_remarks({}, group.laws.sentences if every_pair else group.laws.preferences[:1])
 
 
 def _width() -> int:
