@@ -88,6 +88,16 @@ def test_the_constants_that_a_file_states_are_those_of_its_shot(name):
     assert (analysis.key(curve) == analysis.key(curve.labelled(medium={}))) == (not stated)
 
 
+STRETCHES = [(8.0, {}, False), (4.0, {}, True), (None, {"stretch": 4.0}, True), (4.0, {"stretch": "free"}, False)]
+
+
+@pytest.mark.parametrize(("stated", "given", "contradicts"), STRETCHES)
+def test_a_stretch_that_contradicts_the_late_plateau_is_said(stated, given, contradicts):
+    curve = read_curves(EXAMPLE)[0].labelled(stretch=stated)  # its late radius is R_max/8.8
+    messages = cavirheo.inference.Analysis(**given).experiment(curve).messages
+    assert ("stretch.contradicts" in [message.code for message in messages]) == contradicts
+
+
 @pytest.mark.parametrize(("radius", "time"), [(2.0, 1.0), (0.36, 1.0), (1.0, 1e-3), (1.0, 2.0)])
 def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
     """Diameters, pixels, ms as us, half the frame rate."""
