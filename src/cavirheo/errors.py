@@ -101,6 +101,7 @@ def parse_number_list(
     ends, like = f"{first} up" if last is None else f"{first} to {last}", f"{first},{first + 3}-{first + 6}"
     message = f'{name} must be numbers from {ends} and ranges of them, such as "{like}", got {numbers!r}'
     chosen: set[int] = set()
+    require(isinstance(numbers, Iterable), message, code)
     for part in numbers.split(",") if isinstance(numbers, str) else map(str, numbers):
         match = re.fullmatch(r"\s*(\d{1,6})\s*(?:[-–]\s*(\d{1,6})\s*)?", part)
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)

@@ -300,6 +300,7 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
     assert np.sqrt(np.mean(left**2)) / record.max_radius_m == pytest.approx(record.rmse_over_rmax, rel=0.05)
     assert session.what_if("soft_gel[1]", [5.0, 0.03, 0.5]).verdict == "failed"
+    assert "viscosity must be a number, got 'low'" in str(error_of(session.what_if, "soft_gel[1]", [5.0, "low", 7.0]))
 
 
 def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import GEL, answer, shots
-from conftest import refused
+from conftest import EXAMPLE, refused
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve
@@ -15,10 +15,15 @@ RADIUS = 50e-6 + 150e-6 * np.abs(np.cos(TIME / 15e-6)) * np.exp(-TIME / 60e-6)
 CURVE = RadiusCurve(TIME, RADIUS)
 BUBBLE = {"max_radius": 2e-4, "stretch": 6.0, "time": TIME[:3]}
 ANSWER = answer(CURVE, draws=3)
+KNOWN = replace(ANSWER, curve=CURVE, medium=Medium())
 
 
 def simulate(material=GEL, **changes):
     return cavirheo.simulate(material, **(BUBBLE | changes))
+
+
+def measure(**options):
+    return cavirheo.measure(EXAMPLE.with_name("bubble.mp4"), frame_rate=5e5, um_per_px=4.0, **options)
 
 
 WRONG = [  # a call, and what its error must name: the value given, or the mend
@@ -49,12 +54,18 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: simulate(bubble="field"), "'field'"),
     (lambda: simulate(accuracy=1e-5), "1e-05"),
     (lambda: cavirheo.simulate_many(GEL, **BUBBLE), "[NeoHookeanKelvinVoigt"),
+    (lambda: simulate(NeoHookeanKelvinVoigt(np.array([1e3, 2e3]), 0.1)), "shear_modulus must be one number"),
     (lambda: cavirheo.measure("shot.tif", fps=1e6), "frame_rate"),
+    (lambda: measure(exclude=3), "frames to exclude must be numbers from 1 to 80"),
+    (lambda: measure(roi="0,0,64,64"), "roi must be 4 numbers, got '0,0,64,64'"),
+    (lambda: Medium(rho=1000), "rho; it has density, sound_speed"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     (lambda: ANSWER.median("E"), "G (shear_modulus), µ (viscosity)"),
     (lambda: cavirheo.design(ranges={"E": (1e3, 1e4)}), "'E'"),
     (lambda: cavirheo.predict_radius(ANSWER, TIME), "draws"),
+    (lambda: cavirheo.predict_radius(KNOWN, 1e6 * TIME), "(99 us)"),
+    (lambda: cavirheo.predict_radius(KNOWN, ["soon"]), "soon"),
     (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),
 ]
 

@@ -34,7 +34,7 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import group_pictures, result, write_report
 from cavirheo.reporting.documents import curve_record
 from cavirheo.reporting.record import CurveRecord, Result
-from cavirheo.settings import Exclude, InferOptions, checked
+from cavirheo.settings import Exclude, InferOptions, Number, checked
 from cavirheo.video.formats import is_video, pixels_of
 from cavirheo.workflow import with_source_of
 from cavirheo.writing import digits
@@ -333,7 +333,8 @@ class Session:
         """The checks of the answer with the sliders' values, which are kept beside the answer; failed ones hold the
         reason."""
         answers, curve, posterior, _ = self.find_answer(name)
-        changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
+        typed = {key: Number().read(v, key) for key, v in zip(SLIDERS, values, strict=True) if v is not None}
+        changed = {key: value / SLIDERS[key][1] for key, value in typed.items()}
         answers.trials[name] = checks_with(curve, posterior, changed, self.settings.analysis)
         return answers.trials[name]
 

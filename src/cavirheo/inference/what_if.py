@@ -15,7 +15,7 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
 from cavirheo.inference.experiment import Experiment
 from cavirheo.messages import message_of_error
-from cavirheo.parameters import PARAMETERS
+from cavirheo.parameters import DURATION, PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior, check_level
@@ -61,12 +61,14 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
         raise InputError(f"{message}{len(posterior.theta)} draws", "predict.draws", posterior.name)
     check_level(level)
     expect_whole(draws, "draws", 2)
+    since = time - curve.time_of_max
+    DURATION.check("the longest time from R_max", float(np.max(np.abs(since))), "curve.time")
     rng, radii, frames = np.random.default_rng(0), list[Floats](), list[Floats]()
     setup = posterior.material, medium, _compared_end(curve, posterior)
     shots = {bubble: _experiment(curve, bubble, *setup) for bubble in (posterior.bubble, FIELD)}
     noise = shots[posterior.bubble].noise(bool(posterior.provenance.get("discrepancy")))
     end = float(shots[FIELD].time_since_max[-1])  # of the compared frames
-    since, step = time - curve.time_of_max, VELOCITY_STEP * shots[FIELD].time_scale
+    step = VELOCITY_STEP * shots[FIELD].time_scale
     instants = np.concatenate([since, since - step, since + step])
     chosen = rng.choice(len(posterior.theta), draws, p=posterior.weights)
     for values in zip(*(posterior.draws(name)[chosen].tolist() for name in posterior.parameters), strict=True):

@@ -204,7 +204,7 @@ def simulate(
     times = _checked_times(time)
     medium = medium_of(medium)
     _check_types(material, bubble, accuracy, driving, fields)
-    _check_size(max_radius, stretch, times, unusual=unusual)
+    _check_size(material, max_radius, stretch, times, unusual=unusual)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
     shells = np.full((times.size, 2 * accuracy.shells), np.nan) if fields else np.zeros((0, 0))
@@ -237,10 +237,13 @@ def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving
         raise InputError(message, "physics.no_fields")
 
 
-def _check_size(max_radius: float, stretch: float, times: Floats, *, unusual: bool) -> None:
+def _check_size(material: Material, max_radius: float, stretch: float, times: Floats, *, unusual: bool) -> None:
     """Raises InputError for arrays, or a radius, m, or a last time, s, that cannot be, or hardly can unless
     `unusual`."""
-    for name, value in {"max_radius": max_radius, "stretch": stretch}.items():
+    parts, numbers = material.parts(), {"max_radius": max_radius, "stretch": stretch}
+    for law in (parts.elastic, parts.viscous, *parts.memory):
+        numbers |= vars(law) if law else {}
+    for name, value in numbers.items():
         if np.ndim(value):
             message = f"{name} must be one number, got an array of shape {np.shape(value)}: simulate_many takes many"
             raise InputError(message, f"physics.{name}")

@@ -141,6 +141,9 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
         value = options.get(name)
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
+    for name, count in {"roi": 4, "span": 2}.items():
+        fine = options.get(name) is None or np.shape(options[name]) == (count,)  # type: ignore[literal-required]
+        require(fine, f"{name} must be {count} numbers, got {options.get(name)!r}", f"video.{name}")
     whole = formats.read(path)
     warnings = [*whole.warnings]
     metadata = "the camera's header" if path.suffix.lower() in formats.CAMERA_ENDINGS else "the metadata of the file"
