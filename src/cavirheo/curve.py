@@ -298,7 +298,7 @@ class RadiusCurve:
             stop = min(stop, 0.5 * (last + following))
         inside = (self.time >= start) & (self.time <= stop)
         if np.count_nonzero(inside & np.isfinite(self.radius)) < 2:
-            few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
+            few = f"fewer than two measured frames between R_max and {1e6 * (stop - start):.4g} us after it"
             raise self._error(few, "window")
         parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
         return replace(self, **parts, maximum=(start, top))

@@ -89,6 +89,7 @@ def number(
     return option(help, panel, *names, parser=parser, metavar=metavar or f"<{kinds}>")
 
 
+SIZES_UM: dict[str, Any] = {"least": 0.01, "most": 5e4}  # of bubbles: RADIUS of parameters.py
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
 _LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid  [default: auto]"
 _FPS = "frames per second, of videos and of tables that number their frames"
@@ -155,7 +156,7 @@ class BubbleOptions:
     accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, words=_FREE)] = None
     confinement_damping: Annotated[Any, number(_DAMPING, BUBBLE, words=_FREE)] = None
     confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, words=_FREE)] = None
-    wall_distance_um: Annotated[float | None, number(_WALL, BUBBLE)] = None
+    wall_distance_um: Annotated[float | None, number(_WALL, BUBBLE, above=0)] = None
     vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, words=_FREE)] = None
     bubble: Annotated[Literal["real", "field"] | None, option(_BUBBLE)] = None
     damage: Annotated[Literal["none", "strain"], option("softening of the gel", BUBBLE)] = "none"
@@ -188,7 +189,7 @@ class Settings(Liquid, BubbleOptions):
 
     fps: Fps = None
     um_per_px: UmPerPx = None
-    rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii", above=0)] = None
+    rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii", **SIZES_UM)] = None
     shots: Shots = None
     group: Group = "auto"
     exposure_us: ExposureUs = None
@@ -210,10 +211,9 @@ class Settings(Liquid, BubbleOptions):
     @property
     def read_options(self) -> dict[str, Any]:
         """The options of `read_shots`. Raises InputError."""
-        from cavirheo.io.shots import check_camera, check_max_radius
+        from cavirheo.io.shots import check_camera
 
         max_radius = self.rmax_um and self.rmax_um * 1e-6
-        check_max_radius(max_radius)
         check_camera(self.fps, self.um_per_px)
         liquid = self.liquid
         camera = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px, "exposure": self.exposure}

@@ -50,11 +50,16 @@ nothing
 infer
 infer shot.csv --windo 3
 infer nowhere.csv
-which-law shot.csv --bubble real,field
+which-law shot.csv --bubble real,field | '--bubble': 'real,field' is not one of
 fit shot.csv --free clock
 infer shot.csv --surface-tension 0,07 | use a decimal point
 infer shot.csv --scale-error 1 --scale-error=50 | from 0 to 20, got '50'
 design --rmax-um 50 3,5 | '3,5': use a decimal point
+design --rmax-um 50 1e6 | from 0.01 to 50000, got '1e6'
+design --rmax-um 400 50 | got 400 to 50 um
+design --noise-percent 60 | up to 49, got '60'
+fit shot.csv --window-us -5 | '--window-us': the value must be a number above 0, got '-5'
+simulate -o o --rmax-um 1e6 --stretch 5 --material newtonian(1) | from 0.01 to 50000, got '1e6'
 compare . --references refs.csv
 simulate -o o
 show

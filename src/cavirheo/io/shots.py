@@ -205,7 +205,8 @@ def read_shots(
     """
     if group not in GROUPINGS:
         raise InputError(f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
-    check_max_radius(max_radius)
+    if max_radius is not None:
+        RADIUS.check("the true R_max", max_radius, "curve.max_radius")
     curves: list[RadiusCurve] = []
     problems: list[str] = []
     for path in files:
@@ -311,11 +312,3 @@ def check_camera(frame_rate: float | None, um_per_px: float | None) -> None:
         FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
     if um_per_px is not None and not (isinstance(um_per_px, Real) and 0 < um_per_px < np.inf):
         raise InputError(f"the scale must be a number of um per pixel above 0, got {um_per_px!r}", "table.scale")
-
-
-def check_max_radius(max_radius: float | None) -> None:
-    """Raise InputError unless `max_radius` (m) is None or a plausible radius of a bubble."""
-    if max_radius is not None and not RADIUS.low <= max_radius <= RADIUS.high:
-        ends = f"{1e6 * RADIUS.low:g} to {1e6 * RADIUS.high:g}"
-        message = f"the true R_max must be a radius in micrometres, {ends}, got {1e6 * max_radius:.6g}"
-        raise InputError(message, "curve.max_radius")

@@ -64,6 +64,7 @@ def main() -> None:
             say("interrupted")
         sys.exit(status)
     except _UsageError as error:
+        error.message = error.message.removeprefix("Value error, ")  # of pydantic, with which typer reads choices
         message = error.format_message()
         if "\n" in message.strip():  # no arguments at all: show the help
             error.show()

@@ -117,10 +117,10 @@ class Design(Verb, settings.Liquid, settings.BubbleOptions):
     viscosity: Annotated[_Range | None, number("Pa s", metavar="LOW HIGH")] = None
     stretch: Annotated[_Range | None, number("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
     material: Annotated[str, option("a law of `cavirheo laws`")] = "nhkv"
-    rmax_um: Annotated[_Range, number("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
+    rmax_um: Annotated[_Range, number("R_max of the rig, um", metavar="LOW HIGH", **settings.SIZES_UM)] = (50, 400)
     fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
     frames: Annotated[int, number("of a recording", kind=int, least=10)] = 128
-    noise_percent: Annotated[float, number("noise of the radius, % of R_max")] = 1.0
+    noise_percent: Annotated[float, number("noise of the radius, % of R_max", above=0, most=49)] = 1.0
     wanted_percent: Annotated[float, number(_WANTED, least=0.1, most=99)] = 10.0
     seed: settings.Seed = 0
     out: Out = Path("cavirheo-design")

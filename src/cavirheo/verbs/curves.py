@@ -153,7 +153,7 @@ class Fit(_ReportVerb):
     """The field's conventional fit: simulated on measured radius histories under white noise, with intervals."""
 
     material: Annotated[str, option(_FITTED)] = "nhkv"
-    window_us: Annotated[float | None, number("end of the window, us after R_max", INPUT)] = None
+    window_us: Annotated[float | None, number("end of the window, us after R_max", INPUT, above=0)] = None
     free: Annotated[str | None, option(_FREE, INTERVAL)] = None
     out: Out = Path("cavirheo-fit")
 

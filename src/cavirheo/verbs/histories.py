@@ -79,10 +79,10 @@ class Simulate(Verb, settings.Liquid, settings.BubbleOptions):
     the material (stress integral), hoop strain and strain_rate_per_s at the wall.
     """
 
-    rmax_um: Annotated[float, number("largest radius, um")]
+    rmax_um: Annotated[float, number("largest radius, um", **settings.SIZES_UM)]
     stretch: Annotated[float, number("R_max/R_0")]
     material: Annotated[str, option(_MATERIAL)]
-    duration_us: Annotated[float, number("us after R_max")] = 100.0
+    duration_us: Annotated[float, number("us after R_max", above=0, most=1e6)] = 100.0
     fps: Annotated[float, number("frames per second")] = 1e6
     pulse: Annotated[tuple[float, float, float] | None, number(_PULSE, DRIVING, metavar="KPA MHZ US")] = None
     motion: Annotated[_Motion, option("equation of the wall", BUBBLE)] = "keller-miksis"
