@@ -133,3 +133,11 @@ def test_names_that_look_alike_when_shortened_show_where_they_differ(run):
     written("r", [(curve.with_group("gel", "a.csv"), made) for curve, made in answers(names)], draw=False)
     lines = done(run("show", "r")).splitlines()
     assert [sum(f"00{k}" in line for line in lines) for k in (1, 2)] == [1, 1]
+
+
+def test_two_shots_need_more_of_their_material_and_shots_alone_have_the_lines_of_their_answers(run):
+    pairs = answers(["a", "b"])
+    written("alone", pairs, draw=False)
+    written("two", [(curve.with_group("gel", "a.csv"), made) for curve, made in pairs], draw=False)
+    assert "\nuse   G and µ with interval\nnext " in done(run("show", "alone"))
+    assert "\nnext  more shots of this material in the same command " in done(run("show", "two"))

@@ -218,6 +218,8 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         return f"look at the shots in {out / 'report.html'}   (which of them lie apart)"
     if group.verdict == "unverified":
         return f"cavirheo infer {_files(shots)}"
+    if group.n > 1 and not group.population.has_material:
+        return "more shots of this material in the same command   (for one G and µ)"
     limited = _is_liquid(group) and not group.population.viscosity.bound
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
@@ -239,7 +241,8 @@ def _files(shots: Sequence[CurveRecord]) -> str:
 def shots_table(
     result: Result, shots: Sequence[CurveRecord], names: Sequence[str]
 ) -> tuple[list[str], list[list[str]]]:
-    """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval."""
+    """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval; G and µ have
+    columns where a shot has them."""
     G = result.shown("shear_modulus")
     has_rate = any(shot.viscosity.known and not shot.viscosity_Pa_s.known for shot in shots)
     mu = result.shown(VISCOSITY_AT_RATE if has_rate else "viscosity")
@@ -251,7 +254,12 @@ def shots_table(
         size, rmse = digits.micrometres(shot.max_radius_m), digits.number(shot.rmse_over_rmax, 100.0)
         parts = *G.parts(shot.shear_modulus_Pa), *mu.parts(shot.viscosity)
         rows.append([name, size, ratio, *parts, rmse, shot.verdict_in_words])
-    return ["shot", "R_max µm", "λ", *values, "RMSE %", "verdict"], rows
+    heads = ["shot", "R_max µm", "λ", *values, "RMSE %", "verdict"]
+    for first in (5, 3) if any(shot.has_answer for shot in shots) else ():
+        if all(row[first] == digits.MISSING for row in rows):  # the law has no µ, or no G
+            for cells in (heads, *rows):
+                del cells[first : first + 2]
+    return heads, rows
 
 
 def meaning_of(name: str) -> str:

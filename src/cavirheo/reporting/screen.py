@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
+from cavirheo.errors import listed
 from cavirheo.reporting import advice
 from cavirheo.reporting.record import MAIN_FIELDS, CurveRecord, GroupRecord, Result
 from cavirheo.writing import digits, terminal
@@ -47,6 +48,14 @@ def print_result(
         shots = [shot for _, shot in singles]
         _print_title(digits.counted(len(shots), "shot"), ["each by itself", *advice.windows(shots)])
         _print_rows(result, shots, (), every_shot)
+        names = digits.distinct_names([shot.name for shot in shots])
+        answers = [dict(advice.answer_lines(result, group, [shot])) for group, shot in singles]
+        for label in ("use", "check"):
+            said = [(name, text) for name, lines in zip(names, answers, strict=True) for text in lines.get(label, [])]
+            texts = terminal.names_by_text(said).items()
+            clauses = [text if len(of) == len(shots) else f"{listed(of)}: {text}" for text, of in texts]
+            if clauses:
+                _say(label, _fitting(clauses), most=_MOST_LINES)
         doubtful = [group for group, _ in singles if group.verdict != "ok"]
         _say("next", advice.next_step(result, doubtful[0] if doubtful else singles[0][0], shots, out))
     if any(group.published for group in result.groups):
@@ -72,13 +81,14 @@ def print_comparison(result: Result) -> None:
 
 
 def print_line(record: CurveRecord) -> None:
-    """Print an answer in one line, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa (5.9 to 7.0), µ 0.029 Pa
+    """Print an answer, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa (5.9 to 7.0), µ 0.029 Pa
     s (0.026 to 0.033), λ 6.1 (5.9 to 6.3), R_max 152 µm, RMSE 1.2 %'."""
     values = {name: record.main(name) for name in (*MAIN_FIELDS, "stretch")}
     parts = [digits.shown(name, value.largest).named(value) for name, value in values.items() if value.known]
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
     line = f"  {record.name}: {', '.join(parts) if record.has_answer else record.message}"
-    terminal.print_line((record.verdict_in_words, digits.VERDICT_STYLES[record.verdict].terminal), (line, ""))
+    style = digits.VERDICT_STYLES[record.verdict].terminal
+    terminal.print_text(line, first=record.verdict_in_words, look=style)
 
 
 def _print_laws(result: Result, *, every_pair: bool) -> None:
