@@ -18,7 +18,7 @@ from broken_recipes import RIGHT
 from conftest import LIQUID, PROBLEM, ROOT, WATER, code_of, contents, error_of, refusal, refused
 from scipy.stats import kstest
 
-from cavirheo import NeoHookeanKelvinVoigt, Newtonian
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, read_curves
 from cavirheo.inference.cards import TrainingProblem
 from cavirheo.physics.media import BU2026
 from cavirheo.prior import Prior, uniforms
@@ -129,6 +129,8 @@ def test_other_settings_do_not_mix(instant, tmp_path):
     generate(PROBLEM, 30, tmp_path, seed=3, progress=False)
     other = TrainingProblem("newtonian", Prior.uniform(LIQUID | {"stretch": [3.0, 10.0]}))
     before = contents(tmp_path)
+    with refused("reading.training_set", "`cavirheo generate`"):
+        read_curves(next(tmp_path.glob("*.h5")))
     for what, n, seed, wanted in (("seed", 30, 4, PROBLEM), ("total", 31, 3, PROBLEM), ("problem", 30, 3, other)):
         assert code_of(generate, wanted, n, tmp_path, seed=seed, progress=False) == f"dataset.another_{what}"
         assert contents(tmp_path) == before

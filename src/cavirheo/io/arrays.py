@@ -163,6 +163,9 @@ def _hdf5_variables(source: Source) -> Arrays:
     found: Arrays = {}
     count = 0  # of the numbers in all of them
     with h5py.File(source.path, "r") as file:
+        if {"problem", "seed", "made_by"} <= file.attrs.keys():
+            message = "a part of a training set, which `cavirheo generate` simulated for `train`: no measurement"
+            raise InputError(message, "reading.training_set")
         for path, item in local_items(file).items():
             for part, value in _parts(file, path, item, 0) if not path.startswith(_HELD) else ():
                 found[part] = value if isinstance(value, str) else refusal(value, count) or _numbers(value)
