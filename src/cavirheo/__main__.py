@@ -13,13 +13,13 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if
 def entry() -> None:
     """Run the command line, and exit at once by os._exit: a normal exit takes a third of a second for the compiled
     libraries, and waits for threads that still compute."""
-    loaded = stopped = False
+    loaded = stopped = ended = False
 
     def handle(number: int, frame: object) -> None:
         """The first signal ends the work, and finished answers are written; the second ends the process."""
         nonlocal stopped
-        if stopped or not loaded:
-            _exit_at_once("" if stopped else "interrupted\n")
+        if stopped or ended or not loaded:
+            _exit_at_once("" if ended else "interrupted\n")
         stopped = True
         raise KeyboardInterrupt
 
@@ -49,6 +49,7 @@ def entry() -> None:
             status = 2
         else:
             raise
+    ended = True  # and the last line is said
     parallel.prepare_exit()
     with suppress(OSError):
         sys.stdout.flush()

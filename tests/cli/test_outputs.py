@@ -256,6 +256,39 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
     assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", LIST_FILE, "unfinished"}
 
 
+TWICE = """
+import os, signal, sys, time, cavirheo.reporting
+from cavirheo.__main__ import entry
+
+def interrupted(*_, **__):
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(9)
+    except KeyboardInterrupt:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(9)
+
+cavirheo.reporting.write_documents = interrupted
+entry()
+"""
+
+
+def test_a_second_ctrl_c_while_documents_are_written_is_said(tmp_path):
+    words = [sys.executable, "-c", TWICE, "infer", str(EXAMPLE), "--shots", "1", *BDT]
+    called = subprocess.run(words, cwd=tmp_path, text=True, capture_output=True, timeout=60, check=False)
+    assert (called.returncode, called.stderr) == (130, "interrupted\n")
+
+
+def test_an_interrupted_run_says_nothing_of_a_report_that_it_does_not_write(run, monkeypatch):
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
+    monkeypatch.setattr("cavirheo.reporting.MAX_PICTURES", 1)
+    found = iter([unanswered(), unanswered()])
+    monkeypatch.setattr(ANSWER, lambda *_, **__: next(found, None) or stopped())
+    assert run("infer", EXAMPLE, "-o", "out")[0] == 130
+    (note,) = load("out").notes
+    assert note.startswith("interrupted: 2 of 5 answered")
+
+
 def test_ctrl_c_in_compiled_code_fails_no_curve(monkeypatch):
     def interrupted(*_, **__):
         raise SystemError("a result with an exception set") from KeyboardInterrupt()

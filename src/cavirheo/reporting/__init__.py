@@ -49,9 +49,8 @@ def write_documents(
 ) -> None:
     """As `write_report`, into the folder of a run. complete: False for one that was stopped before all curves were
     answered: no report."""
-    draw = draw and complete
-    of_curves = _curve_pictures(pairs, document, draw=draw)
-    of_groups = group_pictures(pairs, document, document.notes) if draw else {}
+    of_curves = _curve_pictures(pairs, document, draw=draw) if complete else {}
+    of_groups = group_pictures(pairs, document, document.notes) if complete and draw else {}
     folder.write("result.json", write_json, document)
     folder.write("result.csv", write_rows, *csv_rows(document))
     if complete:
