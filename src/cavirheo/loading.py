@@ -6,8 +6,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from cavirheo.errors import InputError, as_path, expect, read_object
-from cavirheo.writing.document import MAX_BYTES, Document, read_json
+from cavirheo.errors import InputError, as_path, expect
+from cavirheo.writing.document import Document, read_json
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
@@ -67,10 +67,13 @@ def _load(path: str | Path) -> Document:
             held = ", ".join(file.name for file in documents) or f"none of {', '.join(NAMES)}"
             raise InputError(f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents
-    name = str(read_object(path, MAX_BYTES).get("kind"))
-    if name not in KINDS:
-        raise InputError(f"{path}: no document of cavirheo ({', '.join(NAMES)})", "document.other")
-    return read_json(path, resolve_name(KINDS[name][0]))
+
+    def kind_of(name: str) -> type[Document]:
+        if name not in KINDS:
+            raise InputError(f"{path}: no document of cavirheo ({', '.join(NAMES)})", "document.other")
+        return resolve_name(KINDS[name][0])
+
+    return read_json(path, kind_of)
 
 
 def print_table(document: Document, folder: Path = Path()) -> None:

@@ -132,7 +132,7 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
             missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
             raise InputError(missing, "collapse_time.no_stretch")
         if given and stretch is not None:
-            notes = [*notes, "lambda of the table used, not the one given"]
+            notes = [*notes, f"lambda of the table is used, not --stretch {stretch:g}"]
         stretches = given.si if given else np.full(len(time), stretch)
         rows = np.column_stack([radius, stretches, time]).tolist()
         texts = names.text if names else map(str, range(1, len(rows) + 1))

@@ -299,7 +299,7 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
         raise InputError(message, "design.range")
     if not isinstance(known, Result):
         path = as_path(known)
-        known = read_json(path / "result.json" if path.is_dir() else path, Result)
+        known = read_json(path / "result.json" if path.is_dir() else path, lambda _: Result)
     found = list[tuple[str, Known]]()
     for record, rows in known.rows_by_group():
         answer = record.population

@@ -328,7 +328,7 @@ def print_rheometry(document: Rheometry) -> None:
     terminal.print_table(heads, rows, title=f"linear range: G' within {100 * _LINEAR:g} %")
     modulus = digits.spread(document.shear_modulus_Pa, factor)
     answer = f": G = {modulus} {unit} ({document.shear_modulus_from})"
-    if any(sweep.kind == "frequency" for sweep in document.sweeps):
+    if document.viscosity_Pa_s.mean is not None:
         answer += f", µ = {digits.spread(document.viscosity_Pa_s)} Pa s at {document.at_rad_per_s:g} rad/s"
     terminal.print_text(answer, first=digits.printable(document.material), look="bold")
     remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]

@@ -24,7 +24,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_serializer, model_validator
 from pydantic_core import to_json
 
-from cavirheo.errors import InputError, as_cell, printable, read_bytes, sha256
+from cavirheo.errors import InputError, as_cell, printable, read_object, sha256
 from cavirheo.parameters import Bound
 from cavirheo.writing import digits
 
@@ -362,10 +362,13 @@ def write_json(path: str | Path, document: Document) -> None:
     Path(path).write_text(as_json(document), encoding="utf-8")
 
 
-def read_json(path: str | Path, kind: type[Kind]) -> Kind:
-    """Read a document. Raises InputError: there is no such file, or it is not a document of this kind."""
+def read_json(path: str | Path, kind_of: Callable[[str], type[Kind]]) -> Kind:
+    """Read a document of the class that `kind_of` gives for the kind that it states. Raises InputError: there is no
+    such file, it is no JSON, or not a document of this class; or as `kind_of`."""
+    content = read_object(path, MAX_BYTES)
+    kind = kind_of(str(content.get("kind")))
     try:
-        return kind.model_validate_json(read_bytes(path, MAX_BYTES))
+        return kind.model_validate(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"])) or "the document"
