@@ -19,7 +19,10 @@ def entry() -> None:
         """The first signal ends the work, and finished answers are written; the second ends the process."""
         nonlocal stopped
         if stopped or ended or not loaded:
-            _exit_at_once("" if ended else "interrupted\n")
+            with suppress(OSError):
+                show_cursor = "\033[?25h" if os.isatty(2) else ""  # a progress bar hides it
+                os.write(2, (show_cursor + ("" if ended else "interrupted\n")).encode())
+            os._exit(130)
         stopped = True
         raise KeyboardInterrupt
 
@@ -66,13 +69,6 @@ def _open_streams() -> None:
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115  # until the end
         elif number:
             stream.reconfigure(errors="backslashreplace")
-
-
-def _exit_at_once(text: str) -> None:
-    with suppress(OSError):
-        show_cursor = "\033[?25h" if os.isatty(2) else ""  # a progress bar hides it
-        os.write(2, (show_cursor + text).encode())
-    os._exit(130)
 
 
 if __name__ == "__main__":

@@ -47,19 +47,6 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     """
     kind = object if kind is None else kind
     expect(kind, type, "a class such as Result, of cavirheo.reporting.record")
-    loaded = _load(path)
-    if not isinstance(loaded, kind):
-        wanted = kind.model_fields["kind"].default if issubclass(kind, Document) else kind.__name__
-        raise InputError(f"{path} is a {loaded.kind}, not a {wanted}: give another file", "loading.kind")
-    return loaded
-
-
-def documents_in(folder: Path) -> list[Path]:
-    """The documents of a folder that have their usual names."""
-    return [folder / name for name in NAMES if (folder / name).is_file()]
-
-
-def _load(path: str | Path) -> Document:
     path = as_path(path)
     if path.is_dir():
         documents = documents_in(path)
@@ -73,7 +60,16 @@ def _load(path: str | Path) -> Document:
             raise InputError(f"{path}: no document of cavirheo ({', '.join(NAMES)})", "document.other")
         return resolve_name(KINDS[name][0])
 
-    return read_json(path, kind_of)
+    loaded = read_json(path, kind_of)
+    if not isinstance(loaded, kind):
+        wanted = kind.model_fields["kind"].default if issubclass(kind, Document) else kind.__name__
+        raise InputError(f"{path} is a {loaded.kind}, not a {wanted}: give another file", "loading.kind")
+    return loaded
+
+
+def documents_in(folder: Path) -> list[Path]:
+    """The documents of a folder that have their usual names."""
+    return [folder / name for name in NAMES if (folder / name).is_file()]
 
 
 def print_table(document: Document, folder: Path = Path()) -> None:

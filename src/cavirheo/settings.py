@@ -104,7 +104,6 @@ _WINDOW = "number of collapses to compare  [default: 3, or all if there are fewe
 ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower intervals)", INTERVAL, "--exact-law")]
 _WALL = "um to one rigid wall, instead of --confinement-inertia"
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
-TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
 Seed = Annotated[int, number("of the random draws of the intervals", INTERVAL, kind=int, least=0)]
 _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
 ExposureUs = Annotated[Any, number(_EXPOSURE, INPUT, above=0)]
@@ -187,7 +186,7 @@ class Settings(Liquid, BubbleOptions):
     """How measured curves are read and analysed; values with names of fields of Analysis are its settings. Raises
     InputError: `shots` is no list of numbers."""
 
-    trust_input: TrustInput = False
+    trust_input: Annotated[bool, option(_TRUST, INPUT, "--trust-input")] = False
     medium: Annotated[str | None, option(f"{_MEDIUM}  [default: water; measured files may state others]")] = None
     fps: Fps = None
     um_per_px: UmPerPx = None

@@ -257,17 +257,13 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
 
 
 TWICE = """
-import os, signal, sys, time, cavirheo.reporting
+import contextlib, os, signal, time, cavirheo.reporting
 from cavirheo.__main__ import entry
-
 def interrupted(*_, **__):
-    try:
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(9)
-    except KeyboardInterrupt:
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(9)
-
+    for _ in range(2):
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(9)
 cavirheo.reporting.write_documents = interrupted
 entry()
 """

@@ -64,11 +64,9 @@ class Rig:
         medium(self.medium)
         Options(bubble=bubble_of(self.bubble))
         radii, rates = as_numbers("max_radius", self.max_radius), as_numbers("frame_rate", self.frame_rate)
-        if radii.shape != (2,):
-            raise InputError(f"R_max must be (low, high) in m, got {self.max_radius}", "design.max_radius")
-        if not radii[0] <= radii[1] < np.inf:
-            ends = f"{1e6 * radii[0]:.6g} to {1e6 * radii[1]:.6g} um"
-            raise InputError(f"R_max must be given from low to high, got {ends}", "design.max_radius")
+        require(radii.shape == (2,), f"R_max must be (low, high) in m, got {self.max_radius}", "design.max_radius")
+        ends = f"{1e6 * radii[0]:.6g} to {1e6 * radii[1]:.6g} um"
+        require(radii[0] <= radii[1] < np.inf, f"R_max goes from low to high, got {ends}", "design.max_radius")
         if rates.ndim != 1 or not rates.size or not np.isfinite(rates).all():
             message = f"give a list of one or more frame rates, frame_rate=[1e6] in 1/s, got {self.frame_rate}"
             raise InputError(message, "design.frame_rate")

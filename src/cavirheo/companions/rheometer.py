@@ -324,7 +324,9 @@ def print_rheometry(document: Rheometry) -> None:
     rows = []
     for sweep in document.sweeps:
         modulus, viscosity = digits.number(sweep.plateau_storage_Pa, factor), digits.number(sweep.viscosity_Pa_s)
-        rows.append([sweep.name, modulus, _range(sweep), viscosity])
+        ends, unit_of_x = [sweep.plateau_from, sweep.plateau_to], "rad/s" if sweep.kind == "frequency" else "%"
+        over = digits.ends(ends, 1.0 if sweep.kind == "frequency" else 100.0, 2)
+        rows.append([sweep.name, modulus, f"{over} {unit_of_x}" if over else digits.MISSING, viscosity])
     terminal.print_table(heads, rows, title=f"linear range: G' within {100 * _LINEAR:g} %")
     modulus = digits.spread(document.shear_modulus_Pa, factor)
     answer = f": G = {modulus} {unit} ({document.shear_modulus_from})"
@@ -333,10 +335,3 @@ def print_rheometry(document: Rheometry) -> None:
     terminal.print_text(answer, first=digits.printable(document.material), look="bold")
     remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
     terminal.print_remarks(terminal.names_by_text(remarks), document.notes)
-
-
-def _range(sweep: Sweep) -> str:
-    """'0.10 to 7.9 %' of strain, '0.10 to 100 rad/s'."""
-    factor, unit = (1.0, "rad/s") if sweep.kind == "frequency" else (100.0, "%")
-    ends = digits.ends([sweep.plateau_from, sweep.plateau_to], factor, 2)
-    return f"{ends} {unit}" if ends else digits.MISSING

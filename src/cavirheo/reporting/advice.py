@@ -246,20 +246,17 @@ def shots_table(
     G = result.shown("shear_modulus")
     has_rate = any(shot.viscosity.known and not shot.viscosity_Pa_s.known for shot in shots)
     mu = result.shown(VISCOSITY_AT_RATE if has_rate else "viscosity")
-    values = [f"{G.symbol} {G.unit}", digits.SURE, f"{mu.symbol} {mu.unit}", digits.SURE]
+    both = [(G, [shot.shear_modulus_Pa for shot in shots]), (mu, [shot.viscosity for shot in shots])]
+    shown = [(head, values) for head, values in both if any(value.known for value in values)] or both
     rows = []
-    for name, shot in zip(names, shots, strict=True):
+    for k, (name, shot) in enumerate(zip(names, shots, strict=True)):
         stretch = shot.stretch
         ratio = digits.value_parts(stretch)[1] if stretch.bound else digits.number(stretch.median)
         size, rmse = digits.micrometres(shot.max_radius_m), digits.number(shot.rmse_over_rmax, 100.0)
-        parts = *G.parts(shot.shear_modulus_Pa), *mu.parts(shot.viscosity)
+        parts = [part for head, values in shown for part in head.parts(values[k])]
         rows.append([name, size, ratio, *parts, rmse, shot.verdict_in_words])
-    heads = ["shot", "R_max µm", "λ", *values, "RMSE %", "verdict"]
-    for first in (5, 3) if any(shot.has_answer for shot in shots) else ():
-        if all(row[first] == digits.MISSING for row in rows):  # the law has no µ, or no G
-            for cells in (heads, *rows):
-                del cells[first : first + 2]
-    return heads, rows
+    heads = [text for head, _ in shown for text in (f"{head.symbol} {head.unit}", digits.SURE)]
+    return ["shot", "R_max µm", "λ", *heads, "RMSE %", "verdict"], rows
 
 
 def meaning_of(name: str) -> str:

@@ -85,19 +85,9 @@ class _ReportVerb(_AnsweringVerb):
         """The answer of each curve; and the laws that were compared, by the first curve of a group."""
         return answers[""], {}
 
-    def read_curves(self, run: Run, files: list[Path]) -> list["RadiusCurve"]:
-        """Return all curves of the files, and load the solver. Raises InputError: no curve."""
-        from cavirheo.physics.simulate import load_solver
-
-        curves, problems, remarks = self.read_recordings(files, self.exclude)
-        run.note_unreadable(*problems)
-        run.notes += remarks
-        run.require_any(curves, "curve")
-        load_solver()
-        return curves
-
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.published_values import by_group, read_sets
+        from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import DOCUMENTS, write_documents
         from cavirheo.reporting.documents import result
         from cavirheo.reporting.record import members_of
@@ -111,7 +101,11 @@ class _ReportVerb(_AnsweringVerb):
         folder = run.outputs(self.out, *DOCUMENTS, inputs=[*files, *references])
         store = Store(self.out / UNFINISHED)
         with connected(self.scheduler, self.slurm, run.say) as executor:
-            curves = self.read_curves(run, files)
+            curves, problems, remarks = self.read_recordings(files, self.exclude)
+            run.note_unreadable(*problems)
+            run.notes += remarks
+            run.require_any(curves, "curve")
+            load_solver()
             published = by_group([name for name, _ in members_of(curves)], sets)
             for analysis in analyses.values():
                 analysis.check(curves)

@@ -15,7 +15,6 @@ from cavirheo.verbs.run import Out, Run, Verb, numbers
 
 if TYPE_CHECKING:
     from cavirheo.physics.bubble import Bubble
-    from cavirheo.physics.simulate import Simulation
 
 _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx or .cih); a folder of images"
 DRIVING = "Driving"
@@ -125,7 +124,9 @@ class Simulate(Verb, settings.Liquid, settings.BubbleOptions):
             relaxed=self.relaxed,
             accuracy=PRECISE if self.precise else DEFAULT,
         )
-        outputs.write(_FRAMES_FILE, _write_frames, simulation)
+        rows, head = np.column_stack([*simulation.columns.values()]), ",".join(simulation.columns)
+        as_csv: dict[str, Any] = {"fmt": "%.9g", "delimiter": ",", "header": head, "comments": ""}
+        outputs.write(_FRAMES_FILE, partial(np.savetxt, X=rows, **as_csv))
         outputs.finish()
         run.say(f"{frames} frames of {self.material} in {liquid.name}: {self.out / _FRAMES_FILE}")
 
@@ -140,10 +141,3 @@ class Simulate(Verb, settings.Liquid, settings.BubbleOptions):
         values = ({"accommodation": ACCOMMODATION} if kinetic else {}) | self.bubble_values
         damage = Damage(*self.damage) if self.damage else "none"
         return replace(base, **{**values, "exponent": self.polytropic, "damage": damage})
-
-
-def _write_frames(path: Path, run: "Simulation") -> None:
-    import numpy as np
-
-    rows = np.column_stack([*run.columns.values()])
-    np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=",".join(run.columns), comments="")

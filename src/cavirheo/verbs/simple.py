@@ -25,28 +25,22 @@ def show(
     um_per_px: settings.UmPerPx = None,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
-    from cavirheo.loading import documents_in
+    from cavirheo.loading import documents_in, load, print_table
 
     if file.suffix.lower() in (".html", ".htm"):
         raise InputError(f"{file} is a report for a browser: give its folder, {file.parent}", "show.report")
-    document = file.suffix.lower() == ".json" or bool(documents_in(file))
+    is_document = file.suffix.lower() == ".json" or bool(documents_in(file))
     measurement = {"shots": shots, "fps": fps, "um-per-px": um_per_px}
     given = [name for name, value in measurement.items() if value is not None]
-    if given and document:
+    if given and is_document:
         raise InputError(f"--{given[0]} is for measurements, and {file} is none: leave it out", "show.measurement")
-    if document:
-        _show_document(file)
-    else:
+    if not is_document:
         _show_curves(file, shots=shots, frame_rate_hz=fps, um_per_px=um_per_px)
-
-
-def _show_document(path: Path) -> None:
-    from cavirheo.loading import load, print_table
-
-    document = load(path)
+        return
+    document = load(file)
     date = f", {document.date}" if document.date else ""
-    terminal.write(f"{path}: {document.kind}, written by cavirheo {document.version}{date}\n{document.command}\n")
-    print_table(document, path if path.is_dir() else path.parent)
+    terminal.write(f"{file}: {document.kind}, written by cavirheo {document.version}{date}\n{document.command}\n")
+    print_table(document, file if file.is_dir() else file.parent)
 
 
 def _show_curves(path: Path, **keywords: Any) -> None:

@@ -161,7 +161,9 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     footage = _cropped(whole, first, last, region)
     exposed_share = _exposed_share(shutter, rate, float(np.median(np.diff(time))))
     stage = set_stage(footage, options.get("polarity", "auto"))
-    excluded = _excluded(options.get("exclude"), first, last)
+    listed = options.get("exclude")
+    excluded = [] if listed is None else parse_number_list(listed, "frames to exclude", "video.exclude", first, last)
+    require(len(excluded) < last - first + 1, "all frames are excluded", "video.exclude")
     stage = replace(stage, kinds=np.where(np.isin(np.arange(first, last + 1), excluded), "excluded", stage.kinds))
     progress = options.get("progress", lambda _: nullcontext(lambda: None))
     with progress(len(footage.frames)) as advance:
@@ -217,13 +219,6 @@ def _exposed_share(shutter: StatedNumber, rate: StatedNumber, interval: float) -
         advice = "give the right ones (--fps, --exposure-us; in Python frame_rate=, exposure=)"
         raise InputError(f"an exposure of {longer}: {advice}", "video.exposure")
     return shutter.value / interval
-
-
-def _excluded(text: str | Iterable[int] | None, first: int, last: int) -> list[int]:
-    """The frames from `first` to `last` that a list excludes. Raises InputError: no such list, or all of them."""
-    listed = [] if text is None else list(parse_number_list(text, "frames to exclude", "video.exclude", first, last))
-    require(len(listed) < last - first + 1, "all frames are excluded", "video.exclude")
-    return listed
 
 
 def _cropped(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:

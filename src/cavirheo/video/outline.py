@@ -105,10 +105,6 @@ def _patch(mask: Bools, covered: Image) -> Patch:
     return Patch(area, x0, y0, radius, inside)
 
 
-def _tukey(residual: Floats, scale: float) -> Floats:
-    return np.asarray(np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2)
-
-
 def measure(stage: Stage, i: int, rough: Patch) -> Outline | None:
     """Measure the outline near a rough circle in frame i; None if no wall is found."""
     x0, y0, radius, width = rough.x, rough.y, rough.radius, 2.0
@@ -232,7 +228,7 @@ def fit_circle(points: Floats, centre: tuple[float, float], edge: Edge, sigma: f
         solution = np.linalg.lstsq(scaled, targets, rcond=None)[0]
         residual = away - rows @ solution
         scale = max(1.4826 * float(np.median(np.abs(residual))), 0.02)
-        weight = _tukey(residual, scale)
+        weight = np.clip(1.0 - (residual / (_TUKEY * scale)) ** 2, 0.0, None) ** 2
         if weight.sum() < 6:
             return None
         step = solution[1], solution[1 + highest]
