@@ -59,6 +59,7 @@ design --rmax-um 50 1e6 | from 0.01 to 50000, got '1e6'
 design --rmax-um 400 50 | got 400 to 50 um
 design --noise-percent 60 | up to 49, got '60'
 fit shot.csv --window-us -5 | '--window-us': the value must be a number above 0, got '-5'
+simulate -o o --rmax-um 90 --stretch 1 --material newtonian(1) --pulse 100 -1 1 | MHz of --pulse must be above 0, got -1
 simulate -o o --rmax-um 1e6 --stretch 5 --material newtonian(1) | from 0.01 to 50000, got '1e6'
 compare . --references refs.csv
 simulate -o o

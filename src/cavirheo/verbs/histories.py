@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo import settings
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.settings import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs.run import Out, Run, Verb, numbers
 
@@ -110,6 +110,7 @@ class Simulate(Verb, settings.Liquid, settings.BubbleOptions):
         far_field = None
         if self.pulse:
             kilopascals, megahertz, microseconds = self.pulse
+            require(megahertz > 0, f"the MHz of --pulse must be above 0, got {megahertz:g}", "physics.frequency")
             far_field = Pulse(kilopascals * 1e3, megahertz * 1e6, microseconds * 1e-6)
         outputs = run.outputs(self.out, _FRAMES_FILE)
         forward.load_solver()
