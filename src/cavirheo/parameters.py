@@ -105,10 +105,11 @@ PARAMETERS: dict[str, Parameter] = {
     "viscosity": Parameter("µ", "Pa s", (-4.0, 1.0), (-2.3, -0.3)),
     "zero_rate": Parameter("mu_0", "Pa s", (-4.0, 3.0), (-1.5, 1.0)),
     "infinite_rate": Parameter("mu_inf", "Pa s", (-4.0, 1.0), (-3.0, -1.0)),
-    "consistency": Parameter("K", "Pa s^n"),  # inferred as the reference viscosity
-    "reference_viscosity": Parameter("µ_ref", "Pa s", (-4.0, 1.0), (-2.3, -0.3)),  # K (1e5 1/s)^(n-1)
+    "consistency": Parameter("K", "Pa s^n"),  # inferred as a viscosity, K (1e5 1/s)^(n-1)
+    "reference_viscosity": Parameter("µ_ref", "Pa s", (-4.0, 1.0), (-2.3, -0.3)),
     "yield_stress": Parameter("tau_y", "Pa", (0.0, 5.7), (2.0, 4.5)),
     "exponent": Parameter("n", "1", (-1.3, 0.5), (-0.6, 0.1)),
+    "thinning": Parameter("1-n", "1", (-1.0, -0.1), (-0.8, -0.3)),  # of the default family
     "rest_rate": Parameter("m", "1/s"),
     "time": Parameter("lambda_t", "s", (-9.0, 0.0), (-7.0, -4.0)),
     "transition": Parameter("a", "1"),
@@ -158,12 +159,6 @@ def unit_of(text: str, units: Mapping[str, float]) -> str | None:
     unit = re.sub(r"[\s/·⋅.*^_()\[\]{}]+", "", plain_text(text).replace("μ", "u"))
     spellings = (unit, unit.lower(), _UNITS_BY_WORD.get(unit), _UNITS_BY_WORD.get(unit.lower()))
     return next((spelling for spelling in spellings if spelling in units), None)
-
-
-def inferred_name(name: str) -> str:
-    """Name of the parameter that is inferred in place of one of a law: the reference viscosity for a consistency. A
-    consistency is a viscosity at 1 1/s, far below the rates of bubbles, and strongly correlated with the exponent."""
-    return "reference_viscosity" if name == "consistency" else name
 
 
 def natural_name(name: str) -> str:

@@ -26,7 +26,7 @@ def shot(law=GEL, stretch=7.0, **given) -> RadiusCurve:
     ("law", "expected"),
     [
         ("newtonian(0.05)", {"viscosity": 0.05}),
-        slow("power-law(3, 0.7)", {"reference_viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
+        slow("power-law(3, 0.7)", {"viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
         slow("qkv(3e3, 0.05, 0.3)", {"shear_modulus": 3e3, "viscosity": 0.05, "stiffening": 0.3}),
         slow("linear(8e3) + newtonian(0.05)", {"shear_modulus": 8e3, "viscosity": 0.05}),
         slow("mooney-rivlin(2e3, 300) + newtonian(0.05)", {"viscosity": 0.05}),

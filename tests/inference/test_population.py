@@ -21,8 +21,10 @@ from conftest import FIELD, REAL, code_of, slow
 from scipy.stats import norm
 
 from cavirheo import CommonErrors, Posterior, population
+from cavirheo.inference.assumptions import Family
 from cavirheo.inference.population.hierarchy import OUTLIER_STD, P_OUTLIER, SPREAD_SCALE
 from cavirheo.inference.population.material import hidden_modulus
+from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.collapse import analytic_time
 
 EXACT = CommonErrors(0.0, 0.0, 0.0, 0.0)
@@ -213,9 +215,10 @@ def test_groups_of_a_document_are_told_apart():
     assert apart.probability_higher > 0.99
 
 
-def switched(seed, liquid=0.0, stiffening=0.0, field=0.0, *, mu=0.03, draws=400) -> Posterior:
-    """Draws by the default family: these shares are of a liquid, of a gel that stiffens, of the field's bubble. A
-    liquid's viscosity is twice that of the gel, so that the two heaps lie apart."""
+def switched(seed, liquid=0.0, stiffening=0.0, field=0.0, *, thins=0.0, mu=0.03, draws=400) -> Posterior:
+    """Draws by the default family: these shares are of a liquid, of a gel that stiffens, of the field's bubble; and
+    `thins` of those of the liquid, with an exponent of 0.7. A liquid's viscosity is twice that of the gel, so that the
+    two heaps lie apart."""
     rng = np.random.default_rng(seed)
     of_liquid, stiff, of_field = (np.arange(draws) < round(share * draws) for share in (liquid, stiffening, field))
     modulus, alpha = 3.8 + 0.05 * rng.standard_normal(draws), -1.0 + 0.05 * rng.standard_normal(draws)
@@ -224,13 +227,15 @@ def switched(seed, liquid=0.0, stiffening=0.0, field=0.0, *, mu=0.03, draws=400)
     alpha[~stiff] = -np.inf
     viscosity = np.log10(mu) + 0.05 * rng.standard_normal(draws) + np.log10(2.0) * of_liquid
     damping = np.where(rng.permutation(of_field), 0.0, 0.2)
-    names = ("log10_shear_modulus", "log10_stiffening", "log10_viscosity", "confinement_damping")
+    thinning = np.log10(0.3) + 0.02 * rng.standard_normal(draws)
+    thinning[np.arange(draws) >= round(thins * liquid * draws)] = -np.inf
+    names = (*(f"log10_{name}" for name in Family("auto").parameters), "confinement_damping")
     order = rng.permutation(draws)
-    theta = np.column_stack([modulus, alpha, viscosity, damping])[order]
-    flat = {NAMES[0]: FLAT[NAMES[0]], NAMES[1]: FLAT[NAMES[1]], "log10_stiffening": (-3.0, 0.5)}
-    found = {"liquid": liquid, "stiffening": stiffening, "field_bubble": field}
+    theta = np.column_stack([modulus, alpha, viscosity, thinning, damping])[order]
+    flat = {f"log10_{name}": PARAMETERS[name].search_range for name in ("stiffening", "thinning")} | FLAT
+    found = {"liquid": liquid, "stiffening": stiffening, "thinning": thins * liquid, "field_bubble": field}
     about = {"prior": flat, "switches": found, "bubble": REAL, "log_weight": np.zeros(draws), "material": "auto"}
-    return replace(seen(CENTRE, 0.05), names=names, units=("Pa", "1", "Pa s", "1"), theta=theta, **about)
+    return replace(seen(CENTRE, 0.05), names=names, units=("Pa", "1", "Pa s", "1", "1"), theta=theta, **about)
 
 
 GROUPS = {  # switches of the shots, and law, viscosity and bubble of the material
@@ -238,6 +243,7 @@ GROUPS = {  # switches of the shots, and law, viscosity and bubble of the materi
     "each is unsure, all are not": ([dict(liquid=0.2)] * 6, "nhkv", 0.03, REAL),
     "a shot without a liquid outvotes": ([dict(liquid=0.8)] * 2 + [dict()] * 2, "nhkv", 0.03, REAL),
     "stiffening": ([dict(stiffening=0.8)] * 4, "fung + newtonian", 0.03, REAL),
+    "thinning": ([dict(liquid=0.9, thins=0.8)] * 4, "power-law", 0.06, REAL),
     "each is unsure of the field's bubble": ([dict(field=0.4)] * 6, "nhkv", 0.03, FIELD),
     "the field's bubble": ([dict(field=0.9)] * 4 + [dict(field=0.3)], "nhkv", 0.03, FIELD),
 }
@@ -250,8 +256,9 @@ def test_shots_of_one_material_share_its_switches(name):
     found = population([switched(k, **share) for k, share in enumerate(shares)])
     assert (found.material, found.bubble) == (law, bubble_model)
     assert found.median("viscosity") == pytest.approx(viscosity, rel=0.06)
-    assert ("shear_modulus" in found.determined) == (law != "newtonian")
+    assert ("shear_modulus" in found.determined) == (law not in ("newtonian", "power-law"))
     assert ("stiffening" in found.determined) == (law == "fung + newtonian")
+    assert "exponent" not in found.names or found.median("exponent") == pytest.approx(0.7, abs=0.02)
     low, high = found.interval("viscosity")
     assert low < viscosity < high < 1.5 * low
 
@@ -308,11 +315,13 @@ def test_two_materials_in_one_group_are_two_heaps_and_one_that_scatters_is_none(
 
 
 def soft(seed, liquid, top) -> Posterior:
-    """A shot that tells of G only that it is below 10^top Pa: the draws of a gel are flat from 100 Pa up to there."""
-    one = switched(seed, liquid=liquid, stiffening=0.5 * (1.0 - liquid), draws=140)
-    theta = one.theta.copy()
-    gel = np.isfinite(theta[:, 0])
-    theta[gel, 0] = np.random.default_rng(seed).uniform(2.0, top, np.count_nonzero(gel))
+    """A shot that tells of G only that it is below 10^top Pa, and nothing of a liquid's thinning: the draws of a gel
+    are flat from 100 Pa up to there."""
+    one = switched(seed, liquid=liquid, stiffening=0.5 * (1.0 - liquid), thins=0.5, draws=140)
+    theta, rng = one.theta.copy(), np.random.default_rng(seed)
+    gel, thins = np.isfinite(theta[:, 0]), np.isfinite(theta[:, 3])
+    theta[gel, 0] = rng.uniform(2.0, top, np.count_nonzero(gel))
+    theta[thins, 3] = rng.uniform(*one.prior["log10_thinning"], np.count_nonzero(thins))
     return replace(one, theta=theta, prior=one.prior | {NAMES[0]: (2.0, 7.0)})
 
 

@@ -11,14 +11,16 @@ import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, fit, infer, infer_many
 from cavirheo.inference import experiment
 from cavirheo.inference.which_law import rank_laws
-from cavirheo.physics.laws import Fung
+from cavirheo.physics.laws import Fung, PowerLaw
 from cavirheo.physics.materials import Viscoelastic
 
 REAL = Bubble("kinetic", 0.1, confinement_inertia=0.03, confinement_damping=0.15)
 STIFF = Viscoelastic(Fung(5e3, 0.05), Newtonian(0.05))
+THINS = PowerLaw(0.08 * 1e5**0.5, 0.5)  # 0.08 Pa s at 1e5 1/s
 SHOTS = {  # law, stretch and bubble; what the intervals hold; switches that are on, and that are off
     "gel": (GEL, 6.5, REAL, {"shear_modulus": 8e3, "accommodation": 0.1}, {}, {"liquid"}),
     "liquid": (Newtonian(0.03), 8.0, REAL, {}, {"liquid"}, set()),
+    "thinning": (THINS, 8.0, REAL, {}, {"liquid", "thinning"}, set()),
     "field": (GEL, 6.5, Bubble(), {"shear_modulus": 8e3}, {"field_bubble"}, {"liquid"}),
     # 90 frames with 0.8 % noise do not tell this stiffening from none
     "stiffening": (STIFF, 6.5, REAL, {"shear_modulus": 5e3}, set(), {"liquid"}),
@@ -46,7 +48,8 @@ def test_the_default_answer_holds_the_truth_and_its_switches_are_set(answers, na
     answer = answers[name]
     assert answer.method == "verified"
     assert answer.checks.verdict in ("ok", "bound")
-    assert holds(answer, 0.98, viscosity=law.parts().viscous.viscosity, stretch=stretch, **truth)
+    viscosity = float(law.parts().viscous.apparent(np.array(1e5)))
+    assert holds(answer, 0.98, viscosity=viscosity, stretch=stretch, **truth)
     assert [one for one in on if not answer.switches[one] > 0.5] == []
     assert [one for one in off if not answer.switches[one] < 0.1] == []
     assert answer.diagnostics.effective_sample_size >= 100.0
@@ -95,15 +98,17 @@ def test_of_a_liquid_the_modulus_is_bounded_from_above(answers):
     assert answer.interval("shear_modulus")[1] < 5e3  # walls, whose distance is not known, may hide it
     assert answer.bound("viscosity") is None
     low, high = answer.interval("viscosity")
-    assert high < 1.6 * low
+    assert high < 2.0 * low
 
 
 def test_a_switch_that_is_off_leaves_its_parameters_at_nothing(answers):
-    """A liquid has no stiffening; the field's bubble no damping, and vapour that meets no resistance."""
+    """A liquid has no stiffening, a gel does not thin; the field's bubble has no damping, and vapour that meets no
+    resistance."""
     columns = {name: dict(zip(one.names, one.theta.T, strict=True)) for name, one in answers.items()}
     for by_name in columns.values():
         liquid = np.isneginf(by_name["log10_shear_modulus"])
         assert np.all(np.isneginf(by_name["log10_stiffening"][liquid]))
+        assert np.all(np.isneginf(by_name["log10_thinning"][~liquid]))
     of_field = columns["field"]["confinement_damping"] == 0.0
     share = answers["field"].weights[of_field].sum()
     assert share == pytest.approx(answers["field"].switches["field_bubble"])

@@ -75,12 +75,15 @@ def test_all_outputs_of_a_run_say_the_same_number_and_a_bound_has_none(pairs, ru
 
 
 LAWS = {"power-law": ("1", "Pa s"), "herschel-bulkley": ("1", "Pa s", "Pa")}  # units of the parameters
-SYMBOLS = {"exponent": "n", "reference_viscosity": "µ_ref", "yield_stress": "tau_y"}
+SYMBOLS = {"exponent": "n", "viscosity": "µ", "reference_viscosity": "µ_ref", "yield_stress": "tau_y"}
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_an_asked_for_law_shows_each_of_its_parameters_once(law, run):
-    truth = {"exponent": -0.4, "reference_viscosity": -1.7, **({"yield_stress": 1.0} if law != "power-law" else {})}
+    thins = law == "power-law"
+    truth = {"exponent": -0.4, "viscosity" if thins else "reference_viscosity": -1.7} | (
+        {} if thins else {"yield_stress": 1.0}
+    )
     rng, pairs, names = np.random.default_rng(4), [], tuple(f"log10_{name}" for name in truth)
     ranges = dict.fromkeys(names, (-4.0, 3.0))
     for k in range(5):

@@ -78,15 +78,15 @@ def test_an_answer_that_is_none_does_not_pass(theta):
 def test_parameters_and_models_of_any_law_are_in_json_and_csv(tmp_path):
     """A liquid has no modulus; a law that thins has its viscosity at 1e5 1/s; what is given has no interval."""
     curve, rng = bubble(), np.random.default_rng(1)
-    law = {"names": ("log10_reference_viscosity", "log10_exponent"), "units": ("1", "1"), "material": "power-law"}
+    law = {"names": ("log10_viscosity", "log10_exponent"), "units": ("Pa s", "1"), "material": "power-law"}
     theta = np.log10([98.0 * 1e5**-0.57, 0.43]) + 0.01 * rng.standard_normal((300, 2))
     thins = replace(answer(curve), theta=theta, **law)
     fixed = replace(answer(curve), bubble=Bubble("kinetic", 0.5), best={"accommodation": 0.5})
     pairs = [(curve, answer(curve, material="newtonian")), (curve, thins), (curve, fixed)]
     liquid, power, kinetic = written(tmp_path, pairs).curves
-    assert [one.known for one in (liquid.shear_modulus_Pa, power.viscosity_Pa_s)] == [False, False]
+    assert not liquid.shear_modulus_Pa.known
     assert liquid.viscosity_Pa_s.median == pytest.approx(0.021)
-    assert power.viscosity.q05 < 98.0 * 1e5**-0.57 < power.viscosity.q95
+    assert power.viscosity_Pa_s.q05 < 98.0 * 1e5**-0.57 < power.viscosity_Pa_s.q95
     ((name, given),) = kinetic.other_parameters.items()
     assert (name, given.median, given.q05, given.q95) == ("accommodation", 0.5, None, None)
     rows = rows_of(tmp_path / "result.csv")

@@ -3,7 +3,8 @@
 Truths: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max 100 to
 400 um. Kinds: "real": a neo-Hookean gel, log10 of the accommodation (0.01 to 1) uniform, confinement inertia and
 damping from squares of normals, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the
-real bubble; "stiffening": Fung's spring that is 1.3 to 20 times as stiff at R_max, the real bubble. 100 frames over
+real bubble; "thinning": a liquid with this viscosity at 1e5 1/s that thins with an exponent of 0.4 to 0.9, the real
+bubble; "stiffening": Fung's spring that is 1.3 to 20 times as stiff at R_max, the real bubble. 100 frames over
 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame, radii by a scale and
 R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. Kind
 "prior": law, bubble and stretch from the prior of the default family itself, whose probabilities of switches are
@@ -29,14 +30,14 @@ from scipy.stats import truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, Posterior, RadiusCurve, fit_many, infer_many, simulate
 from cavirheo.errors import SolverError
-from cavirheo.inference.answer import NEEDED
+from cavirheo.inference.answer import EXCLUDED, NEEDED
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.emulator import LARGEST_PULL, features
 from cavirheo.inference.experiment import DAMPING_SCALE, INERTIA_SCALE, MOST_ROOT, Experiment
-from cavirheo.parameters import USUAL_STRETCH
+from cavirheo.parameters import REFERENCE_RATE, USUAL_STRETCH
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
-from cavirheo.physics.laws import Fung
+from cavirheo.physics.laws import Fung, PowerLaw
 from cavirheo.physics.materials import Material, Viscoelastic
 from cavirheo.physics.media import WATER
 from validation.numbers import Number, Run, coverage, share, statistic
@@ -45,11 +46,12 @@ RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4
 WALLS = ("confinement_inertia", "confinement_damping")  # of the real bubble
 LEVELS = (0.5, 0.9)
 FIRST = 2000  # seed of the first shot: on those before it settings were chosen
-KINDS = ("real", "field", "liquid", "stiffening", "prior")  # of truths
+KINDS = ("real", "field", "liquid", "stiffening", "prior", "thinning")  # of truths
+OF_DEFAULT = ("prior", "thinning")  # asked of the default family alone
 WAYS = ("infer", "nhkv", "fit")
 BINS = (0.0, 0.2, 0.5, 0.8, 1.0)  # of the probability that is said of a switch
-SWITCHES = ("liquid", "stiffening", "field_bubble")
-SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS if way == "infer" or kind != "prior"}
+SWITCHES = ("liquid", "stiffening", "thinning", "field_bubble")
+SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS if way == "infer" or kind not in OF_DEFAULT}
 SHOTS = 50, 300  # of a setting, in a quick and a full run
 SHOWN = {"G": "shear_modulus", "mu": "viscosity", "stretch": "stretch"}
 FRAMES, EXPOSURE, NOISE, BOUND = 100, 0.3, 0.01, 0.015
@@ -75,6 +77,9 @@ def of_kind(kind: str, rng: np.random.Generator) -> tuple[dict[str, float], Mate
     law: Material = NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"])
     if kind == "liquid":
         truth["shear_modulus"], law = 0.0, Newtonian(truth["viscosity"])
+    if kind == "thinning":
+        exponent = float(rng.uniform(0.4, 0.9))
+        truth["shear_modulus"], law = 0.0, PowerLaw(truth["viscosity"] * REFERENCE_RATE ** (1.0 - exponent), exponent)
     if kind == "stiffening":  # exp(stiffening x 2 stretch^2) at R_max
         truth["stiffening"] = float(rng.uniform(np.log(1.3), np.log(20.0)) / (2.0 * truth["stretch"] ** 2))
         law = Viscoelastic(Fung(truth["shear_modulus"], truth["stiffening"]), Newtonian(truth["viscosity"]))
@@ -105,7 +110,7 @@ def default_shot() -> Experiment:
 def of_the_prior(rng: np.random.Generator) -> tuple[dict[str, float], Material, Bubble]:
     """As `of_kind`, from the prior of the default family; the switches are 0 or 1."""
     usual = default_shot()
-    states = usual.prior().states(NEEDED)
+    states = usual.prior().states(NEEDED, EXCLUDED)
     while True:
         state = states[rng.choice(len(states), p=np.exp([each.log_probability for each in states]))]
         x = state.to_x(rng.standard_normal((1, len(state.columns))))
@@ -117,6 +122,7 @@ def of_the_prior(rng: np.random.Generator) -> tuple[dict[str, float], Material, 
     switches = {
         "liquid": truth["shear_modulus"] == 0.0,
         "stiffening": truth["shear_modulus"] > 0.0 and truth["stiffening"] > 0.0,
+        "thinning": truth["thinning"] > 0.0,
         "field_bubble": bubble == FIELD,
     }
     return (

@@ -44,6 +44,7 @@ BEYOND of its range."""
 ENOUGH = 0.5 * EMULATED.effective  # effective draws below which there is no interval; below twice as many it is rough
 NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation", "confinement_inertia": "accommodation"}
 """Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
+EXCLUDED = {"thinning": "shear_modulus"}  # and where another one is on: in a gel
 AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
 INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
 
@@ -55,7 +56,7 @@ class ResidualSource:
 
     def __init__(self, shot: Experiment, workers: int | None = 1, *, unknown_because: str = "") -> None:
         self.shot, self.prior, self.workers = shot, shot.prior(), workers
-        self.states: list[State] = self.prior.states(NEEDED)
+        self.states: list[State] = self.prior.states(NEEDED, EXCLUDED)
         self.measured = shot.measured[shot.counted]
         self.simulations, self.failures = 0, 0
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
@@ -266,6 +267,8 @@ def _switches(prior: Prior, x: Floats, weight: Floats) -> dict[str, float]:
             probabilities["liquid"] = float(weight @ liquid)
         if name == "stiffening" and zero:
             probabilities["stiffening"] = float(weight @ (np.isfinite(columns[name]) & ~liquid))
+        if name == "thinning" and zero:
+            probabilities["thinning"] = float(weight @ np.isfinite(columns[name]))
         if name == "accommodation" and infinite:
             probabilities["field_bubble"] = float(weight @ np.isposinf(columns[name]))
     return probabilities

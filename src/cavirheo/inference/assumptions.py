@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from numbers import Integral, Real
 from typing import Any
 
@@ -11,8 +11,9 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
-from cavirheo.parameters import PARAMETERS, inferred_name
+from cavirheo.parameters import PARAMETERS, REFERENCE_RATE, parameter_of
 from cavirheo.physics.bubble import FIELD, ZERO_BY_DEFAULT, Bubble
+from cavirheo.physics.laws import Fung, Newtonian, PowerLaw
 from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
@@ -79,13 +80,17 @@ def check_stretch(stretch: float | str | None) -> None:
     require(fine, message, "option.stretch")
 
 
-def _parameters(law: str) -> list[Field[Any]]:
-    return [f for f in fields(LAWS[law]) if f.init]  # type: ignore[arg-type]
+def _inferred(law: str) -> list[str]:
+    """Names of the parameters of a law as they are inferred."""
+    names = [f.name for f in fields(LAWS[law]) if f.init]  # type: ignore[arg-type]
+    consistency = "viscosity" if LAWS[law] is PowerLaw else "reference_viscosity"
+    return [consistency if name == "consistency" else name for name in names]
 
 
-AUTO = "auto"  # the default family: a spring that may stiffen or be absent, beside a dashpot
-_AUTO_LAW = "fung + newtonian"
-LIQUID, PLAIN = 1.0 / 3.0, 0.5  # prior probabilities that G is 0, and that the stiffening is 0
+AUTO = "auto"  # the default family: a spring that may stiffen or be absent, beside a dashpot that may thin without it
+_AUTO_PARAMETERS = ("shear_modulus", "stiffening", "viscosity", "thinning")
+LIQUID = 1.0 / 3.0  # prior probability that G is 0
+PLAIN, NEWTONIAN = 0.5, 0.5  # prior probabilities that a gel does not stiffen, and that a liquid does not thin
 
 
 @dataclass(frozen=True)
@@ -93,9 +98,11 @@ class Family:
     """All materials of a law, or of a sum of laws ("gent + newtonian"): log10 of the parameters -> Material.
 
     If two laws of a sum have a parameter of one name, that of the later law is followed by its number: viscosity,
-    viscosity_2. A parameter without a range (parameters.py) keeps the default of its law. The reference viscosity K
-    (1e5 1/s)^(n-1) replaces the consistency K. "auto" is the default family: Fung's spring beside a dashpot, in which G
-    and the stiffening may each be exactly 0 (`atoms`: the prior probabilities).
+    viscosity_2. A parameter without a range (parameters.py) keeps the default of its law. The viscosity K
+    (1e5 1/s)^(n-1) replaces the consistency K of a power law, the reference viscosity that of Herschel and Bulkley.
+    "auto" is the default family: Fung's spring beside a dashpot, in which G and the stiffening may each be exactly 0
+    (`atoms`: the prior probabilities). A liquid may thin by a power law, with the viscosity at 1e5 1/s and the thinning
+    1 - n.
 
     Raises:
         InputError: an unknown law, or laws that exclude each other.
@@ -109,33 +116,40 @@ class Family:
     def __post_init__(self) -> None:
         expect(self.name, str, "the name of a law, such as 'nhkv' or 'gent + newtonian'")
         terms, names = [], list[str]()
-        sum_of_laws = _AUTO_LAW if self.name == AUTO else self.name
-        for number, law in enumerate((part.strip() for part in sum_of_laws.split("+")), 1):
+        laws = [] if self.name == AUTO else self.name.split("+")
+        for number, law in enumerate((part.strip() for part in laws), 1):
             hint = " without parameters (all of them are fitted)" if "(" in law else ""
             message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(LAWS)}"
             require(law in LAWS, message, "law.not_fittable")
-            searched = [name for f in _parameters(law) if PARAMETERS[name := inferred_name(f.name)].search_range]
+            searched = [name for name in _inferred(law) if PARAMETERS[name].search_range]
             names += [f"{name}_{number}" if name in names else name for name in searched]
             terms.append((law, searched))
         object.__setattr__(self, "_terms", terms)
-        object.__setattr__(self, "parameters", tuple(names))
+        object.__setattr__(self, "parameters", tuple(names) or _AUTO_PARAMETERS)
         usual = self.material(np.mean(self.bounds(started=True), axis=1))  # an error if the laws exclude each other
         object.__setattr__(self, "elastic", usual.parts().elastic is not None)
 
     @property
     def atoms(self) -> Mapping[str, float]:
         """Prior probability by name that a parameter is exactly 0."""
-        return {"shear_modulus": LIQUID, "stiffening": PLAIN} if self.name == AUTO else {}
+        atoms = {"shear_modulus": LIQUID, "stiffening": PLAIN, "thinning": NEWTONIAN}
+        return atoms if self.name == AUTO else {}
 
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values; of (k, parameters) a material whose parameters are (k, 1) arrays,
         for stresses at many parameters at once. Raises InputError where they exclude each other."""
         values = iter(10.0**log10 if log10.ndim == 1 else 10.0 ** log10.T[..., None])
         number: Any = float if log10.ndim == 1 else np.asarray
+        if self.name == AUTO:
+            modulus, stiffening, viscosity, thinning = map(number, values)
+            dashpot: Material = Newtonian(viscosity)
+            if np.any(thinning > 0.0):
+                dashpot = PowerLaw(viscosity * REFERENCE_RATE**thinning, 1.0 - thinning)
+            return combine([Fung(modulus, stiffening), dashpot])
         terms = [(law, {name: number(next(values)) for name in names}) for law, names in self._terms]
         return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
 
     def bounds(self, *, started: bool = False) -> Floats:
         """Ranges (parameters, 2) of a search, or with `started` the parts of them in which searches start."""
-        names = [name for _, searched in self._terms for name in searched]
-        return np.array([PARAMETERS[n].start_range if started else PARAMETERS[n].search_range for n in names])
+        known = [parameter_of(name) for name in self.parameters]
+        return np.array([each.start_range if started else each.search_range for each in known])

@@ -22,7 +22,17 @@ from cavirheo.inference.cards import Arrays, card, path_of, read_weights
 from cavirheo.parallel import one_blas_thread
 from cavirheo.physics.bubble import MOTIONS, Bubble
 from cavirheo.physics.cache import compiled
-from cavirheo.physics.laws import SHEAR_RATIO, Elastic, Fung, Material, NeoHookean, Newtonian, Quadratic, Viscous
+from cavirheo.physics.laws import (
+    SHEAR_RATIO,
+    Elastic,
+    Fung,
+    Material,
+    NeoHookean,
+    Newtonian,
+    PowerLaw,
+    Quadratic,
+    Viscous,
+)
 from cavirheo.physics.materials import Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.media import WATER, Medium
 
@@ -212,6 +222,12 @@ def mean_viscosity(law: Viscous, rate: Floats) -> Floats:
     viscosity, averaged over the rates up to g."""
     if isinstance(law, Newtonian):
         return np.array(np.broadcast_to(law.viscosity, rate.shape))
+    if isinstance(law, PowerLaw) and np.any(plain := np.broadcast_to(law.exponent == 1.0, (len(rate), 1))[:, 0]):
+        mean = np.array(np.broadcast_to(law.consistency, rate.shape))
+        if not np.all(plain):
+            consistency, exponent = np.broadcast_arrays(law.consistency, law.exponent)
+            mean[~plain] = mean_viscosity(PowerLaw(consistency[~plain], exponent[~plain]), rate[~plain])
+        return mean
     low = rate[:, :1, None] * _X**4  # finer towards rest
     below = np.sum(law.apparent(SHEAR_RATIO * low.reshape(len(rate), -1)) * low[:, 0] * (4.0 * _W / _X), axis=1)
     steps = np.diff(np.log(rate), axis=1)[..., None]

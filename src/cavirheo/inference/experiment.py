@@ -194,8 +194,8 @@ class Experiment:
         return replace(self.options.bubble, wall_distance=None, **values)
 
     def from_best(self, best: Mapping[str, float]) -> Floats:
-        """x (d,) from natural values by name, clipped to the ranges; parameters without a value have a default. A
-        parameter of the law that may be 0 is so where its value is."""
+        """x (d,) from natural values by name, clipped to the ranges; parameters without a value have a default:
+        0, where they may be 0."""
         x = np.zeros(len(self.names))
         for i, name in enumerate(self.names):
             low, high = self.bounds[i]
@@ -204,7 +204,7 @@ class Experiment:
                 x[i] = np.clip((best[name] - middle) / width if name in best else 0.0, low, high)
             elif name in self.walls:
                 x[i] = np.clip(np.sqrt(best.get(name, 0.25 * self.walls[name]) / self.walls[name]), low, high)
-            elif best.get(name) == 0.0 and name in self.family.atoms:
+            elif name in self.family.atoms and best.get(name, 0.0) == 0.0:
                 x[i] = -np.inf
             else:
                 usual = ACCOMMODATION if name == "accommodation" else 1.0

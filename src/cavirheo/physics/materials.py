@@ -272,15 +272,18 @@ def combine(terms: Sequence[Material]) -> Material:
 
 
 def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a law by name, with the consistency K in place of the reference viscosity K (1e5 1/s)^(n-1)."""
+    """Parameters of a law by name, with the consistency K in place of the viscosity K (1e5 1/s)^(n-1) that is inferred:
+    K is the viscosity at 1 1/s, far below the rates of bubbles, and strongly correlated with the exponent."""
     values = dict(values)
-    if "reference_viscosity" in values:
-        values["consistency"] = values.pop("reference_viscosity") * REFERENCE_RATE ** (1.0 - values["exponent"])
+    inferred = "reference_viscosity" if "reference_viscosity" in values else "viscosity"
+    if {inferred, "exponent"} <= values.keys():
+        values["consistency"] = values.pop(inferred) * REFERENCE_RATE ** (1.0 - values["exponent"])
     return values
 
 
 def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> float | None:
-    """Viscosity, Pa s, at a shear rate (1/s) of the rate-dependent law in a sum of laws; None if there is none.
+    """Viscosity, Pa s, at a shear rate (1/s) of the rate-dependent law in a sum of laws; None if there is none, or it
+    is a power law, of which this viscosity is a parameter.
 
     `values`: its parameters by name, as inferred (with a reference viscosity) or as the law has them (with a
     consistency); other entries are ignored.
@@ -289,7 +292,7 @@ def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> flo
     for name in material.split("+"):
         law: Any = LAWS.get(name.strip())
         takes = signature(law).parameters if law in KINDS["viscous"].values() else {"viscosity": None}
-        if "viscosity" not in takes:
+        if "viscosity" not in takes and law is not laws.PowerLaw:
             return float(law(**{key: values[key] for key in takes if key in values}).apparent(np.array(rate)))
     return None
 

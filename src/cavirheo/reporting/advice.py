@@ -69,15 +69,10 @@ def _equal_laws(laws: LawsOfGroup | None) -> list[str]:
 
 
 def _further(population: PopulationRecord) -> list[str]:
-    """The parameters beside G and mu of a law that was asked for; the stiffening of the default family is told by the
-    probability of its switch."""
-    if "liquid" in population.switches:
-        return []
+    """The parameters beside G and mu of a law that was asked for, and the exponent of a liquid that thins; of the rest
+    of the default family the probabilities of its switches tell."""
     known = [name for name in parameters_of([population]) if name not in (*MAIN_FIELDS, VISCOSITY_AT_RATE)]
-    reference = "reference_viscosity"
-    if reference in population.other_parameters and reference not in known and not population.viscosity.known:
-        known.insert(0, reference)
-    return known
+    return [name for name in known if name == "exponent"] if "liquid" in population.switches else known
 
 
 def badge_of(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
@@ -122,7 +117,7 @@ def _value_line(
     scatter = group.population.wide_scatters.get(name, 0.0)
     if scatter >= NO_ONE_VALUE:
         return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], [], "not"
-    notes = list[str]()
+    notes = ["at 1e5 1/s"] if name == "viscosity" and _thins(group) else []
     if not middle:
         if not value.is_zero:
             notes.append(f"{digits.SURE}, too wide for one value" if value.bound == "wide" else "95 % sure")
@@ -176,6 +171,11 @@ def _disagreement(group: GroupRecord) -> list[str]:
     return [f"the shots disagree in {symbols}"] if symbols else []
 
 
+def _thins(group: GroupRecord) -> bool:
+    """Whether the viscosity of a group is that of a power law."""
+    return group.population.value("exponent").known or group.population.switches.get("thinning", 0.0) > 0.5
+
+
 def _is_liquid(group: GroupRecord) -> bool:
     """Whether the shots of a group have settled together that the material is a liquid."""
     return group.population.switches.get("liquid", 0.0) > _SURE
@@ -186,7 +186,9 @@ def model_in_words(switches: Mapping[str, float]) -> str:
     parts = []
     if "liquid" in switches:
         liquid, stiffens = switches["liquid"], switches.get("stiffening", 0.0)
-        parts.append(_shares({"gel": 1.0 - liquid - stiffens, "gel that stiffens": stiffens, "liquid": liquid}))
+        thins = switches.get("thinning", 0.0)
+        kinds = {"gel": 1.0 - liquid - stiffens, "gel that stiffens": stiffens}
+        parts.append(_shares(kinds | {"liquid": liquid - thins, "liquid that thins": thins}))
     if "field_bubble" in switches:
         field = switches["field_bubble"]
         parts.append(f"bubble: {_shares({digits.BUBBLES['real']: 1.0 - field, digits.BUBBLES['field']: field})}")
@@ -225,7 +227,8 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
         return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
     if group.verdict == "bound" and (len(shots) == 1 or group.population.has_material):
-        law = "newtonian" if _is_liquid(group) else group.population.model.partition(",")[0]
+        law = group.population.model.partition(",")[0]
+        law = "newtonian" if law == "auto" and _is_liquid(group) else law
         more = [] if law in ("auto", "nhkv") else ["--material", law]
         more += ["--group", group.name] if len(result.groups) > 1 else []
         return f"cavirheo design {shlex.join([str(out / 'result.json'), *more])}   (what to record)"

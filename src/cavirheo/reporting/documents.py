@@ -165,10 +165,8 @@ def _failed_if_invalid(posterior: Posterior) -> Posterior:
 
 
 def _viscosity_at_rate(posterior: Posterior) -> dict[str, Quantity]:
-    """The viscosity at 1e5 1/s of a law without a constant viscosity; of a power law it is the reference viscosity."""
+    """The viscosity at 1e5 1/s of a law without a viscosity of its own."""
     names = list(posterior.parameters)
-    if posterior.material == "power-law" and "reference_viscosity" in names:
-        return {VISCOSITY_AT_RATE: posterior.quantity("reference_viscosity")}
     draws = [dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True)]
     if not draws or viscosity_at(posterior.material, REFERENCE_RATE, draws[0]) is None:
         return {}

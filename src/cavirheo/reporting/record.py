@@ -41,10 +41,10 @@ class ParameterValues(Record):
     shear_modulus_Pa: Quantity = Quantity()
     """Shear modulus G, Pa."""
     viscosity_Pa_s: Quantity = Quantity()
-    """Viscosity mu, Pa s; its values are null for a law without a constant viscosity."""
+    """Viscosity mu, Pa s, of a power law that at 1e5 1/s; null for other laws without a constant viscosity."""
     other_parameters: dict[str, Quantity] = {}
     """All other parameters by natural name, SI; of a curve also those given for the bubble, and the viscosity at a
-    shear rate of 1e5 1/s if the law has no constant viscosity."""
+    shear rate of 1e5 1/s of a law that has none of its own."""
     _keys: ClassVar[Mapping[str, str]] = MAIN_FIELDS
 
     @classmethod
@@ -70,11 +70,9 @@ class ParameterValues(Record):
 
 
 def parameters_of(records: Sequence[ParameterValues]) -> list[str]:
-    """Law parameters that are known in these records, G and µ first; a reference viscosity only with a yield stress."""
+    """Law parameters that are known in these records, G and µ first."""
     names = dict.fromkeys([*MAIN_FIELDS, *(name for record in records for name in record.other_parameters)])
-    inferred = [name for name in names if any(record.value(name).known for record in records)]
-    excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
-    return [name for name in inferred if is_law_parameter(name) and name not in excluded]
+    return [name for name in names if is_law_parameter(name) and any(record.value(name).known for record in records)]
 
 
 class Compared(Record):

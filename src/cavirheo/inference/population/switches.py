@@ -1,9 +1,9 @@
 """Shots of one material share the switches of the default family: all shots together decide whether the material is a
-liquid, whether it stiffens, and which bubble it needs; then each shot counts by its draws in that state alone.
+liquid, whether it stiffens or thins, and which bubble it needs; then each shot counts by its draws in that state alone.
 
 The evidence of a state is the product of its evidence in each shot. In a gel each shot pays there for the wide prior of
 G, which one modulus of all shots pays for once (docs/method/population.md): without this, ten shots of a soft gel would
-be a liquid."""
+be a liquid. So it is with the thinning of a liquid that thins."""
 
 from __future__ import annotations
 
@@ -15,33 +15,50 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Bools, Floats, log_sum
-from cavirheo.inference.assumptions import AUTO, LIQUID, PLAIN
+from cavirheo.inference.assumptions import AUTO, LIQUID, NEWTONIAN, PLAIN, Family
 from cavirheo.inference.experiment import FIELD_PROBABILITY
 from cavirheo.inference.population.hierarchy import likelihood
-from cavirheo.parameters import LOG10
+from cavirheo.parameters import LOG10, is_law_parameter, units
 from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import TRUSTED, Posterior
 from cavirheo.prior import Prior
 
-_MODULUS, _STIFFENING = LOG10 + "shear_modulus", LOG10 + "stiffening"
-ONE_MODULUS = 0.5  # prior probability that all shots have one modulus, and not each its own
-SCATTER = 0.15  # decades; of the shots about this modulus
+_MODULUS, _STIFFENING, _THINNING = LOG10 + "shear_modulus", LOG10 + "stiffening", LOG10 + "thinning"
+ONE_VALUE = 0.5  # prior probability that all shots have one modulus, or thinning, and not each its own
+SCATTER = 0.15  # decades; of the shots about this value
 LIKELY = 0.05  # probability of a liquid up to which G is a value, and of a gel up to which there is none
-MODULI = 201  # places of the prior of log10 G
-_LAWS = {"liquid": "newtonian", "gel": "nhkv", "stiffening gel": "fung + newtonian"}
+PLACES = 201  # of the prior of this value
+
+
+class Kind(NamedTuple):
+    """A kind of material: its law, its prior probability, and the parameter of which all shots may have one value."""
+
+    law: str
+    probability: float
+    of_one_value: str | None = None
+
+    @property
+    def is_gel(self) -> bool:
+        """Whether it has a modulus."""
+        return self.of_one_value == _MODULUS
 
 
 class State(NamedTuple):
-    """The switches of a material: kind ("liquid", "gel" or "stiffening gel"), and whether the bubble is the field's."""
+    """The switches of a material: its kind (of KINDS), and whether the bubble is the field's."""
 
     kind: str
     field: bool
 
 
-_KINDS = {"liquid": LIQUID, "gel": (1.0 - LIQUID) * PLAIN, "stiffening gel": (1.0 - LIQUID) * (1.0 - PLAIN)}
+KINDS = {
+    "liquid": Kind("newtonian", LIQUID * NEWTONIAN),
+    "thinning liquid": Kind("power-law", LIQUID * (1.0 - NEWTONIAN), _THINNING),
+    "gel": Kind("nhkv", (1.0 - LIQUID) * PLAIN, _MODULUS),
+    "stiffening gel": Kind("fung + newtonian", (1.0 - LIQUID) * (1.0 - PLAIN), _MODULUS),
+}
 PRIOR = {
-    State(kind, field): share * (FIELD_PROBABILITY if field else 1.0 - FIELD_PROBABILITY)
-    for (kind, share), field in product(_KINDS.items(), (False, True))
+    State(name, field): kind.probability * (FIELD_PROBABILITY if field else 1.0 - FIELD_PROBABILITY)
+    for (name, kind), field in product(KINDS.items(), (False, True))
 }
 
 
@@ -49,8 +66,9 @@ def in_state(answer: Posterior, state: State) -> Bools:
     """(draws,) which draws of an answer by the default family have these switches."""
     columns = dict(zip(answer.names, answer.theta.T, strict=True))
     liquid = np.isneginf(columns[_MODULUS])
-    plain = ~liquid & np.isneginf(columns[_STIFFENING])
-    kinds = {"liquid": liquid, "gel": plain, "stiffening gel": ~liquid & ~plain}
+    thinning, stiffening = np.isfinite(columns[_THINNING]), np.isfinite(columns[_STIFFENING])
+    kinds = {"liquid": liquid & ~thinning, "thinning liquid": thinning}
+    kinds |= {"gel": ~liquid & ~stiffening, "stiffening gel": stiffening}
     field = np.full(len(liquid), answer.bubble == FIELD)
     if "confinement_damping" in columns:
         field = columns["confinement_damping"] == 0.0
@@ -73,22 +91,23 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
     votes = [answer for answer in several if not only_trusted or answer.checks.verdict in TRUSTED]
     if not votes:
         return Shared(list(answers), {})
-    low, high = votes[0].prior[_MODULUS]
-    moduli = np.linspace(low, high, MODULI)
     log_probability, log_ratios = dict[State, float](), dict[State, Floats]()
     for state, prior in PRIOR.items():
+        kind = KINDS[state.kind]
         shares = [float(np.sum(answer.weights[in_state(answer, state)])) for answer in votes]
         least = [0.5 * float(np.sum(answer.weights**2)) for answer in votes]  # half a draw: none is no proof
         probabilities = np.add(shares, least)
         log_probability[state] = float(np.log(prior) + np.sum(np.log(probabilities / prior)))
-        if state.kind != "liquid":
+        if kind.of_one_value:
+            low, high = votes[0].prior[kind.of_one_value]
+            places = np.linspace(low, high, PLACES)
             ratios = [
-                (share * _ratio(answer, state, moduli) + half) / (share + half)
+                (share * _ratio(answer, state, kind.of_one_value, places) + half) / (share + half)
                 for answer, share, half in zip(votes, shares, least, strict=True)
             ]
             log_ratios[state] = np.sum(np.log(ratios), axis=0)
-            of_one = float(log_sum(log_ratios[state])) - np.log(MODULI)
-            log_probability[state] += np.logaddexp(np.log(1.0 - ONE_MODULUS), np.log(ONE_MODULUS) + of_one)
+            of_one = float(log_sum(log_ratios[state])) - np.log(PLACES)
+            log_probability[state] += np.logaddexp(np.log(1.0 - ONE_VALUE), np.log(ONE_VALUE) + of_one)
     best = max(log_probability, key=lambda state: log_probability[state])
     conditioned = [_conditioned(answer, best) if _is_default(answer) else answer for answer in answers]
     switches = {name: on for name, on in _switches(log_probability).items() if name in votes[0].switches}
@@ -96,23 +115,25 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
         return Shared(conditioned, switches)
     if switches["liquid"] >= 1.0 - LIKELY:
         return Shared(conditioned, switches, 0.0)
-    gel = max(log_ratios, key=lambda state: log_probability[state])
+    gel = max((state for state in PRIOR if KINDS[state.kind].is_gel), key=lambda state: log_probability[state])
+    low, high = votes[0].prior[_MODULUS]
+    moduli = np.linspace(low, high, PLACES)
     density = np.exp(log_ratios[gel] - np.max(log_ratios[gel])) * 10.0**moduli  # flat in G, as `upper_limit`
     limit = np.interp(0.95, np.cumsum(density) / np.sum(density), moduli)
     return Shared(conditioned, switches, float(10.0**limit))
 
 
-def _ratio(answer: Posterior, state: State, moduli: Floats) -> Floats:
-    """(k,) how many times as likely a shot is in a gel about each of these moduli, log10, as with the prior of G; 1
+def _ratio(answer: Posterior, state: State, name: str, places: Floats) -> Floats:
+    """(k,) how many times as likely a shot is with a parameter about each of these values, log10, as with its prior; 1
     where too few of its draws are in this state."""
     rows = in_state(answer, state)
     log_weight = None if answer.log_weight is None else answer.log_weight[rows]
-    modulus = answer.theta[rows][:, [answer.names.index(_MODULUS)]]
-    prior = Prior((_MODULUS,), moduli[[0]], moduli[[-1]])
-    shot = likelihood(modulus, log_weight, prior) if rows.any() else None
+    values = answer.theta[rows][:, [answer.names.index(name)]]
+    prior = Prior((name,), places[[0]], places[[-1]])
+    shot = likelihood(values, log_weight, prior) if rows.any() else None
     if shot is None:
-        return np.ones(len(moduli))
-    return np.exp(shot.log_size + shot.log_integral(moduli[:, None], np.full((1, 1), SCATTER**2)))
+        return np.ones(len(places))
+    return np.exp(shot.log_size + shot.log_integral(places[:, None], np.full((1, 1), SCATTER**2)))
 
 
 def _switches(log_probability: Mapping[State, float]) -> dict[str, float]:
@@ -120,8 +141,9 @@ def _switches(log_probability: Mapping[State, float]) -> dict[str, float]:
     total = log_sum([*log_probability.values()])
     states = {state: float(np.exp(log_p - total)) for state, log_p in log_probability.items()}
     return {
-        "liquid": sum(p for state, p in states.items() if state.kind == "liquid"),
+        "liquid": sum(p for state, p in states.items() if not KINDS[state.kind].is_gel),
         "stiffening": sum(p for state, p in states.items() if state.kind == "stiffening gel"),
+        "thinning": sum(p for state, p in states.items() if state.kind == "thinning liquid"),
         "field_bubble": sum(p for state, p in states.items() if state.field),
     }
 
@@ -133,18 +155,30 @@ def _is_default(answer: Posterior) -> bool:
 
 def _conditioned(answer: Posterior, state: State) -> Posterior:
     """The answer by the law of a state, with the draws in this state."""
-    left_out = {"liquid": (_MODULUS, _STIFFENING), "gel": (_STIFFENING,)}.get(state.kind, ())
-    kept = [k for k, name in enumerate(answer.names) if name not in left_out]
+    kind = KINDS[state.kind]
+    law = [LOG10 + name for name in Family(kind.law).parameters]
     rows = in_state(answer, state) if len(answer.theta) > 1 else np.zeros(len(answer.theta), dtype=bool)
-    names = tuple(answer.names[k] for k in kept)
+    theta, prior = answer.theta[rows], dict(answer.prior)
+    log_weight = None if answer.log_weight is None else answer.log_weight[rows]
+    names = list(answer.names)
+    if kind.of_one_value == _THINNING:  # by its exponent n = 1 - thinning, with a prior that is flat in log10 n
+        column, exponent = names.index(_THINNING), LOG10 + "exponent"
+        thinning = 10.0 ** theta[:, column]
+        names[column], theta[:, column] = exponent, np.log10(1.0 - thinning)
+        low, high = 10.0 ** np.array(prior[_THINNING])
+        prior[exponent] = tuple(np.log10([1.0 - high, 1.0 - low]).tolist())
+        over_flat = np.log((1.0 - thinning) / thinning)
+        log_weight = (0.0 if log_weight is None else log_weight) - over_flat
+    kept = [k for k, name in enumerate(names) if name in law or not is_law_parameter(name)]
+    names = [names[k] for k in kept]
     return replace(
         answer,
-        names=names,
-        units=tuple(answer.units[k] for k in kept),
-        theta=answer.theta[rows][:, kept],
-        log_weight=None if answer.log_weight is None else answer.log_weight[rows],
-        material=_LAWS[state.kind],
+        names=tuple(names),
+        units=units(tuple(names)),
+        theta=theta[:, kept],
+        log_weight=log_weight,
+        material=kind.law,
         bubble=FIELD if state.field else answer.bubble,
-        prior={name: ends for name, ends in answer.prior.items() if name in names},
+        prior={name: ends for name, ends in prior.items() if name in names},
         switches={},
     )
