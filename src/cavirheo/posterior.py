@@ -190,7 +190,8 @@ class Posterior:
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
         traded: bounds of parameters that trade against another one, which is at the end of its range, by natural name.
         curve: the recording that was answered; None in a file of an unfinished run.
-        switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening", "field_bubble".
+        switches: probability of each switch of the default family: "liquid" (G is 0), "stiffening", "thinning" (of a
+            liquid), "field_bubble".
     """
 
     names: tuple[str, ...]

@@ -91,7 +91,7 @@ def number(
 
 SIZES_UM: dict[str, Any] = {"least": 0.01, "most": 5e4}  # of bubbles: RADIUS of parameters.py
 _MODEL = "shipped model (see `cavirheo models`), folder of a run of `train`, or its .npz file"
-_LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid  [default: auto]"
+_LAW = "a law of `cavirheo laws`; auto: a gel that may stiffen, or a liquid that may thin  [default: auto]"
 _FPS = "frames per second, of videos and of tables that number their frames"
 Fps = Annotated[Any, number(_FPS, above=0)]
 UmPerPx = Annotated[Any, number("micrometres per pixel, of videos and of tables in pixels", above=0)]
