@@ -56,7 +56,7 @@ class Rheometer(Verb):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
-    at: Annotated[float, number("angular frequency of the viscosity G''/omega, rad/s", above=0)] = 1.0
+    at: Annotated[float | None, number("angular frequency of G''/omega, rad/s  [default: 1]", above=0)] = None
     out: Out = Path("cavirheo-rheometer")
 
     def __call__(self, run: Run) -> None:
@@ -64,10 +64,13 @@ class Rheometer(Verb):
 
         files = run.files(self.files)
         outputs = run.outputs(self.out, "rheometer.json", inputs=files)
-        sweeps = run.read("sweep", files, lambda path: rheometer.read_sweeps(path, self.at))
-        rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), at=self.at, **run.document_fields)
+        at = self.at or 1.0
+        sweeps = run.read("sweep", files, lambda path: rheometer.read_sweeps(path, at))
+        idle = self.at is not None and all(sweep.kind == "strain" for sweep in sweeps)
+        run.notes += [f"no µ at {at:g} rad/s (--at): there is no frequency sweep"] if idle else []
+        rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), at=at, **run.document_fields)
         run.write_document(outputs, rheometry)
-        run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
+        run.end(f"written to {self.out}", idle or any(sweep.message for sweep in sweeps))
 
 
 @dataclass(frozen=True, kw_only=True)
