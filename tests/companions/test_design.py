@@ -118,7 +118,7 @@ def test_no_design_is_advised_that_would_be_refused(run, tmp_path, count, advise
 
 RIGS = (
     {"max_radius": (4e-4, 1e-4)}, {"frame_rate": (0.0,)}, {"frames": 3}, {"noise": 0.0}, {"noise": 0.5},
-    {"material": "jelly"}, {"medium": "honey"}, {"bubble": "auto"},
+    {"material": "jelly"}, {"material": "auto"}, {"medium": "honey"}, {"bubble": "auto"},
 )  # fmt: skip
 OPTIONS = ({"ranges": {"shear_modulus": (2e3, 1e3)}}, {"ranges": {"nothing": (1, 2)}}, {"wanted": 0.0})
 OPTIONS += ({"ranges": [1]}, {"wanted": "a tenth"})

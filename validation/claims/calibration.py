@@ -3,7 +3,7 @@
 Truths: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max 100 to
 400 um. Kinds: "real": a neo-Hookean gel, log10 of the accommodation (0.01 to 1) uniform, confinement inertia and
 damping from squares of normals, as in the prior; "field": a gel with the field's bubble; "liquid": no modulus, the
-real bubble; "thinning": a liquid with this viscosity at 1e5 1/s that thins with an exponent of 0.4 to 0.9, the real
+real bubble; "thinning": a liquid with this viscosity at 1e5 1/s that thins (EXPONENTS), the real
 bubble; "stiffening": Fung's spring that is 1.3 to 20 times as stiff at R_max, the real bubble. 100 frames over
 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame, radii by a scale and
 R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. Kind
@@ -43,6 +43,7 @@ from cavirheo.physics.media import WATER
 from validation.numbers import Number, Run, coverage, share, statistic
 
 RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4.0, 11.0)}
+EXPONENTS = 0.4, 0.9  # of a liquid that thins
 WALLS = ("confinement_inertia", "confinement_damping")  # of the real bubble
 LEVELS = (0.5, 0.9)
 FIRST = 2000  # seed of the first shot: on those before it settings were chosen
@@ -78,8 +79,7 @@ def of_kind(kind: str, rng: np.random.Generator) -> tuple[dict[str, float], Mate
     if kind == "liquid":
         truth["shear_modulus"], law = 0.0, Newtonian(truth["viscosity"])
     if kind == "thinning":
-        exponent = float(rng.uniform(0.4, 0.9))
-        truth["shear_modulus"], law = 0.0, PowerLaw(truth["viscosity"] * REFERENCE_RATE ** (1.0 - exponent), exponent)
+        truth["shear_modulus"], law = 0.0, thinning(truth["viscosity"], float(rng.uniform(*EXPONENTS)))
     if kind == "stiffening":  # exp(stiffening x 2 stretch^2) at R_max
         truth["stiffening"] = float(rng.uniform(np.log(1.3), np.log(20.0)) / (2.0 * truth["stretch"] ** 2))
         law = Viscoelastic(Fung(truth["shear_modulus"], truth["stiffening"]), Newtonian(truth["viscosity"]))
@@ -88,6 +88,11 @@ def of_kind(kind: str, rng: np.random.Generator) -> tuple[dict[str, float], Mate
     bubble = real_bubble(rng)
     truth |= {"accommodation": float(bubble.accommodation), **{name: getattr(bubble, name) for name in WALLS}}
     return truth, law, bubble
+
+
+def thinning(viscosity: float, exponent: float) -> Material:
+    """A liquid with this viscosity, Pa s, at 1e5 1/s."""
+    return PowerLaw(viscosity * REFERENCE_RATE ** (1.0 - exponent), exponent)
 
 
 def real_bubble(rng: np.random.Generator) -> Bubble:

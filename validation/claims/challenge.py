@@ -2,7 +2,7 @@
 
 `field`, `real` and `all` are of `infer` and seed 1; `several.field` and so on of UNSEEN, which --full takes, too.
 `fit.field` and so on are of other programs and seed 1. `open` are predictions of real recordings, where their folder is
-given. `of_family`: recordings whose law is in the default family. Without --full, parts other than `infer` run where
+given. `thinning`: power-law liquids. Without --full, parts other than `infer` run where
 they are named.
 """
 
@@ -89,8 +89,9 @@ def judged(prefix: str, truths: list[Row], rows: list[Row]) -> Iterator[Number]:
             yield statistic(f"{name}.width", [one.width for one in bounded], "decades")
             yield statistic(f"{name}.error", [abs(one.error) for one in mine], "decades")
             yield share(f"{name}.bounds", [one.held for one in mine if one.one_sided])
-        of_family = [one.held for one in every if one.bounded and one.about.get("law") != "power-law"]
-        yield coverage(f"{prefix}of_family.{quantity}.{100 * level:.0f}", of_family, level)
+        thinning = [one.held for one in every if one.bounded and one.about.get("law") == "power-law"]
+        if thinning:
+            yield coverage(f"{prefix}thinning.{quantity}.{100 * level:.0f}", thinning, level)
     yield statistic(f"{prefix}seconds", [score.number(row.get("seconds")) for row in rows], "s")
 
 

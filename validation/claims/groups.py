@@ -2,8 +2,9 @@
 
 Clean: 5 to 12 shots of one neo-Hookean gel (500 Pa to 50 kPa, 5 mPa s to 0.5 Pa s) with the bubbles and cameras of
 calibration.py; the scale and the density of a group are wrong by 1 % and its frame rate by 0.1 %, standard deviations.
-Spoiled: five such shots of a gel of 2 to 20 kPa and 0.02 to 0.2 Pa s, each of KINDS. `wrong`: lines without a doubt
-whose G or mu misses the truth by more than a factor 1.3 beyond the interval.
+Thinning: the same of a liquid with this viscosity at 1e5 1/s and an exponent of 0.4 to 0.9. Spoiled: five such shots of
+a gel of 2 to 20 kPa and 0.02 to 0.2 Pa s, each of KINDS. `wrong`: lines without a doubt whose G or mu misses the truth
+by more than a factor 1.3 beyond the interval.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from scipy.signal import savgol_filter
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, infer_many
 from cavirheo.errors import SolverError
+from cavirheo.physics.materials import Material
 from cavirheo.reporting import result
 from validation.claims import calibration
 from validation.numbers import SEED, Number, Run, coverage, share, statistic
@@ -27,16 +29,16 @@ ASKED = ("shear_modulus", "viscosity")
 WITHOUT_DOUBT = ("ok", "bound")
 
 
-def shots(modulus: float, viscosity: float, count: int, rng: np.random.Generator) -> list[RadiusCurve]:
-    """Recordings of one gel by a camera of 1 % noise."""
+def shots(law: Material, count: int, rng: np.random.Generator) -> list[RadiusCurve]:
+    """Recordings of one material by a camera of 1 % noise."""
     made = list[RadiusCurve]()
     while len(made) < count:
         bubble = calibration.real_bubble(rng)
         stretch, top = float(rng.uniform(4.0, 11.0)), float(rng.uniform(100e-6, 400e-6))
-        gel, name = NeoHookeanKelvinVoigt(modulus, viscosity), f"shot {len(made) + 1}"
+        name = f"shot {len(made) + 1}"
         try:
             made.append(
-                calibration.film(gel, top, stretch, calibration.NOISE, rng, name, as_read=True, bubble=bubble)[1]
+                calibration.film(law, top, stretch, calibration.NOISE, rng, name, as_read=True, bubble=bubble)[1]
             )
         except SolverError:  # a gel so stiff cannot be so large
             continue
@@ -95,16 +97,20 @@ def answered(curves: list[RadiusCurve], seed: int) -> tuple[str, dict[str, tuple
 def one(job: tuple[str, int]) -> dict[str, Any]:
     kind, number = job
     rng = np.random.default_rng([SEED, 6, number, *kind.encode()])
-    if kind == "clean":
+    if kind in ("clean", "thinning"):
         modulus, viscosity = (float(10 ** rng.uniform(*np.log10(calibration.RANGES[name]))) for name in ASKED)
+        law: Material = NeoHookeanKelvinVoigt(modulus, viscosity)
+        if kind == "thinning":
+            modulus, exponent = 0.0, float(rng.uniform(*calibration.EXPONENTS))
+            law = calibration.thinning(viscosity, exponent)
         wrong = {name: 1.0 + deviation * rng.standard_normal() for name, deviation in SHARED.items()}
         time = wrong["rate"] * np.sqrt(wrong["density"])
-        curves = [scaled(curve, wrong["scale"], time) for curve in shots(modulus, viscosity, rng.integers(5, 13), rng)]
+        curves = [scaled(curve, wrong["scale"], time) for curve in shots(law, rng.integers(5, 13), rng)]
     else:
         modulus, viscosity = float(10 ** rng.uniform(3.3, 4.3)), float(10 ** rng.uniform(-1.7, -0.7))
-        curves = shots(modulus, viscosity, 5, rng)
+        curves = shots(NeoHookeanKelvinVoigt(modulus, viscosity), 5, rng)
         if kind == "two materials":
-            curves = curves[:3] + shots(6.0 * modulus, viscosity, 3, rng)
+            curves = curves[:3] + shots(NeoHookeanKelvinVoigt(6.0 * modulus, viscosity), 3, rng)
         curves = [KINDS[kind](curve, rng) for curve in curves]
     curves = [
         replace(curve, meta={**curve.meta, "name": f"shot {i + 1}", "group": kind}) for i, curve in enumerate(curves)
@@ -132,6 +138,11 @@ def measure(run: Run) -> Iterator[Number]:
         widths = [np.log10(high / low) for low, high, _ in known if low > 0.0 and np.isfinite(high)]
         yield statistic(f"clean.{name}.width", widths, "decades")
     yield share("clean.doubted", [row["verdict"] not in WITHOUT_DOUBT for row in clean])
+    thinning = run.rows("groups", one, [("thinning", number) for number in range(run.count(3, 30))])
+    told = [row for row in thinning if row["verdict"] in WITHOUT_DOUBT]
+    known = [(*ends_of(row, "viscosity"), row["truth"]["viscosity"]) for row in told]
+    yield coverage("thinning.viscosity", [low <= truth <= high for low, high, truth in known], LEVEL)
+    yield share("thinning.doubted", [row not in told for row in thinning])
     spoiled = {kind: run.rows("groups", one, [(kind, number) for number in range(run.count(1, 3))]) for kind in KINDS}
     for kind, rows in spoiled.items():
         yield share(f"spoiled.{kind}.doubted", [row["verdict"] not in WITHOUT_DOUBT for row in rows])

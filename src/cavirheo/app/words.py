@@ -87,7 +87,8 @@ def model_choices() -> list[tuple[str, str]]:
 def material_choices() -> list[tuple[str, str]]:
     """(label, name) of laws; the first is the default family."""
     words = {law: digits.MATERIAL_TITLES[law].partition(" (")[0] for law in ("nhkv", "newtonian", "qkv")}
-    return [("a liquid that may thin, or a gel that may stiffen", "auto"), *((word, law) for law, word in words.items())]
+    usual = "a liquid that may thin, or a gel that may stiffen"
+    return [(usual, "auto"), *((word, law) for law, word in words.items())]
 
 
 def shots_table(session: Session) -> str:

@@ -60,6 +60,8 @@ class Rig:
     bubble: Requested = "real"
 
     def __post_init__(self) -> None:
+        laws = "design needs one law, such as nhkv, newtonian, power-law or fung + newtonian: auto chooses among these"
+        require(self.material != AUTO, laws, "design.auto")
         Family(self.material)
         medium(self.medium)
         Options(bubble=bubble_of(self.bubble))

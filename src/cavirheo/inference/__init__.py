@@ -25,7 +25,8 @@ def infer(curve: RadiusCurve, **settings: Unpack[InferSettings]) -> Posterior:
               "bdt-viscoelastic" or "bdt-viscous", the paper's networks, which give one value without an interval; a
               network of one's own is named by the folder of its run of `cavirheo train`, or by its .npz file.
             - material: a law of `cavirheo laws`. Default "auto": a neo-Hookean spring beside a dashpot, in which G may
-              be exactly 0 (a liquid) and the spring may stiffen; `Posterior.switches` has the probabilities.
+              be exactly 0 (a liquid), the spring may stiffen, and a liquid may thin by a power law (its viscosity is
+              that at 1e5 1/s); `Posterior.switches` has the probabilities.
             - medium: constants of the liquid or gel, or the name of a set. Default: water, with the constants that the
               file of the curve states. G of soft gels depends strongly on the density.
             - stretch: R_max/R_0 if it is known. Otherwise it is inferred, with the value that the file states as prior;

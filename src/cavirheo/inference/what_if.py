@@ -129,13 +129,13 @@ def _experiment(curve: RadiusCurve, bubble: Bubble, material: str, medium: Mediu
 def slider(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:
     """Minimum, maximum, step and value of a slider for a parameter, in SI times `factor`; None if the law does not have
     it. The value is that of the answer, else the middle of the usual range. The slider goes from nearly zero to a round
-    number about three times as large; for the stretch from 1.2 to at least 20."""
+    number about three times as large as it (as that middle, if it is 0); for the stretch from 1.2 to at least 20."""
     if name not in (*Family(posterior.material).parameters, "stretch"):
         return None
     middle = 10.0 ** float(np.mean(PARAMETERS[name].start_range))  # type: ignore[arg-type]
     value = float(f"{posterior.best.get(name, middle) * factor:.4g}")
     if name == "stretch":
         return {"minimum": 1.2, "maximum": max(20.0, value), "step": 0.05, "value": value}
-    top = float(f"{3.0 * max(value, 1e-6):.1g}")
+    top = float(f"{3.0 * (value or middle * factor):.1g}")
     low = float(f"{top / 500:.1g}")
     return {"minimum": low, "maximum": top, "step": low, "value": value}
