@@ -96,16 +96,17 @@ class Prior:
         columns = (self.low, self.high, self.mean, self.std, self.zero, self.infinite)
         return Prior(tuple(names), *(values[at] for values in columns))
 
-    def states(self, needed: Mapping[str, str], excluded: Mapping[str, str]) -> list[State]:
+    def states(self, dependent: Mapping[str, tuple[str, bool]]) -> list[State]:
         """The states of the switches: parameters that may be exactly 0 (-inf in x) or infinite, and are so or not.
-        needed: {parameter: the switch without which it has no meaning}; excluded: {parameter: the one with which}."""
+        dependent: {parameter: (another one, whether it has a meaning where the other is on, or where it is off)}."""
         found = [(1.0, dict[str, float]())]
-        order = sorted(range(len(self.names)), key=lambda i: self.names[i] in {*needed, *excluded})
+        order = sorted(range(len(self.names)), key=lambda i: self.names[i] in dependent)
         for i in order:
             name, zero, infinite = self.names[i], float(self.zero[i]), float(self.infinite[i])
             split = list[tuple[float, dict[str, float]]]()
             for probability, fixed in found:
-                if needed.get(name) in fixed or (name in excluded and excluded[name] not in fixed):
+                other, where_on = dependent.get(name, ("", True))
+                if (other in fixed) == where_on and name in dependent:
                     split.append((probability, fixed | {name: -np.inf if zero else float(self.low[i])}))
                     continue
                 split.append((probability * (1.0 - zero - infinite), fixed))

@@ -263,6 +263,21 @@ def test_shots_of_one_material_share_its_switches(name):
     assert low < viscosity < high < 1.5 * low
 
 
+def test_a_liquid_that_may_thin_and_may_not_has_the_viscosity_of_both():
+    """Draws that thin have twice the viscosity of the others."""
+    answers = [switched(k, liquid=0.9, thins=0.5) for k in range(3)]
+    for k, one in enumerate(answers):
+        thins = np.isfinite(one.theta[:, 3])
+        one.theta[thins, 2] += np.log10(2.0)
+        one.theta[thins, 3] = np.random.default_rng(k).uniform(-1.0, -0.1, np.count_nonzero(thins))
+    found = population(answers)
+    assert (found.material, found.names) == ("newtonian", ("viscosity",))
+    assert 0.2 < found.switches["thinning"] < 0.8
+    low, high = found.interval("viscosity")
+    assert low < 0.063 < 0.11 < high
+    assert "1e5/s" in found.line
+
+
 def test_a_doubtful_shot_has_no_vote_in_the_switches():
     liquids, gel = [switched(k, liquid=0.95) for k in range(3)], switched(9)
     assert population([*liquids, with_verdict(gel, "does_not_fit")]).material == "newtonian"

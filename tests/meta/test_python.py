@@ -58,7 +58,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.measure("shot.tif", fps=1e6), "frame_rate"),
     (lambda: measure(exclude=3), "frames to exclude must be numbers from 1 to 80"),
     (lambda: measure(roi="0,0,64,64"), "roi must be 4 numbers, got '0,0,64,64'"),
-    (lambda: Medium(rho=1000), "rho; it has density, sound_speed"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     (lambda: ANSWER.median("E"), "G (shear_modulus), µ (viscosity)"),

@@ -21,7 +21,6 @@ from cavirheo import Medium, fit, infer, predict_radius, read_curves
 from validation.challenge.answers import Answer, Recording, run
 
 QUANTITIES = {"G": "shear_modulus_Pa", "mu": "viscosity_Pa_s"}
-AT_RATE = "viscosity_at_1e5_per_s"  # among the other parameters of a law without one viscosity
 
 
 def answer(recording: Recording, options: list[str]) -> Answer:
@@ -35,8 +34,6 @@ def answer(recording: Recording, options: list[str]) -> Answer:
         if not (out / "result.json").exists():
             return {"verdict": f"failed: {done.stderr.strip().splitlines()[-1:]}"}
         curve = json.loads((out / "result.json").read_text("utf-8"))["curves"][0]
-    if AT_RATE in curve["other_parameters"]:
-        curve[QUANTITIES["mu"]] = curve["other_parameters"][AT_RATE]
     row: Answer = {}
     for name, field in QUANTITIES.items():
         value = curve.get(field) or {}

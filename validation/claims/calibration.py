@@ -30,7 +30,7 @@ from scipy.stats import truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, Posterior, RadiusCurve, fit_many, infer_many, simulate
 from cavirheo.errors import SolverError
-from cavirheo.inference.answer import EXCLUDED, NEEDED
+from cavirheo.inference.answer import DEPENDENT
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.emulator import LARGEST_PULL, features
 from cavirheo.inference.experiment import DAMPING_SCALE, INERTIA_SCALE, MOST_ROOT, Experiment
@@ -115,7 +115,7 @@ def default_shot() -> Experiment:
 def of_the_prior(rng: np.random.Generator) -> tuple[dict[str, float], Material, Bubble]:
     """As `of_kind`, from the prior of the default family; the switches are 0 or 1."""
     usual = default_shot()
-    states = usual.prior().states(NEEDED, EXCLUDED)
+    states = usual.prior().states(DEPENDENT)
     while True:
         state = states[rng.choice(len(states), p=np.exp([each.log_probability for each in states]))]
         x = state.to_x(rng.standard_normal((1, len(state.columns))))

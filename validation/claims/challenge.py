@@ -89,9 +89,8 @@ def judged(prefix: str, truths: list[Row], rows: list[Row]) -> Iterator[Number]:
             yield statistic(f"{name}.width", [one.width for one in bounded], "decades")
             yield statistic(f"{name}.error", [abs(one.error) for one in mine], "decades")
             yield share(f"{name}.bounds", [one.held for one in mine if one.one_sided])
-        thinning = [one.held for one in every if one.bounded and one.about.get("law") == "power-law"]
-        if thinning:
-            yield coverage(f"{prefix}thinning.{quantity}.{100 * level:.0f}", thinning, level)
+    liquids = [one for one in score.judge(truths, rows, "mu") if one.about["law"] == "power-law" and one.bounded]
+    yield coverage(f"{prefix}thinning.mu.{100 * level:.0f}", [one.held for one in liquids], level)
     yield statistic(f"{prefix}seconds", [score.number(row.get("seconds")) for row in rows], "s")
 
 

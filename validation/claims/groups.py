@@ -85,7 +85,7 @@ def answered(curves: list[RadiusCurve], seed: int) -> tuple[str, dict[str, tuple
     answers = infer_many(curves, seed=seed, workers=1)
     (group,) = result(list(zip(curves, answers, strict=True)), "").groups
     ends = dict[str, tuple[float, float]]()
-    for name in ASKED:
+    for name in (*ASKED, "exponent"):
         value = group.value(name)
         if value and value.q05 is not None and value.q95 is not None:
             low = 0.0 if value.bound in ("upper", "undetermined") else value.q05
@@ -96,7 +96,7 @@ def answered(curves: list[RadiusCurve], seed: int) -> tuple[str, dict[str, tuple
 
 def one(job: tuple[str, int]) -> dict[str, Any]:
     kind, number = job
-    rng = np.random.default_rng([SEED, 6, number, *kind.encode()])
+    rng, exponent = np.random.default_rng([SEED, 6, number, *kind.encode()]), 1.0
     if kind in ("clean", "thinning"):
         modulus, viscosity = (float(10 ** rng.uniform(*np.log10(calibration.RANGES[name]))) for name in ASKED)
         law: Material = NeoHookeanKelvinVoigt(modulus, viscosity)
@@ -116,7 +116,8 @@ def one(job: tuple[str, int]) -> dict[str, Any]:
         replace(curve, meta={**curve.meta, "name": f"shot {i + 1}", "group": kind}) for i, curve in enumerate(curves)
     ]
     verdict, ends = answered(curves, number)
-    return {"verdict": verdict, "truth": {"shear_modulus": modulus, "viscosity": viscosity}, "ends": ends}
+    truth = {"shear_modulus": modulus, "viscosity": viscosity, "exponent": exponent}
+    return {"verdict": verdict, "truth": truth, "ends": ends}
 
 
 def ends_of(row: dict[str, Any], name: str) -> tuple[float, float]:
@@ -126,7 +127,7 @@ def ends_of(row: dict[str, Any], name: str) -> tuple[float, float]:
 
 
 def misses(row: dict[str, Any]) -> bool:
-    ends = [(*ends_of(row, name), truth) for name, truth in row["truth"].items()]
+    ends = [(*ends_of(row, name), row["truth"][name]) for name in ASKED]
     return any(not low / FACTOR <= truth <= high * FACTOR for low, high, truth in ends)
 
 
@@ -139,10 +140,11 @@ def measure(run: Run) -> Iterator[Number]:
         yield statistic(f"clean.{name}.width", widths, "decades")
     yield share("clean.doubted", [row["verdict"] not in WITHOUT_DOUBT for row in clean])
     thinning = run.rows("groups", one, [("thinning", number) for number in range(run.count(3, 30))])
-    told = [row for row in thinning if row["verdict"] in WITHOUT_DOUBT]
-    known = [(*ends_of(row, "viscosity"), row["truth"]["viscosity"]) for row in told]
-    yield coverage("thinning.viscosity", [low <= truth <= high for low, high, truth in known], LEVEL)
-    yield share("thinning.doubted", [row not in told for row in thinning])
+    for name in ("viscosity", "exponent"):
+        told = [row for row in thinning if row["verdict"] in WITHOUT_DOUBT and name in row["ends"]]
+        known = [(*ends_of(row, name), row["truth"][name]) for row in told]
+        yield coverage(f"thinning.{name}", [low <= truth <= high for low, high, truth in known], LEVEL)
+    yield share("thinning.doubted", [row["verdict"] not in WITHOUT_DOUBT for row in thinning])
     spoiled = {kind: run.rows("groups", one, [(kind, number) for number in range(run.count(1, 3))]) for kind in KINDS}
     for kind, rows in spoiled.items():
         yield share(f"spoiled.{kind}.doubted", [row["verdict"] not in WITHOUT_DOUBT for row in rows])

@@ -50,17 +50,14 @@ def one(job: tuple[str, int], folder: Path) -> dict:
     }
 
 
-def value(row: dict, *names: str) -> float:
-    """The median of the first of these parameters that the answer has; NaN where it is only bounded, or none."""
-    known = [row["medians"][name] for name in names if name in row["medians"] and row["bounds"].get(name) is None]
-    return known[0] if known else np.nan
+def value(row: dict, name: str) -> float:
+    """The median of a parameter of the answer; NaN where it is only bounded, or none."""
+    return row["medians"].get(name, np.nan) if row["bounds"].get(name) is None else np.nan
 
 
 def holds(rows: list[dict], viscosity: float) -> list[bool]:
     """Whether each interval of the viscosity with two ends holds this."""
-    names = ("viscosity", "reference_viscosity")
-    bounded = [row for row in rows if np.isfinite(value(row, *names))]
-    ends = [next(row["intervals"][name] for name in names if name in row["intervals"]) for row in bounded]
+    ends = [row["intervals"]["viscosity"] for row in rows if np.isfinite(value(row, "viscosity"))]
     return [low <= viscosity <= high for low, *_, high in ends]
 
 
@@ -79,7 +76,7 @@ def measure(run: Run) -> Iterator[Number]:
         key = key_of(name)
         yield statistic(f"rmse.{key}", [row["rmse"] or np.nan for row in mine], "R_max")
         yield statistic(f"G.{key}", 1e-3 * np.array([value(row, "shear_modulus") for row in mine]), "kPa")
-        viscosity = np.array([value(row, "viscosity", "reference_viscosity") for row in mine])
+        viscosity = np.array([value(row, "viscosity") for row in mine])
         yield statistic(f"mu.{key}", viscosity, "Pa s")
         if name in RHEOMETER:
             yield share(f"rheometer.held.{key}", holds(mine, RHEOMETER[name]))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from scipy.special import betainc
 
-from cavirheo.arrays import Floats, relative_weights, weighted_covariance
+from cavirheo.arrays import Bools, Floats, relative_weights, weighted_covariance
 from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import LARGEST_PULL, elastic_stress, emulator, features, unknown, untrained
@@ -42,9 +42,21 @@ BEYOND, TRADED = 0.1, 0.5
 """A parameter is only bounded if it would move by TRADED widths of its interval, were another one at its end further by
 BEYOND of its range."""
 ENOUGH = 0.5 * EMULATED.effective  # effective draws below which there is no interval; below twice as many it is rough
-NEEDED = {"stiffening": "shear_modulus", "confinement_damping": "accommodation", "confinement_inertia": "accommodation"}
-"""Parameters without a meaning where the switch of another one is off: in a liquid, in the field's bubble."""
-EXCLUDED = {"thinning": "shear_modulus"}  # and where another one is on: in a gel
+DEPENDENT = {
+    "stiffening": ("shear_modulus", True),
+    "thinning": ("shear_modulus", False),
+    "confinement_damping": ("accommodation", True),
+    "confinement_inertia": ("accommodation", True),
+}
+"""Parameters that have a meaning only where the switch of another one is on, or only where it is off: of a gel, of a
+liquid, of a real bubble."""
+SWITCHES: dict[str, tuple[str, Callable[[Floats], Bools]]] = {
+    "shear_modulus": ("liquid", np.isneginf),
+    "stiffening": ("stiffening", np.isfinite),
+    "thinning": ("thinning", np.isfinite),
+    "accommodation": ("field_bubble", np.isposinf),
+}
+"""The switch of a parameter, and at which values it is on."""
 AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
 INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
 
@@ -56,7 +68,7 @@ class ResidualSource:
 
     def __init__(self, shot: Experiment, workers: int | None = 1, *, unknown_because: str = "") -> None:
         self.shot, self.prior, self.workers = shot, shot.prior(), workers
-        self.states: list[State] = self.prior.states(NEEDED, EXCLUDED)
+        self.states: list[State] = self.prior.states(DEPENDENT)
         self.measured = shot.measured[shot.counted]
         self.simulations, self.failures = 0, 0
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
@@ -136,7 +148,7 @@ def sampled_answer(
         limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
         messages.append(Message("misfit.systematic", {"excess": excess, "p_value": p_value, **limits}))
     at_ends = open_ends(prior, weighed.x, weighed.log_weight)
-    traded = trades(prior, weighed.x, weighed.log_weight, shot.family.parameters, at_ends)
+    traded = trades(prior, weighed.x, weighed.log_weight, _bounded_by_words(shot.family), at_ends)
     found = replace(found, traded={name: bound for name, (_, bound) in traded.items()})
     if verdict == "ok" and any(name in DECIDING for name in traded):
         verdict = "bound"
@@ -224,15 +236,21 @@ def _with_draws(empty: Posterior, target: ResidualSource, weighed: Weighed) -> P
     )
 
 
+def _bounded_by_words(family: Family) -> list[str]:
+    """Parameters of a law of which a bound is said: no stiffening or thinning that may be 0, for the probabilities of
+    the switches tell of them."""
+    return [name for name in family.parameters if name == "shear_modulus" or name not in family.atoms]
+
+
 def _bounds(answer: Posterior, family: Family) -> tuple[Verdict, list[Message]]:
-    """A message for each parameter of the law, and for the stretch, that is only bounded, and the verdict. None for a
-    stiffening that may be 0, nor for a G that is 0: the probabilities of the switches say so."""
+    """A message for each parameter of the law, and for the stretch, that is only bounded, and the verdict. None for a G
+    that is 0."""
     verdict: Verdict = "ok"
     messages: list[Message] = []
-    for name in (*family.parameters, "stretch"):
+    for name in (*_bounded_by_words(family), "stretch"):
         bound = answer.bound(name) if name in answer.parameters else None
         ends = answer.interval(name) if bound else None
-        if not bound or not ends or ends[1] == 0.0 or (name in family.atoms and name != "shear_modulus"):
+        if not bound or not ends or ends[1] == 0.0:
             continue
         messages.append(message_of_bound(name, bound, (ends[0], answer.median(name) or 0.0, ends[1])))
         if name in DECIDING:
@@ -241,8 +259,7 @@ def _bounds(answer: Posterior, family: Family) -> tuple[Verdict, list[Message]]:
 
 
 def _switched_off(names: Sequence[str], theta: Floats) -> Floats:
-    """theta (k, d), in which a field's bubble has the accommodation 1 and no damping, as a limit of the real one, and a
-    liquid no stiffening."""
+    """theta (k, d), in which a field's bubble has the accommodation 1 and no damping, as a limit of the real one."""
     theta = theta.copy()
     if "accommodation" in names:
         field = np.isposinf(theta[:, names.index("accommodation")])
@@ -250,27 +267,17 @@ def _switched_off(names: Sequence[str], theta: Floats) -> Floats:
         for name in ZERO_BY_DEFAULT:
             if name in names:
                 theta[field, names.index(name)] = 0.0
-    if "log10_stiffening" in names:
-        theta[np.isneginf(theta[:, names.index("log10_shear_modulus")]), names.index("log10_stiffening")] = -np.inf
     return theta
 
 
 def _switches(prior: Prior, x: Floats, weight: Floats) -> dict[str, float]:
     """Posterior probabilities of the switches that the prior has."""
     weight = weight / np.sum(weight)
-    columns = dict(zip(prior.names, x.T, strict=True))
     probabilities: dict[str, float] = {}
-    liquid = np.zeros(len(x), dtype=bool)
-    for name, zero, infinite in zip(prior.names, prior.zero, prior.infinite, strict=True):
-        if name == "shear_modulus" and zero:
-            liquid = np.isneginf(columns[name])
-            probabilities["liquid"] = float(weight @ liquid)
-        if name == "stiffening" and zero:
-            probabilities["stiffening"] = float(weight @ (np.isfinite(columns[name]) & ~liquid))
-        if name == "thinning" and zero:
-            probabilities["thinning"] = float(weight @ np.isfinite(columns[name]))
-        if name == "accommodation" and infinite:
-            probabilities["field_bubble"] = float(weight @ np.isposinf(columns[name]))
+    for name, column, zero, infinite in zip(prior.names, x.T, prior.zero, prior.infinite, strict=True):
+        if name in SWITCHES and zero + infinite > 0.0:
+            switch, is_on = SWITCHES[name]
+            probabilities[switch] = float(weight @ is_on(column))
     return probabilities
 
 

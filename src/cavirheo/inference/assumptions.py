@@ -14,7 +14,7 @@ from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS, REFERENCE_RATE, parameter_of
 from cavirheo.physics.bubble import FIELD, ZERO_BY_DEFAULT, Bubble
 from cavirheo.physics.laws import Fung, Newtonian, PowerLaw
-from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
+from cavirheo.physics.materials import LAWS, Material, combine, from_inferred
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
 FREE_BY_DEFAULT = ("t0", "rmax")  # free by default
@@ -80,11 +80,11 @@ def check_stretch(stretch: float | str | None) -> None:
     require(fine, message, "option.stretch")
 
 
-def _inferred(law: str) -> list[str]:
-    """Names of the parameters of a law as they are inferred."""
+def _inferred(law: str, before: Sequence[str]) -> list[str]:
+    """Names of the parameters of a law as they are inferred, in a sum after those with these names."""
     names = [f.name for f in fields(LAWS[law]) if f.init]  # type: ignore[arg-type]
-    consistency = "viscosity" if LAWS[law] is PowerLaw else "reference_viscosity"
-    return [consistency if name == "consistency" else name for name in names]
+    plain = LAWS[law] is PowerLaw and "viscosity" not in before
+    return [("viscosity" if plain else "reference_viscosity") if name == "consistency" else name for name in names]
 
 
 AUTO = "auto"  # the default family: a spring that may stiffen or be absent, beside a dashpot that may thin without it
@@ -99,7 +99,8 @@ class Family:
 
     If two laws of a sum have a parameter of one name, that of the later law is followed by its number: viscosity,
     viscosity_2. A parameter without a range (parameters.py) keeps the default of its law. The viscosity K
-    (1e5 1/s)^(n-1) replaces the consistency K of a power law, the reference viscosity that of Herschel and Bulkley.
+    (1e5 1/s)^(n-1) replaces the consistency K of a power law; beside another viscosity or a yield stress it is called
+    reference viscosity.
     "auto" is the default family: Fung's spring beside a dashpot, in which G and the stiffening may each be exactly 0
     (`atoms`: the prior probabilities). A liquid may thin by a power law, with the viscosity at 1e5 1/s and the thinning
     1 - n.
@@ -115,17 +116,17 @@ class Family:
 
     def __post_init__(self) -> None:
         expect(self.name, str, "the name of a law, such as 'nhkv' or 'gent + newtonian'")
-        terms, names = [], list[str]()
+        terms, names = [], [*_AUTO_PARAMETERS] if self.name == AUTO else []
         laws = [] if self.name == AUTO else self.name.split("+")
         for number, law in enumerate((part.strip() for part in laws), 1):
             hint = " without parameters (all of them are fitted)" if "(" in law else ""
             message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(LAWS)}"
             require(law in LAWS, message, "law.not_fittable")
-            searched = [name for name in _inferred(law) if PARAMETERS[name].search_range]
+            searched = [name for name in _inferred(law, names) if PARAMETERS[name].search_range]
             names += [f"{name}_{number}" if name in names else name for name in searched]
             terms.append((law, searched))
         object.__setattr__(self, "_terms", terms)
-        object.__setattr__(self, "parameters", tuple(names) or _AUTO_PARAMETERS)
+        object.__setattr__(self, "parameters", tuple(names))
         usual = self.material(np.mean(self.bounds(started=True), axis=1))  # an error if the laws exclude each other
         object.__setattr__(self, "elastic", usual.parts().elastic is not None)
 
@@ -147,7 +148,7 @@ class Family:
                 dashpot = PowerLaw(viscosity * REFERENCE_RATE**thinning, 1.0 - thinning)
             return combine([Fung(modulus, stiffening), dashpot])
         terms = [(law, {name: number(next(values)) for name in names}) for law, names in self._terms]
-        return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
+        return combine([from_inferred(law, parameters) for law, parameters in terms])
 
     def bounds(self, *, started: bool = False) -> Floats:
         """Ranges (parameters, 2) of a search, or with `started` the parts of them in which searches start."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from inspect import Parameter, cleandoc, signature
 from typing import Any, ClassVar
@@ -271,29 +271,28 @@ def combine(terms: Sequence[Material]) -> Material:
     return Viscoelastic(**parts, memory=tuple(arm for term in terms for arm in term.parts().memory))
 
 
-def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a law by name, with the consistency K in place of the viscosity K (1e5 1/s)^(n-1) that is inferred:
-    K is the viscosity at 1 1/s, far below the rates of bubbles, and strongly correlated with the exponent."""
+def from_inferred(law: str, values: Mapping[str, Any]) -> Material:
+    """The law of this name with parameters as they are inferred: with a viscosity K (1e5 1/s)^(n-1) in place of its
+    consistency K, which is the viscosity at 1 1/s, far below the rates of bubbles, and strongly correlated with the
+    exponent n."""
     values = dict(values)
-    inferred = "reference_viscosity" if "reference_viscosity" in values else "viscosity"
-    if {inferred, "exponent"} <= values.keys():
-        values["consistency"] = values.pop(inferred) * REFERENCE_RATE ** (1.0 - values["exponent"])
-    return values
+    if any(one.name == "consistency" for one in fields(LAWS[law])):  # type: ignore[arg-type]
+        viscosity = values.pop("reference_viscosity" if "reference_viscosity" in values else "viscosity")
+        values["consistency"] = viscosity * REFERENCE_RATE ** (1.0 - values["exponent"])
+    return LAWS[law](**values)
 
 
 def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> float | None:
-    """Viscosity, Pa s, at a shear rate (1/s) of the rate-dependent law in a sum of laws; None if there is none, or it
-    is a power law, of which this viscosity is a parameter.
-
-    `values`: its parameters by name, as inferred (with a reference viscosity) or as the law has them (with a
-    consistency); other entries are ignored.
-    """
-    values = with_consistency(values)
-    for name in material.split("+"):
-        law: Any = LAWS.get(name.strip())
-        takes = signature(law).parameters if law in KINDS["viscous"].values() else {"viscosity": None}
-        if "viscosity" not in takes and law is not laws.PowerLaw:
-            return float(law(**{key: values[key] for key in takes if key in values}).apparent(np.array(rate)))
+    """Viscosity, Pa s, at a shear rate (1/s) of the rate-dependent law in a sum of laws with these parameters by name,
+    as they are inferred; None if there is none, or it is a power law whose `viscosity` is that at 1e5 1/s."""
+    for name in (part.strip() for part in material.split("+")):
+        takes = (
+            {*signature(LAWS[name]).parameters, "reference_viscosity"} if name in KINDS["viscous"] else {"viscosity"}
+        )
+        if "viscosity" in takes or (name == "power-law" and "reference_viscosity" not in values):
+            continue
+        law: Any = from_inferred(name, {key: values[key] for key in takes if key in values})
+        return float(law.apparent(np.array(rate)))
     return None
 
 

@@ -8,7 +8,6 @@ The solver gets a driving as a table (physics/table.py) of pressure over time.
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, InitVar, dataclass, field, fields, replace
-from functools import wraps
 from math import exp, inf, pi, sqrt
 from typing import Any, Protocol
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, expect, require
+from cavirheo.errors import InputError, expect
 from cavirheo.parameters import (
     FINITE,
     NOT_NEGATIVE,
@@ -109,17 +108,6 @@ class Medium:
         return max_radius / self.velocity_scale
 
 
-_init, _NAMES = Medium.__init__, (*(each.name for each in fields(Medium)), "unusual")
-
-
-@wraps(_init)
-def _init_known(self: Medium, *values: Any, **constants: Any) -> None:
-    unknown = ", ".join(constants.keys() - {*_NAMES})
-    require(not unknown, f"a Medium has no {unknown}; it has {', '.join(_NAMES)}", "physics.unknown_constant")
-    _init(self, *values, **constants)
-
-
-Medium.__init__ = _init_known  # type: ignore[method-assign]
 WATER = Medium()
 """A water-like gel at 25 C."""
 BU2026 = Medium(1000.0, 1700.0, 0.0725, name="bu2026")

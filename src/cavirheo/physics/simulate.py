@@ -240,10 +240,10 @@ def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving
 def _check_size(material: Material, max_radius: float, stretch: float, times: Floats, *, unusual: bool) -> None:
     """Raises InputError for arrays, or a radius, m, or a last time, s, that cannot be, or hardly can unless
     `unusual`."""
-    parts, numbers = material.parts(), {"max_radius": max_radius, "stretch": stretch}
+    parts, numbers = material.parts(), [("max_radius", max_radius), ("stretch", stretch)]
     for law in (parts.elastic, parts.viscous, *parts.memory):
-        numbers |= vars(law) if law else {}
-    for name, value in numbers.items():
+        numbers += vars(law).items() if law else []
+    for name, value in numbers:
         if np.ndim(value):
             message = f"{name} must be one number, got an array of shape {np.shape(value)}: simulate_many takes many"
             raise InputError(message, f"physics.{name}")

@@ -29,6 +29,7 @@ _COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from wh
 _APART = ("group.doubt.heaps", "group.doubt.scatter")
 _OF_MODEL = ("group.doubt.misfits", "group.doubt.switches", "group.doubt.trend")  # said in the line of the use
 _DISAGREEMENTS = (*_APART, *_OF_MODEL)
+LIKELY_THINNING = 0.05  # probability of thinning from which on the rate of a viscosity is said
 _SURE = 0.95  # probability from which on a group has settled that its material is a liquid
 
 
@@ -85,7 +86,7 @@ def group_facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """How many shots there are and count, their sizes and collapses."""
     facts = [digits.counted(len(shots), "shot")]
     if group.n_counted < len(shots):
-        facts.append(f"{group.n_counted} of them {'counts' if group.n_counted == 1 else 'count'}")
+        facts.append(f"{group.n_counted} {'counts' if group.n_counted == 1 else 'count'}")
     if sizes := digits.ends([shot.max_radius_m for shot in shots], 1e6):
         facts.append(f"R_max {sizes} µm")
     return facts + windows(shots)
@@ -117,7 +118,8 @@ def _value_line(
     scatter = group.population.wide_scatters.get(name, 0.0)
     if scatter >= NO_ONE_VALUE:
         return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], [], "not"
-    notes = ["at 1e5 1/s"] if name == "viscosity" and _thins(group) else []
+    unit += " at 1e5/s" if name == "viscosity" and _is_at_rate(group) else ""
+    notes = list[str]()
     if not middle:
         if not value.is_zero:
             notes.append(f"{digits.SURE}, too wide for one value" if value.bound == "wide" else "95 % sure")
@@ -171,9 +173,12 @@ def _disagreement(group: GroupRecord) -> list[str]:
     return [f"the shots disagree in {symbols}"] if symbols else []
 
 
-def _thins(group: GroupRecord) -> bool:
-    """Whether the viscosity of a group is that of a power law."""
-    return group.population.value("exponent").known or group.population.switches.get("thinning", 0.0) > 0.5
+def _is_at_rate(group: GroupRecord) -> bool:
+    """Whether the viscosity of a group is that at 1e5 1/s, because it depends on the rate, or may."""
+    population = group.population
+    of_power_law = "power-law" in population.model and not population.value("reference_viscosity").known
+    at_rate = of_power_law or population.value(VISCOSITY_AT_RATE).known
+    return at_rate or population.switches.get("thinning", 0.0) > LIKELY_THINNING
 
 
 def _is_liquid(group: GroupRecord) -> bool:
@@ -225,7 +230,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     limited = _is_liquid(group) and not group.population.viscosity.bound
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
-        return "to narrow G, measure scale and frame rate better: --scale-error, --rate-error"
+        return "measure scale and frame rate better, for G: --scale-error, --rate-error"
     if group.verdict == "bound" and (len(shots) == 1 or group.population.has_material):
         law = group.population.model.partition(",")[0]
         law = "newtonian" if law == "auto" and _is_liquid(group) else law
@@ -247,7 +252,7 @@ def shots_table(
     """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval; G and µ have
     columns where a shot has them."""
     G = result.shown("shear_modulus")
-    has_rate = any(shot.viscosity.known and not shot.viscosity_Pa_s.known for shot in shots)
+    has_rate = any(shot.material == "power-law" or shot.value(VISCOSITY_AT_RATE).known for shot in shots)
     mu = result.shown(VISCOSITY_AT_RATE if has_rate else "viscosity")
     both = [(G, [shot.shear_modulus_Pa for shot in shots]), (mu, [shot.viscosity for shot in shots])]
     shown = [(head, values) for head, values in both if any(value.known for value in values)] or both

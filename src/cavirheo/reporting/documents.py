@@ -356,11 +356,13 @@ def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
 
 
 def differences(materials: Iterable[tuple[str, Population]]) -> list[MaterialRatio]:
-    """Ratios of each two of the first _MAX_COMPARED materials with the same model."""
+    """Ratios of each two of the first _MAX_COMPARED materials with the same model; a liquid that thins has the same
+    viscosity as another, at 1e5 1/s."""
     whole = [(name, material) for name, material in materials if len(material.centre)]
     records = []
     for (earlier, first), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
-        if (first.material, first.bubble) == (second.material, second.bubble):
+        liquids = {first.material, second.material} == {"newtonian", "power-law"}
+        if first.bubble == second.bubble and (liquids or first.material == second.material):
             for name, (ratio, higher) in second.against(first).items():
                 both = {"first": later, "second": earlier, "parameter": name}
                 records.append(MaterialRatio(**both, ratio=ratio, probability_higher=higher))

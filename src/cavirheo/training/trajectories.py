@@ -36,7 +36,7 @@ from cavirheo.physics.simulate import Simulation, simulate
 
 DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and where their trajectories are stored
     "block": 16,  # bubbles of one law in one medium that are drawn together
-    "usual_share": 0.55,  # of the blocks have the default law of `infer` near water
+    "usual_share": 0.55,  # of the blocks are gels or Newtonian liquids near water, most of the default law of `infer`
     "usual_elastic": {"": 0.10, "neo-hookean": 0.28, "fung": 0.62},
     "elastic": {"": 0.14, "neo-hookean": 0.30, "fung": 0.28, "quadratic": 0.08, "gent": 0.04, "mooney-rivlin": 0.04,
                 "yeoh": 0.04, "linear": 0.04, "arruda-boyce": 0.04},

@@ -32,7 +32,7 @@ VERDICT_STYLES = {
     "unverified": VerdictStyle("unverified", "#8a3068", "magenta"),
 }
 MATERIAL_TITLES = {
-    "auto": "a neo-Hookean spring that may stiffen or be absent, beside a dashpot that may thin without it",
+    "auto": "a neo-Hookean spring that may stiffen, beside a dashpot, or a liquid that may thin",
     "nhkv": "neo-Hookean Kelvin-Voigt",
     "newtonian": "Newtonian fluid (no elasticity: G is not asked for)",
     "qkv": "quadratic Kelvin-Voigt",

@@ -172,7 +172,8 @@ def _with_material(
     heaps, bounds = dict[str, tuple[Heap, Heap]](), dict[str, Bound | None]()
     for name, values, low, high in zip(empty.names, with_errors.T, posterior.low, posterior.high, strict=True):
         bounds[name] = _bound(answers, name, values, low, high)
-        if name in DECIDING and (both := two_heaps(alone, empty.shots, name)):
+        of_shots = alone if "shear_modulus" in empty.names else answers  # of a liquid, in which its thinning is shared
+        if name in DECIDING and (both := two_heaps(of_shots, empty.shots, name)):
             heaps[name], bounds[name] = both, "wide"
     return replace(
         empty,

@@ -20,7 +20,7 @@ from cavirheo.arrays import NORMAL_90, Floats, relative_scatter
 from cavirheo.errors import require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
 from cavirheo.messages import Message
-from cavirheo.parameters import NO_ONE_VALUE, Bound, matching, parameter_of, require_name
+from cavirheo.parameters import NO_ONE_VALUE, VISCOSITY_AT_RATE, Bound, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import elastic_number
 from cavirheo.posterior import Heap, Posterior, check_level, upper_limit
@@ -214,7 +214,8 @@ class Population:
 
     def _value(self, name: str) -> str:
         value = self.quantity(name)
-        shown = digits.shown(name, value.largest)
+        of_rate = name == "viscosity" and (self.material == "power-law" or self.switches.get("thinning", 0.0) > 0.05)
+        shown = digits.shown(VISCOSITY_AT_RATE if of_rate else name, value.largest)
         scattered = name in self.determined and relative_scatter(self.scatter(name)[1]) >= NO_ONE_VALUE
         if scattered or name in self.heaps:
             return f"no one value of {shown.symbol}"
@@ -324,9 +325,10 @@ def widened_limit(limit: float, errors: CommonErrors, pressure: float, stretch: 
 
 def slopes(name: str, over_scale: float) -> dict[str, float]:
     """Relative change of a parameter, by its natural name, per relative change of what `CommonErrors` names, from that
-    per relative change of R_max."""
-    rate = over_scale if name == "shear_modulus" else over_scale - 1.0
-    return {"scale": over_scale, "rate": rate, "density": 0.5 * over_scale, "pressure": 1.0 - 0.5 * over_scale}
+    per relative change of R_max. The rate changes the unit of times, the pressure that of stresses."""
+    units = parameter_of(name).unit.split()
+    rate, pressure = over_scale - ("s" in units), ("Pa" in units) - 0.5 * over_scale
+    return {"scale": over_scale, "rate": rate, "density": 0.5 * over_scale, "pressure": pressure}
 
 
 def widened(

@@ -26,7 +26,7 @@ from cavirheo.prior import Prior
 _MODULUS, _STIFFENING, _THINNING = LOG10 + "shear_modulus", LOG10 + "stiffening", LOG10 + "thinning"
 ONE_VALUE = 0.5  # prior probability that all shots have one modulus, or thinning, and not each its own
 SCATTER = 0.15  # decades; of the shots about this value
-LIKELY = 0.05  # probability of a liquid up to which G is a value, and of a gel up to which there is none
+LIKELY = 0.05  # probability of a liquid up to which G is a value, of a gel up to which there is none, and of thinning
 PLACES = 201  # of the prior of this value
 
 
@@ -108,8 +108,8 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
             log_ratios[state] = np.sum(np.log(ratios), axis=0)
             of_one = float(log_sum(log_ratios[state])) - np.log(PLACES)
             log_probability[state] += np.logaddexp(np.log(1.0 - ONE_VALUE), np.log(ONE_VALUE) + of_one)
-    best = max(log_probability, key=lambda state: log_probability[state])
-    conditioned = [_conditioned(answer, best) if _is_default(answer) else answer for answer in answers]
+    chosen = _chosen(log_probability)
+    conditioned = [_conditioned(answer, chosen) if _is_default(answer) else answer for answer in answers]
     switches = {name: on for name, on in _switches(log_probability).items() if name in votes[0].switches}
     if switches["liquid"] <= LIKELY:
         return Shared(conditioned, switches)
@@ -121,6 +121,18 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
     density = np.exp(log_ratios[gel] - np.max(log_ratios[gel])) * 10.0**moduli  # flat in G, as `upper_limit`
     limit = np.interp(0.95, np.cumsum(density) / np.sum(density), moduli)
     return Shared(conditioned, switches, float(10.0**limit))
+
+
+def _chosen(log_probability: Mapping[State, float]) -> dict[State, float]:
+    """The state in which the shots count, the most probable one of gels, or of liquids if these are more probable; of a
+    liquid that may thin and may not the states of both, with their probabilities."""
+    gels, liquids = ([state for state in PRIOR if KINDS[state.kind].is_gel == gel] for gel in (True, False))
+    side = max(gels, liquids, key=lambda states: float(log_sum([log_probability[state] for state in states])))
+    best = max(side, key=lambda state: log_probability[state])
+    both = [state for state in liquids if state.field == best.field] if best in liquids else [best]
+    total = log_sum([log_probability[state] for state in both])
+    shares = {state: float(np.exp(log_probability[state] - total)) for state in both}
+    return shares if min(shares.values()) > LIKELY else {best: 1.0}
 
 
 def _ratio(answer: Posterior, state: State, name: str, places: Floats) -> Floats:
@@ -153,23 +165,27 @@ def _is_default(answer: Posterior) -> bool:
     return answer.material == AUTO and bool(answer.switches)
 
 
-def _conditioned(answer: Posterior, state: State) -> Posterior:
-    """The answer by the law of a state, with the draws in this state."""
-    kind = KINDS[state.kind]
-    law = [LOG10 + name for name in Family(kind.law).parameters]
-    rows = in_state(answer, state) if len(answer.theta) > 1 else np.zeros(len(answer.theta), dtype=bool)
-    theta, prior = answer.theta[rows], dict(answer.prior)
-    log_weight = None if answer.log_weight is None else answer.log_weight[rows]
-    names = list(answer.names)
-    if kind.of_one_value == _THINNING:  # by its exponent n = 1 - thinning, with a prior that is flat in log10 n
+def _conditioned(answer: Posterior, states: Mapping[State, float]) -> Posterior:
+    """The answer by the law of these states, with the draws in them, by the probability of each; of a liquid that may
+    thin by its viscosity alone."""
+    first, *more = states
+    law = "newtonian" if more else KINDS[first.kind].law
+    log_weight = np.full(len(answer.theta), -np.inf)
+    for state, share in states.items() if len(answer.theta) > 1 else ():
+        rows = in_state(answer, state) & (answer.weights > 0.0)
+        log_weight[rows] = np.log(share * answer.weights[rows] / np.sum(answer.weights[rows]))
+    rows = np.isfinite(log_weight)
+    log_weight, theta = log_weight[rows], answer.theta[rows]
+    names, prior = list(answer.names), dict(answer.prior)
+    if law == "power-law":  # by its exponent n = 1 - thinning, with a prior that is flat in log10 n
         column, exponent = names.index(_THINNING), LOG10 + "exponent"
         thinning = 10.0 ** theta[:, column]
         names[column], theta[:, column] = exponent, np.log10(1.0 - thinning)
         low, high = 10.0 ** np.array(prior[_THINNING])
         prior[exponent] = tuple(np.log10([1.0 - high, 1.0 - low]).tolist())
-        over_flat = np.log((1.0 - thinning) / thinning)
-        log_weight = (0.0 if log_weight is None else log_weight) - over_flat
-    kept = [k for k, name in enumerate(names) if name in law or not is_law_parameter(name)]
+        log_weight -= np.log((1.0 - thinning) / thinning)
+    of_law = [LOG10 + name for name in Family(law).parameters]
+    kept = [k for k, name in enumerate(names) if name in of_law or not is_law_parameter(name)]
     names = [names[k] for k in kept]
     return replace(
         answer,
@@ -177,8 +193,8 @@ def _conditioned(answer: Posterior, state: State) -> Posterior:
         units=units(tuple(names)),
         theta=theta[:, kept],
         log_weight=log_weight,
-        material=kind.law,
-        bubble=FIELD if state.field else answer.bubble,
+        material=law,
+        bubble=FIELD if first.field else answer.bubble,
         prior={name: ends for name, ends in prior.items() if name in names},
         switches={},
     )
