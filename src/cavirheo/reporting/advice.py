@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from cavirheo.messages import heaps_in_words
-from cavirheo.parameters import BUBBLE, NO_ONE_VALUE, VISCOSITY_AT_RATE, symbol
+from cavirheo.parameters import BUBBLE, NO_ONE_VALUE, UNLIKELY, VISCOSITY_AT_RATE, symbol
 from cavirheo.reporting.documents import DECIDING_SHARE
 from cavirheo.reporting.record import (
     MAIN_FIELDS,
@@ -29,8 +29,6 @@ _COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from wh
 _APART = ("group.doubt.heaps", "group.doubt.scatter")
 _OF_MODEL = ("group.doubt.misfits", "group.doubt.switches", "group.doubt.trend")  # said in the line of the use
 _DISAGREEMENTS = (*_APART, *_OF_MODEL)
-LIKELY_THINNING = 0.05  # probability of thinning from which on the rate of a viscosity is said
-_SURE = 0.95  # probability from which on a group has settled that its material is a liquid
 
 
 def answer_lines(
@@ -178,12 +176,12 @@ def _is_at_rate(group: GroupRecord) -> bool:
     population = group.population
     of_power_law = "power-law" in population.model and not population.value("reference_viscosity").known
     at_rate = of_power_law or population.value(VISCOSITY_AT_RATE).known
-    return at_rate or population.switches.get("thinning", 0.0) > LIKELY_THINNING
+    return at_rate or population.switches.get("thinning", 0.0) > UNLIKELY
 
 
 def _is_liquid(group: GroupRecord) -> bool:
     """Whether the shots of a group have settled together that the material is a liquid."""
-    return group.population.switches.get("liquid", 0.0) > _SURE
+    return group.population.switches.get("liquid", 0.0) > 1.0 - UNLIKELY
 
 
 def model_in_words(switches: Mapping[str, float]) -> str:

@@ -192,7 +192,7 @@ def _warnings(shots: Sequence[str], likelihoods: Sequence[Likelihood], effective
     """What is rough in the intervals of shots, and in those of their material, which has so many effective draws."""
     sizes = zip(digits.distinct_names(shots), likelihoods, strict=True)
     rough = [name for name, shot in sizes if shot.effective < FEW]
-    if rough:
+    if 2 * len(rough) > len(shots):
         yield f"rough: fewer than {FEW:.0f} independent draws of {', '.join(rough)} are of this model"
     if effective < _LEAST_EFFECTIVE:
         yield f"the intervals of the material are rough: they rest on {effective:.0f} independent draws"

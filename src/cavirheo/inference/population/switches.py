@@ -18,7 +18,7 @@ from cavirheo.arrays import Bools, Floats, log_sum
 from cavirheo.inference.assumptions import AUTO, LIQUID, NEWTONIAN, PLAIN, Family
 from cavirheo.inference.experiment import FIELD_PROBABILITY
 from cavirheo.inference.population.hierarchy import likelihood
-from cavirheo.parameters import LOG10, is_law_parameter, units
+from cavirheo.parameters import LOG10, UNLIKELY, is_law_parameter, units
 from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import TRUSTED, Posterior
 from cavirheo.prior import Prior
@@ -26,7 +26,6 @@ from cavirheo.prior import Prior
 _MODULUS, _STIFFENING, _THINNING = LOG10 + "shear_modulus", LOG10 + "stiffening", LOG10 + "thinning"
 ONE_VALUE = 0.5  # prior probability that all shots have one modulus, or thinning, and not each its own
 SCATTER = 0.15  # decades; of the shots about this value
-LIKELY = 0.05  # probability of a liquid up to which G is a value, of a gel up to which there is none, and of thinning
 PLACES = 201  # of the prior of this value
 
 
@@ -111,9 +110,9 @@ def share_switches(answers: Sequence[Posterior], *, only_trusted: bool) -> Share
     chosen = _chosen(log_probability)
     conditioned = [_conditioned(answer, chosen) if _is_default(answer) else answer for answer in answers]
     switches = {name: on for name, on in _switches(log_probability).items() if name in votes[0].switches}
-    if switches["liquid"] <= LIKELY:
+    if switches["liquid"] <= UNLIKELY:
         return Shared(conditioned, switches)
-    if switches["liquid"] >= 1.0 - LIKELY:
+    if switches["liquid"] >= 1.0 - UNLIKELY:
         return Shared(conditioned, switches, 0.0)
     gel = max((state for state in PRIOR if KINDS[state.kind].is_gel), key=lambda state: log_probability[state])
     low, high = votes[0].prior[_MODULUS]
@@ -132,7 +131,7 @@ def _chosen(log_probability: Mapping[State, float]) -> dict[State, float]:
     both = [state for state in liquids if state.field == best.field] if best in liquids else [best]
     total = log_sum([log_probability[state] for state in both])
     shares = {state: float(np.exp(log_probability[state] - total)) for state in both}
-    return shares if min(shares.values()) > LIKELY else {best: 1.0}
+    return shares if min(shares.values()) > UNLIKELY else {best: 1.0}
 
 
 def _ratio(answer: Posterior, state: State, name: str, places: Floats) -> Floats:
