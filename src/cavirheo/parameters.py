@@ -227,9 +227,11 @@ def is_law_parameter(name: str) -> bool:
     return natural_name(name) not in ("stretch", *CAMERA, *BUBBLE)
 
 
-def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None:
-    """What an interval tells if it reaches an end of a range, in the same scale: that end is due to the range, not to
-    the curve. None: the interval lies within the range."""
+def bound_of(name: str, low: float, high: float, ends: tuple[float, float]) -> Bound | None:
+    """What an interval of a parameter tells if it reaches an end of a range, in the same scale: that end is due to the
+    range, not to the curve. None: the interval lies within the range. The upper end of an exponent is none: in the
+    default law a larger one is that of a liquid that does not thin, and in others hardly of any material."""
+    ends = (ends[0], inf) if _base_name(name) == "exponent" else ends
     low, high = max(low, ends[0]), max(high, ends[0])  # a value of exactly 0 lies at the lower end
     room = END_SHARE * (high - low)
     below, above = low - ends[0] <= room, ends[1] - high <= room
@@ -248,7 +250,7 @@ def searched_bound(name: str, low: float, high: float) -> Bound | None:
     if parameter is None or parameter.search_range is None or not 0 <= low < high:
         return None
     log_low, log_high = (to_prior_scale(LOG10 + name, end) for end in (low, high))
-    return bound_of(log_low, log_high, parameter.search_range)
+    return bound_of(name, log_low, log_high, parameter.search_range)
 
 
 def units(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -284,7 +284,8 @@ class Posterior:
         low, high = weighted_quantile(values, [0.05, 0.95], self.log_weight).tolist()
         if prior_name in self.prior:
             least, largest, *_ = self.prior[prior_name]
-            reached = bound_of(to_prior_scale(prior_name, low), to_prior_scale(prior_name, high), (least, largest))
+            first, last = (to_prior_scale(prior_name, end) for end in (low, high))
+            reached = bound_of(natural, first, last, (least, largest))
         else:
             reached = searched_bound(natural, low, high)
         return reached or self.traded.get(natural) or wide_bound(natural, low, high)

@@ -312,8 +312,8 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
             doubts = [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
             found.append((record.name, Known(ends | given, spreads, answer.n - len(answer.outliers), doubts)))
     if not found:
-        names = ", ".join(record.name for record in known.groups)
-        message = f"no answer of {family.name} with intervals for {group or 'any group'} (groups: {names})"
+        names = ", ".join(f"{record.name}: {record.population.model or 'none'}" for record in known.groups)
+        message = f"no answer of {family.name} with intervals for {group or 'any group'} ({names})"
         raise InputError(f"{message}: give ranges instead", "design.no_answer")
     if len(found) > 1:
         names = ", ".join(name for name, _ in found)

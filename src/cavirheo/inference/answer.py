@@ -311,7 +311,7 @@ def open_ends(prior: Prior, x: Floats, log_weight: Floats) -> list[str]:
             continue
         low, high = prior.bounds(name)
         ends = weighted_quantile(columns[name], [0.05, 0.95], log_weight).tolist()
-        if bound_of(min(ends[0], high), min(ends[1], high), (low, high)) == end:
+        if bound_of(name, min(ends[0], high), min(ends[1], high), (low, high)) == end:
             reached.append(name)
     return reached
 

@@ -39,7 +39,7 @@ def answer_lines(
     refusal = _refusal(group, shots)
     lines = list[tuple[str, list[str]]]()
     uses: dict[str, list[str]] = {}
-    for name in (*MAIN_FIELDS, *_further(group.population)):
+    for name in (*MAIN_FIELDS, *further_parameters(group.population)):
         short = result.shown(name).symbol
         line, notes, use = _value_line(result, group, shots, name)
         notes += ["not to be used yet"] if refusal else []
@@ -63,11 +63,11 @@ def _equal_laws(laws: LawsOfGroup | None) -> list[str]:
     """What each other law says that the evidence does not reject, if laws were compared."""
     if laws is None:
         return []
-    others = [name for name in laws.contenders if name != laws.chosen]
-    return [f"{name} follows as well: {laws.laws[name].material}" for name in others]
+    others = {name: laws.laws[name] for name in laws.contenders if name != laws.chosen}
+    return [": ".join(filter(None, [f"{name} follows as well", law.material])) for name, law in others.items()]
 
 
-def _further(population: PopulationRecord) -> list[str]:
+def further_parameters(population: PopulationRecord) -> list[str]:
     """The parameters beside G and mu of a law that was asked for, and the exponent of a liquid that thins; of the rest
     of the default family the probabilities of its switches tell."""
     known = [name for name in parameters_of([population]) if name not in (*MAIN_FIELDS, VISCOSITY_AT_RATE)]
@@ -116,7 +116,7 @@ def _value_line(
     scatter = group.population.wide_scatters.get(name, 0.0)
     if scatter >= NO_ONE_VALUE:
         return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], [], "not"
-    unit += " at 1e5/s" if name == "viscosity" and _is_at_rate(group) else ""
+    unit += " at 1e5/s" if name == "viscosity" and is_at_rate(group.population.model, group.population) else ""
     notes = list[str]()
     if not middle:
         if not value.is_zero:
@@ -171,12 +171,17 @@ def _disagreement(group: GroupRecord) -> list[str]:
     return [f"the shots disagree in {symbols}"] if symbols else []
 
 
-def _is_at_rate(group: GroupRecord) -> bool:
-    """Whether the viscosity of a group is that at 1e5 1/s, because it depends on the rate, or may."""
-    population = group.population
-    of_power_law = "power-law" in population.model and not population.value("reference_viscosity").known
-    at_rate = of_power_law or population.value(VISCOSITY_AT_RATE).known
-    return at_rate or population.switches.get("thinning", 0.0) > UNLIKELY
+def is_at_rate(law: str, values: CurveRecord | PopulationRecord) -> bool:
+    """Whether the viscosity by a law is that at 1e5 1/s, because it depends on the rate, or may: of a power law, of
+    which it is a parameter, and of a law without a viscosity."""
+    of_power_law = "power-law" in law and not values.value("reference_viscosity").known
+    without = not values.viscosity_Pa_s.known and values.value(VISCOSITY_AT_RATE).known
+    return of_power_law or without or values.switches.get("thinning", 0.0) > UNLIKELY
+
+
+def viscosity_name(values: CurveRecord) -> str:
+    """The name by which the viscosity of a shot is shown, which may be that at 1e5 1/s."""
+    return VISCOSITY_AT_RATE if is_at_rate(values.material, values) else "viscosity"
 
 
 def _is_liquid(group: GroupRecord) -> bool:
@@ -231,7 +236,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         return "measure scale and frame rate better, for G: --scale-error, --rate-error"
     if group.verdict == "bound" and (len(shots) == 1 or group.population.has_material):
         law = group.population.model.partition(",")[0]
-        law = "newtonian" if law == "auto" and _is_liquid(group) else law
+        law = "newtonian" if law == "auto" and group.population.switches.get("liquid", 0.0) > 0.5 else law
         more = [] if law in ("auto", "nhkv") else ["--material", law]
         more += ["--group", group.name] if len(result.groups) > 1 else []
         return f"cavirheo design {shlex.join([str(out / 'result.json'), *more])}   (what to record)"
@@ -250,8 +255,8 @@ def shots_table(
     """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval; G and µ have
     columns where a shot has them."""
     G = result.shown("shear_modulus")
-    has_rate = any(shot.material == "power-law" or shot.value(VISCOSITY_AT_RATE).known for shot in shots)
-    mu = result.shown(VISCOSITY_AT_RATE if has_rate else "viscosity")
+    mu_names = {viscosity_name(shot) for shot in shots if shot.viscosity.known} or {"viscosity"}
+    mu = result.shown(mu_names.pop() if len(mu_names) == 1 else "viscosity")
     both = [(G, [shot.shear_modulus_Pa for shot in shots]), (mu, [shot.viscosity for shot in shots])]
     shown = [(head, values) for head, values in both if any(value.known for value in values)] or both
     rows = []

@@ -11,8 +11,9 @@ from importlib.resources import files
 
 from cavirheo.parameters import is_law_parameter, parameter_of
 from cavirheo.physics.materials import LAWS
+from cavirheo.reporting import advice
 from cavirheo.reporting.drawing import template
-from cavirheo.reporting.record import CurveRecord, Result, parameters_of
+from cavirheo.reporting.record import CurveRecord, Result
 
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 MEDIUM_KEYS = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
@@ -58,7 +59,8 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
         laws=dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws),
         verdicts=Counter(curve.verdict for curve in result.curves),
         references_of_law=references_of_law,
-        parameters_of=parameters_of,
+        further_parameters=advice.further_parameters,
+        is_at_rate=advice.is_at_rate,
         MEDIUM_KEYS=MEDIUM_KEYS,
     )
     paragraph = " ".join(text.split())

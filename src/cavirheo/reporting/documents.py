@@ -381,7 +381,11 @@ def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:
                 log_evidence=evidence.log if evidence else None,
                 standard_error=evidence.error if evidence else None,
                 probability=ranking.probability.get(name),
-                material=material.line if material else _values_in_words(alone) if alone else "",
+                material=material.line
+                if material and len(material.centre)
+                else _values_in_words(alone)
+                if alone
+                else "",
             )
         found[ranking.members[0]] = LawsOfGroup(laws=laws, **same_fields(LawsOfGroup, ranking))
     return found

@@ -84,7 +84,8 @@ def print_line(record: CurveRecord) -> None:
     """Print an answer, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa (5.9 to 7.0), µ 0.029 Pa
     s (0.026 to 0.033), λ 6.1 (5.9 to 6.3), R_max 152 µm, RMSE 1.2 %'."""
     values = {name: record.main(name) for name in (*MAIN_FIELDS, "stretch")}
-    parts = [digits.shown(name, value.largest).named(value) for name, value in values.items() if value.known]
+    names = {name: advice.viscosity_name(record) if name == "viscosity" else name for name in values}
+    parts = [digits.shown(names[name], value.largest).named(value) for name, value in values.items() if value.known]
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
     line = f"  {record.name}: {', '.join(parts) if record.has_answer else record.message}"
     style = digits.VERDICT_STYLES[record.verdict].terminal

@@ -203,7 +203,7 @@ def _bound(answers: Sequence[Posterior], name: str, centre: Floats, low: float, 
     shots: of one that fewer of them than MIN_SHOTS determine, and than bound it, their most frequent bound."""
     least, _, most = quantiles(centre, 0.9)
     bounds = [bound for answer in answers if (bound := answer.bound(name)) not in (None, "wide")]
-    reached = bound_of(least, most, (low, high))
+    reached = bound_of(name, least, most, (low, high))
     if reached is None and len(answers) - len(bounds) < min(MIN_SHOTS, len(bounds)):
         return Counter(bounds).most_common(1)[0][0]
     return reached or wide_bound(name, 10.0**least, 10.0**most)

@@ -214,9 +214,8 @@ class Population:
 
     def _value(self, name: str) -> str:
         value = self.quantity(name)
-        of_rate = name == "viscosity" and (
-            self.material == "power-law" or self.switches.get("thinning", 0.0) > UNLIKELY
-        )
+        thins = "power-law" in self.material or self.switches.get("thinning", 0.0) > UNLIKELY
+        of_rate = name == "viscosity" and thins and "reference_viscosity" not in self.names
         shown = digits.shown(VISCOSITY_AT_RATE if of_rate else name, value.largest)
         scattered = name in self.determined and relative_scatter(self.scatter(name)[1]) >= NO_ONE_VALUE
         if scattered or name in self.heaps:
