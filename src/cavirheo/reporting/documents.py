@@ -48,6 +48,9 @@ CHANCE = 0.01  # probability of a trend by chance
 DECIDING_SHARE = 0.5  # share of the shots of a group, above which they decide its verdict
 LEAST_CHANGE = 1.0  # % of G by 1 % in scale or frame rate, from which on it is said
 MISFIT_SHARE = 0.15  # share of shots that do not fit, above which the others are a choice of those that the law suits
+SHARED_BY_ALL = {"check_input.walls": 1.0 / 3.0, "check_input.late_start": MISFIT_SHARE}
+"""Share of the shots of a group with an input warning beyond which it holds for all: they have one vessel and one scale,
+or are cut alike, and others only show it less. Of simulated shots 7 % are said to need walls."""
 _MAX_COMPARED = 6  # most groups that are compared, each with each
 
 
@@ -239,10 +242,11 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
     total = len(shots)
     most = max(DECIDING_SHARE * total, 1)
     doubted = [record for record in shots if record.verdict == "check_input"]
-    late = [record for record in doubted if "check_input.late_start" in [one.code for one in record.warnings]]
     suspects = doubted if len(doubted) > most else []
-    if len(late) > max(MISFIT_SHARE * total, 1):  # the others are cut alike, and show it less
-        suspects = late
+    for code, share in SHARED_BY_ALL.items():
+        shown = [record for record in doubted if code in [one.code for one in record.warnings]]
+        if len(shown) > max(share * total, 1):
+            suspects = shown
     if suspects:
         values = {"count": len(suspects), "total": total, "reason": _reason(suspects)}
         messages.append(Message("group.doubt.input", values))
