@@ -30,7 +30,7 @@ SHOTS = {  # law, stretch and bubble; what the intervals hold; switches that are
 COLUMNS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}
 
 
-def shot(name: str, noise=0.008, seed=1) -> RadiusCurve:
+def shot(name: str, noise=0.008, seed=2) -> RadiusCurve:
     law, stretch, bubble, *_ = SHOTS[name]
     about = {"stretch": stretch, "within": bubble, "frames": 90, "noise": noise, "seed": seed}
     return simulated(law, **about, stated_time_of_max=0.0)
