@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from math import inf, log10
@@ -236,6 +236,15 @@ def bound_of(name: str, low: float, high: float, ends: tuple[float, float]) -> B
     room = END_SHARE * (high - low)
     below, above = low - ends[0] <= room, ends[1] - high <= room
     return "undetermined" if below and above else "upper" if below else "lower" if above else None
+
+
+def is_at_rate(law: str, names: Collection[str], thinning: float = 0.0) -> bool:
+    """Whether the viscosity by a law with these parameters is that at 1e5 1/s, because it depends on the rate or may:
+    of a power law, of which it is a parameter, of a law that has none of its own, and of a liquid that thins with a
+    probability that is not negligible."""
+    of_power_law = "power-law" in law and "reference_viscosity" not in names
+    derived = VISCOSITY_AT_RATE in names and "viscosity" not in names
+    return of_power_law or derived or thinning > UNLIKELY
 
 
 def wide_bound(name: str, low: float, high: float) -> Bound | None:

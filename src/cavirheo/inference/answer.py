@@ -148,7 +148,7 @@ def sampled_answer(
         limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
         messages.append(Message("misfit.systematic", {"excess": excess, "p_value": p_value, **limits}))
     at_ends = open_ends(prior, weighed.x, weighed.log_weight)
-    traded = trades(prior, weighed.x, weighed.log_weight, _bounded_by_words(shot.family), at_ends)
+    traded = trades(prior, weighed.x, weighed.log_weight, _parameters_with_bounds(shot.family), at_ends)
     found = replace(found, traded={name: bound for name, (_, bound) in traded.items()})
     if verdict == "ok" and any(name in DECIDING for name in traded):
         verdict = "bound"
@@ -236,7 +236,7 @@ def _with_draws(empty: Posterior, target: ResidualSource, weighed: Weighed) -> P
     )
 
 
-def _bounded_by_words(family: Family) -> list[str]:
+def _parameters_with_bounds(family: Family) -> list[str]:
     """Parameters of a law of which a bound is said: no stiffening or thinning that may be 0, for the probabilities of
     the switches tell of them."""
     return [name for name in family.parameters if name == "shear_modulus" or name not in family.atoms]
@@ -247,7 +247,7 @@ def _bounds(answer: Posterior, family: Family) -> tuple[Verdict, list[Message]]:
     that is 0."""
     verdict: Verdict = "ok"
     messages: list[Message] = []
-    for name in (*_bounded_by_words(family), "stretch"):
+    for name in (*_parameters_with_bounds(family), "stretch"):
         bound = answer.bound(name) if name in answer.parameters else None
         ends = answer.interval(name) if bound else None
         if not bound or not ends or ends[1] == 0.0:

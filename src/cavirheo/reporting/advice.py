@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from cavirheo.messages import heaps_in_words
-from cavirheo.parameters import BUBBLE, NO_ONE_VALUE, UNLIKELY, VISCOSITY_AT_RATE, symbol
+from cavirheo.parameters import BUBBLE, NO_ONE_VALUE, UNLIKELY, VISCOSITY_AT_RATE, is_at_rate, symbol
 from cavirheo.reporting.documents import DECIDING_SHARE
 from cavirheo.reporting.record import (
     MAIN_FIELDS,
@@ -116,7 +116,8 @@ def _value_line(
     scatter = group.population.wide_scatters.get(name, 0.0)
     if scatter >= NO_ONE_VALUE:
         return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], [], "not"
-    unit += " at 1e5/s" if name == "viscosity" and is_at_rate(group.population.model, group.population) else ""
+    at_rate = name == "viscosity" and viscosity_name(group.population) == VISCOSITY_AT_RATE
+    unit += " at 1e5/s" if at_rate else ""
     notes = list[str]()
     if not middle:
         if not value.is_zero:
@@ -171,17 +172,11 @@ def _disagreement(group: GroupRecord) -> list[str]:
     return [f"the shots disagree in {symbols}"] if symbols else []
 
 
-def is_at_rate(law: str, values: CurveRecord | PopulationRecord) -> bool:
-    """Whether the viscosity by a law is that at 1e5 1/s, because it depends on the rate, or may: of a power law, of
-    which it is a parameter, and of a law without a viscosity."""
-    of_power_law = "power-law" in law and not values.value("reference_viscosity").known
-    without = not values.viscosity_Pa_s.known and values.value(VISCOSITY_AT_RATE).known
-    return of_power_law or without or values.switches.get("thinning", 0.0) > UNLIKELY
-
-
-def viscosity_name(values: CurveRecord) -> str:
-    """The name by which the viscosity of a shot is shown, which may be that at 1e5 1/s."""
-    return VISCOSITY_AT_RATE if is_at_rate(values.material, values) else "viscosity"
+def viscosity_name(values: CurveRecord | PopulationRecord) -> str:
+    """The name by which the viscosity of a shot or group is shown, which may be that at 1e5 1/s."""
+    law = values.material if isinstance(values, CurveRecord) else values.model
+    at_rate = is_at_rate(law, parameters_of([values]), values.switches.get("thinning", 0.0))
+    return VISCOSITY_AT_RATE if at_rate else "viscosity"
 
 
 def _is_liquid(group: GroupRecord) -> bool:

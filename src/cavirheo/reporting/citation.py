@@ -60,7 +60,7 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
         verdicts=Counter(curve.verdict for curve in result.curves),
         references_of_law=references_of_law,
         further_parameters=advice.further_parameters,
-        is_at_rate=advice.is_at_rate,
+        viscosity_name=advice.viscosity_name,
         MEDIUM_KEYS=MEDIUM_KEYS,
     )
     paragraph = " ".join(text.split())

@@ -48,7 +48,7 @@ CHANCE = 0.01  # probability of a trend by chance
 DECIDING_SHARE = 0.5  # share of the shots of a group, above which they decide its verdict
 LEAST_CHANGE = 1.0  # % of G by 1 % in scale or frame rate, from which on it is said
 MISFIT_SHARE = 0.15  # share of shots that do not fit, above which the others are a choice of those that the law suits
-SHARED_BY_ALL = {"check_input.walls": 1.0 / 3.0, "check_input.late_start": MISFIT_SHARE}
+SHARED_WARNINGS = {"check_input.walls": 1.0 / 3.0, "check_input.late_start": MISFIT_SHARE}
 """Share of the shots of a group with an input warning beyond which it holds for all: they have one vessel and scale,
 or are cut alike, and others only show it less. Of simulated shots 7 % are said to need walls."""
 _MAX_COMPARED = 6  # most groups that are compared, each with each
@@ -243,7 +243,7 @@ def _doubts(shots: Sequence[CurveRecord], population: PopulationRecord) -> list[
     most = max(DECIDING_SHARE * total, 1)
     doubted = [record for record in shots if record.verdict == "check_input"]
     suspects = doubted if len(doubted) > most else []
-    for code, share in SHARED_BY_ALL.items():
+    for code, share in SHARED_WARNINGS.items():
         shown = [record for record in doubted if code in [one.code for one in record.warnings]]
         if len(shown) > max(share * total, 1):
             suspects = shown

@@ -170,9 +170,9 @@ def _with_material(
     over = {name: change for name in empty.names if (change := sensitivity_to_scale(answers, name)) is not None}
     with_errors = centre + shifts(empty.names, over, empty.errors, _DRAWS, seed)
     heaps, bounds = dict[str, tuple[Heap, Heap]](), dict[str, Bound | None]()
+    of_shots = alone if "shear_modulus" in empty.names else answers  # of a liquid, in which its thinning is shared
     for name, values, low, high in zip(empty.names, with_errors.T, posterior.low, posterior.high, strict=True):
         bounds[name] = _bound(answers, name, values, low, high)
-        of_shots = alone if "shear_modulus" in empty.names else answers  # of a liquid, in which its thinning is shared
         if name in DECIDING and (both := two_heaps(of_shots, empty.shots, name)):
             heaps[name], bounds[name] = both, "wide"
     return replace(

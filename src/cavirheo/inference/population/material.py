@@ -20,7 +20,7 @@ from cavirheo.arrays import NORMAL_90, Floats, relative_scatter
 from cavirheo.errors import require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
 from cavirheo.messages import Message
-from cavirheo.parameters import NO_ONE_VALUE, UNLIKELY, VISCOSITY_AT_RATE, Bound, matching, parameter_of, require_name
+from cavirheo.parameters import NO_ONE_VALUE, VISCOSITY_AT_RATE, Bound, is_at_rate, matching, parameter_of, require_name
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import elastic_number
 from cavirheo.posterior import Heap, Posterior, check_level, upper_limit
@@ -214,9 +214,8 @@ class Population:
 
     def _value(self, name: str) -> str:
         value = self.quantity(name)
-        thins = "power-law" in self.material or self.switches.get("thinning", 0.0) > UNLIKELY
-        of_rate = name == "viscosity" and thins and "reference_viscosity" not in self.names
-        shown = digits.shown(VISCOSITY_AT_RATE if of_rate else name, value.largest)
+        at_rate = is_at_rate(self.material, self.names, self.switches.get("thinning", 0.0))
+        shown = digits.shown(VISCOSITY_AT_RATE if at_rate and name == "viscosity" else name, value.largest)
         scattered = name in self.determined and relative_scatter(self.scatter(name)[1]) >= NO_ONE_VALUE
         if scattered or name in self.heaps:
             return f"no one value of {shown.symbol}"
