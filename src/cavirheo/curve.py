@@ -332,6 +332,10 @@ class RadiusCurve:
         the first collapse, scatters by more than 5 % (residual oscillation included), or drifts by more than 5 %, in
         itself or relative to the sixth of the time before it. The standard deviation combines scatter and drift.
         """
+        return self._plateau_stretch
+
+    @cached_property
+    def _plateau_stretch(self) -> tuple[float, float] | None:
         collapses = self.collapse_times()
         return landmarks.plateau_stretch(*self._after_max, collapses[0] if len(collapses) else None)
 

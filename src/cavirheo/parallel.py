@@ -28,11 +28,14 @@ Closing the flow drops jobs that have not begun."""
 # no modules from the current folder; loky restarts a process with so many bytes more than after its first job
 _ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
-_pools: dict[int, Any] = {}  # the pool of this process, by its size
+_idle: dict[Any, int] = {}  # pools of this process that wait for another `on_processes`: their numbers of processes
+_busy: dict[Any, int] = {}  # those of an `on_processes` alone
+_shared: dict[Any, int] = {}  # that of all calls of `run_on_any_core`
 _pool_lock = threading.Lock()
 _calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pools.clear)  # a pool is of the process that started it
+    for pools in (_idle, _busy, _shared):
+        os.register_at_fork(after_in_child=pools.clear)  # a pool is of the process that started it
 
 
 def cores(workers: int | None = None) -> int:
@@ -100,7 +103,7 @@ def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers
     mostly run Python code, which threads would run one at a time. After its close or an exception, running jobs end at
     once. Threads do the work where no process can be started. Raises InputError: a process was ended from outside; and
     what `function` raises."""
-    pool = process_pool(max(min(cores(workers), len(jobs)), 1))
+    pool = _lent_pool(max(min(cores(workers), len(jobs)), 1))
     if pool is None:
         yield from on_threads(function, jobs, workers)
         return
@@ -110,21 +113,17 @@ def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers
         for future in as_completed(list(indices)):
             output = future.result()
             yield indices.pop(future), output
-    except _pool_errors() as error:
-        end_processes()  # the next call starts others
+    except BrokenExecutor as error:
         message = "a process of this machine was ended from outside, for want of memory perhaps"
         mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
         raise InputError(f"{message}: {mending}", "parallel.ended") from error
     finally:
-        if indices:
-            end_processes()
-
-
-def _pool_errors() -> tuple[type[Exception], ...]:
-    """Errors of a job whose processes were ended: from outside, or by `end_processes` in another thread."""
-    from loky.process_executor import ShutdownExecutorError
-
-    return BrokenExecutor, ShutdownExecutorError
+        with _pool_lock:
+            size = _busy.pop(pool, 0)
+            if indices:
+                pool.shutdown(kill_workers=True)
+            else:
+                _idle[pool] = size
 
 
 @contextmanager
@@ -141,22 +140,31 @@ def _signals_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def process_pool(count: int) -> Any:
-    """A pool of at least `count` processes, the latest one if it is large enough; None if none can be started, as in a
-    sandbox without semaphores, or without enough memory or files. Its processes end themselves when they have had no
-    work for IDLE, or this one is killed, and leave Ctrl-C to this one."""
+def _lent_pool(count: int) -> Any:
+    """A pool of at least `count` processes that no other caller has; None if none can be started."""
+    with _pool_lock:
+        pool = next((pool for pool, size in _idle.items() if size >= count), None)
+        if pool is not None:
+            _busy[pool] = _idle.pop(pool)
+            return pool
+        while _idle:  # they are too small
+            _idle.popitem()[0].shutdown(wait=False)
+        return _new_pool(count, _busy)
+
+
+def _new_pool(count: int, pools: dict[Any, int]) -> Any:
+    """A pool of processes, which becomes one of `pools`; None if none can be started, as in a sandbox without
+    semaphores, or without enough memory or files. Its processes end themselves when they have had no work for IDLE, or
+    this one is killed, and leave Ctrl-C to this one."""
     from loky import ProcessPoolExecutor
 
-    with _pool_lock:
-        if _pools and min(_pools) < count:
-            _pools.popitem()[1].shutdown(wait=False)
-        if not _pools:
-            tied = {"initializer": tie_to_parent, "initargs": (os.getpid(),)}
-            with suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, too many files
-                pool = ProcessPoolExecutor(count, timeout=IDLE, env=_ENVIRONMENT, **tied)
-                pool.submit(int)  # starts the processes
-                _pools[count] = pool
-        return next(iter(_pools.values()), None)
+    tied = {"initializer": tie_to_parent, "initargs": (os.getpid(),)}
+    with suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, too many files
+        pool = ProcessPoolExecutor(count, timeout=IDLE, env=_ENVIRONMENT, **tied)
+        pool.submit(int)  # starts the processes
+        pools[pool] = count
+        return pool
+    return None
 
 
 def tie_to_parent(parent: int) -> None:
@@ -172,16 +180,13 @@ def tie_to_parent(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def end_processes() -> None:
-    """End all processes that `on_processes` has started, even running ones."""
-    with _pool_lock:
-        while _pools:
-            _pools.popitem()[1].shutdown(kill_workers=True)
-
-
 def prepare_exit() -> None:
-    """End all processes, and release what they shared. To be called before an exit that skips the exit handlers."""
-    end_processes()
+    """End all processes that this one has started, even running ones, and release what they shared. To be called before
+    an exit that skips the exit handlers."""
+    with _pool_lock:
+        for pools in (_idle, _busy, _shared):
+            while pools:
+                pools.popitem()[0].shutdown(kill_workers=True)
     for thread in threading.enumerate():  # of loky: an exit while one of them releases a semaphore shows it as leaked
         if thread.name in ("ExecutorManagerThread", "QueueFeederThread"):
             thread.join(1.0)
@@ -212,11 +217,6 @@ def run_jobs(
     return [outputs[index] for index in range(len(outputs))]
 
 
-def run_in_thread(function: Callable[[], Output]) -> Output:
-    """function() in a new thread: the calling thread only waits, so that Ctrl-C ends even a long compilation."""
-    return run_jobs(lambda _: function(), [None], 1)[0]
-
-
 def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
     """function(*arguments), mostly Python code, for one of several threads: runs in the calling thread, or in a process
     while another thread runs such a function, because two threads would take turns. The output is the same."""
@@ -225,13 +225,12 @@ def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
             return function(*arguments)
         finally:
             _calling_thread_lock.release()
-    pool = process_pool(cores()) if cores() > 1 else None
+    with _pool_lock:
+        pool = next(iter(_shared), None) or (_new_pool(cores(), _shared) if cores() > 1 else None)
     if pool:
         try:
             output: Output = pool.submit(function, *arguments).result()
             return output
         except BrokenExecutor:  # ended from outside: the next call starts others
-            end_processes()
-        except _pool_errors():  # ended for an `on_processes`
-            pass
+            _shared.pop(pool, None)
     return function(*arguments)

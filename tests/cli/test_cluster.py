@@ -51,8 +51,11 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(cl
         with refused("test.refused", "no -1"), closing(executor(double, [-1, -1])) as flow:
             list(flow)
     assert run_jobs(lambda job: run_on_any_core(double, job), range(7, 50), 4) == [2 * job for job in range(7, 50)]
+    other = on_processes(time.sleep, [0, 1, 1], 3)
+    assert next(other)[0] == 0
     with closing(on_processes(time.sleep, [0, 1e6, 1e6], 2)) as flow:
         assert next(flow)[0] == 0  # the others end with the flow
+    assert sorted(other) == [(1, None), (2, None)]  # and those of another caller do not
     with refused("parallel.ended"):
         list(on_processes(os._exit, [1, 1], 2))
     with pytest.raises(InputError):  # of a worker that comes later and is another

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
+from shlex import quote
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -312,13 +313,13 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
             doubts = [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
             found.append((record.name, Known(ends | given, spreads, answer.n - len(answer.outliers), doubts)))
     if not found:
-        names = ", ".join(f"{record.name}: {record.population.model or 'none'}" for record in known.groups)
+        names = "; ".join(f"{record.name}: {record.population.model or 'none'}" for record in known.groups)
         message = f"no answer of {family.name} with intervals for {group or 'any group'} ({names})"
         raise InputError(f"{message}: give ranges instead", "design.no_answer")
     if len(found) > 1:
-        names = ", ".join(name for name, _ in found)
-        message = f"the result has several materials ({names}): name the group of one with --group NAME"
-        raise InputError(message, "design.groups")
+        names = listed((quote(name) for name, _ in found), 12)
+        message = f"a design is for one material, and the result has answers of {len(found)}: add --group with one of "
+        raise InputError(f"{message}{names}; in Python group=", "design.groups")
     return found[0][1]
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import inf, pi, prod, sqrt
 from typing import Any, NamedTuple, TypedDict, Unpack
 
@@ -371,7 +372,8 @@ def simulate_many(
 def load_solver() -> None:
     """Load the compiled solver; Ctrl-C ends it. If it must be compiled first, the user is told."""
     cache.NOTICES["solver.integrate"] = "compiling the bubble solver for this machine, once (10 to 30 s) ..."
-    parallel.run_in_thread(lambda: simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7]))
+    run = partial(simulate, max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
+    parallel.run_jobs(run, [Newtonian(0.1)], 1)  # in a thread: this one only waits
 
 
 def _checked_times(time: ArrayLike) -> Floats:

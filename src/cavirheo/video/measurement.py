@@ -145,14 +145,14 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
         fine = options.get(name) is None or np.shape(options[name]) == (count,)  # type: ignore[literal-required]
         require(fine, f"{name} must be {count} numbers, got {options.get(name)!r}", f"video.{name}")
     whole = formats.read(path)
-    warnings = [*whole.warnings]
     metadata = "the camera's header" if path.suffix.lower() in formats.CAMERA_ENDINGS else "the metadata of the file"
     camera_rate = whole.frame_rate, metadata
     if whole.time is not None:
         camera_rate = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"
-    rate = _stated(options.get("frame_rate"), "frames per second", *camera_rate, warnings)
-    shutter = _stated(options.get("exposure"), "seconds of exposure", whole.exposure, metadata, warnings)
-    scale = _stated(options.get("um_per_px"), "um per pixel", whole.um_per_px, metadata, warnings)
+    rate, of_rate = _stated(options.get("frame_rate"), "frames per second", *camera_rate)
+    shutter, of_shutter = _stated(options.get("exposure"), "seconds of exposure", whole.exposure, metadata)
+    scale, of_scale = _stated(options.get("um_per_px"), "um per pixel", whole.um_per_px, metadata)
+    warnings = [*whole.warnings, *of_rate, *of_shutter, *of_scale]
     count, height, width = whole.frames.shape
     per_second = _checked_rate(rate)
     time = np.arange(count) / per_second if whole.time is None or options.get("frame_rate") else whole.time
@@ -186,15 +186,15 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
 
 
 def _stated(
-    by_user: float | None, what: str, value: float | None, origin: str, warnings: list[Message]
-) -> StatedNumber:
-    """The number of the user, else that of the camera, which comes from `origin`; a warning if they differ."""
+    by_user: float | None, what: str, value: float | None, origin: str
+) -> tuple[StatedNumber, tuple[Message, ...]]:
+    """The number of the user, else that of the camera, which comes from `origin`; and a warning if they differ."""
     if by_user is None:
-        return StatedNumber(value=value, origin=origin) if value else StatedNumber()
-    if value and abs(by_user / value - 1.0) > _TOLERANCE:
-        differ = {"given": by_user, "what": what, "origin": origin, "value": value}
-        warnings.append(Message("check_input.camera_differs", differ))
-    return StatedNumber(value=by_user, origin="the user")
+        return StatedNumber(value=value, origin=origin) if value else StatedNumber(), ()
+    differ = {"given": by_user, "what": what, "origin": origin, "value": value}
+    differs = value and abs(by_user / value - 1.0) > _TOLERANCE
+    warnings = (Message("check_input.camera_differs", differ),) if differs else ()
+    return StatedNumber(value=by_user, origin="the user"), warnings
 
 
 def _checked_rate(rate: StatedNumber) -> float:
