@@ -24,8 +24,8 @@ from rich.terminal_theme import MONOKAI
 from rich.text import Text
 
 from cavirheo import infer, read_curves
-from cavirheo.reporting.drawing import picture
 from cavirheo.reporting.panels import curve_panels
+from cavirheo.reporting.pictures import picture
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -327,7 +327,7 @@ class Posterior:
     def plot(self) -> Figure:
         """Figure of the measured radius, the band that holds 90 % of what the answer predicts, and the residual of its
         simulation. Raises InputError: the answer has no curve, or matplotlib is missing."""
-        draw: Any = resolve_name("cavirheo.reporting.drawing.answer_figure")  # reporting imports this module
+        draw: Any = resolve_name("cavirheo.reporting.pictures.answer_figure")  # reporting imports this module
         figure: Figure = draw(self)
         return figure
 
@@ -339,7 +339,7 @@ class Posterior:
         self._require_draws(2)
         usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
         chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
-        draw: Any = resolve_name("cavirheo.reporting.drawing.corner_figure")
+        draw: Any = resolve_name("cavirheo.reporting.pictures.corner_figure")
         figure: Figure = draw({name: self.draws(name) for name in chosen}, self.weights)
         return figure
 

@@ -152,7 +152,7 @@ def test_quiet_says_errors_alone(lab):
 
 
 def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
-    monkeypatch.setattr("cavirheo.reporting.drawing.picture", lambda *_, **__: pytest.fail("it draws"))
+    monkeypatch.setattr("cavirheo.reporting.pictures.picture", lambda *_, **__: pytest.fail("it draws"))
     words = ("infer", "shot.csv", *BDT, "--no-pictures", "--replace", "-o", "r")
     more = ("--seed", 7, "--trust-input", "--group", "folder", "--medium", "zhu2025", "--stretch", 9, "--window", 1)
     for given in ((), (*more, "--density", 1040, "--rmax-um", 200)):

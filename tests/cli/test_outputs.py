@@ -158,7 +158,7 @@ def test_another_report_or_an_interruption_while_a_page_is_written_leaves_the_ol
     for pairs, command in ((solved[:1], "second"), (solved[1:], "first")):
         assert code_of(written, tmp_path, pairs, command) == "document.other_run"
     assert contents(tmp_path) == before
-    monkeypatch.setattr("cavirheo.reporting.drawing.write_page", stopped)
+    monkeypatch.setattr("cavirheo.reporting.write_page", stopped)
     with pytest.raises(KeyboardInterrupt):
         written(tmp_path, solved[:1], "second", replace=True)
     after = contents(tmp_path)

@@ -16,9 +16,10 @@ from cavirheo.posterior import Checks
 from cavirheo.reporting.advice import curves_by_message
 from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.documents import result_of
-from cavirheo.reporting.drawing import GROUP_SIZE, picture, template
 from cavirheo.reporting.measured import curve_warnings, curves_by_note, summary_cells
+from cavirheo.reporting.page import template
 from cavirheo.reporting.panels import all_curves_panel, curve_panels
+from cavirheo.reporting.pictures import GROUP_SIZE, picture
 from cavirheo.writing import digits
 
 VERSION = version("cavirheo")

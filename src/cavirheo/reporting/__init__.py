@@ -7,8 +7,9 @@ from pathlib import Path
 from markupsafe import Markup
 
 from cavirheo.posterior import Checks
-from cavirheo.reporting import drawing
+from cavirheo.reporting import pictures
 from cavirheo.reporting.documents import Pairs, result
+from cavirheo.reporting.page import write_page
 from cavirheo.reporting.panels import curve_panels, group_panels
 from cavirheo.reporting.record import GroupRecord, Result, csv_rows
 from cavirheo.writing.document import Claim, Outputs, locked_folder, try_to_draw, write_json, write_rows
@@ -55,7 +56,7 @@ def write_documents(
     folder.write("result.csv", write_rows, *csv_rows(document))
     if complete:
         sheets = [str(curve.meta.get("contact_sheet", "")) for curve, _ in pairs] if draw else []
-        folder.write("report.html", drawing.write_page, document, of_curves, of_groups, sheets)
+        folder.write("report.html", write_page, document, of_curves, of_groups, sheets)
     folder.finish()
 
 
@@ -63,7 +64,7 @@ def _curve_pictures(pairs: Pairs, document: Result, *, draw: bool) -> dict[int, 
     """SVG of curves by their numbers, or the reason why there is none, "" if none is drawn. Of many curves, those with
     an exceptional verdict come first."""
     rows, notes = document.curves, document.notes
-    size = drawing.SIZE if len(pairs) == 1 else drawing.SHOT_SIZE
+    size = pictures.SIZE if len(pairs) == 1 else pictures.SHOT_SIZE
     exceptions_first = sorted(range(len(rows)), key=lambda number: rows[number].trusted)
     if len(rows) > MAX_PICTURES:
         notes.append(f"report.html has the sections of {MAX_PICTURES} of {len(rows)} curves, exceptions first")
@@ -71,7 +72,7 @@ def _curve_pictures(pairs: Pairs, document: Result, *, draw: bool) -> dict[int, 
     def curve_picture(number: int) -> str:
         curve, answer = pairs[number]
         panels = curve_panels(curve, answer.checks if rows[number].has_answer else Checks("failed"), answer.method)
-        return drawing.picture(panels, size, with_key=len(pairs) == 1)
+        return pictures.picture(panels, size, with_key=len(pairs) == 1)
 
     return {
         number: try_to_draw(f"picture of {rows[number].name}", notes, curve_picture, number) if draw else ""
@@ -85,7 +86,7 @@ def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> dict[str
 
     def group_picture(group: GroupRecord, indices: list[int]) -> str:
         panels = group_panels(pairs, document, group, indices)
-        return Markup().join(drawing.picture([panel], drawing.GROUP_SIZE) for panel in panels)
+        return Markup().join(pictures.picture([panel], pictures.GROUP_SIZE) for panel in panels)
 
     groups = [(group, indices) for group, indices in document.indices_by_group() if group.n > 1][:MAX_PICTURES]
     return {group.name: try_to_draw(f"picture of {group.name}", notes, group_picture, group, i) for group, i in groups}

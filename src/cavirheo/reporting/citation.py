@@ -12,7 +12,7 @@ from importlib.resources import files
 from cavirheo.parameters import is_law_parameter, parameter_of
 from cavirheo.physics.materials import LAWS
 from cavirheo.reporting import advice
-from cavirheo.reporting.drawing import template
+from cavirheo.reporting.page import template
 from cavirheo.reporting.record import CurveRecord, Result
 
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"

@@ -11,7 +11,7 @@ import typer
 import cavirheo
 from cavirheo.errors import InputError, SolverError
 from cavirheo.settings import option
-from cavirheo.verbs import companions, curves, histories, simple
+from cavirheo.verbs import companions, curves, histories, showing, training
 from cavirheo.verbs.run import Command
 from cavirheo.writing.terminal import say, write
 
@@ -19,9 +19,10 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
     (curves, "Infer Watch Fit WhichLaw"),
     (histories, "Measure"),
     (companions, "Design Compare Rheometer CollapseTime"),
-    (simple, "show cite app"),
+    (showing, "show cite app"),
     (histories, "Simulate"),
-    (simple, "laws models generate train"),
+    (showing, "laws"),
+    (training, "models generate train"),
 )
 _EXTRAS = {  # libraries that a part of the program needs, and the extra that installs them
     "gradio": "app",

@@ -1,17 +1,12 @@
-"""report.html and its pictures, by templates of jinja2 that escape all text from files and command lines; and figures
-by matplotlib.
+"""Panels as pictures (SVG) of pages, and as figures by matplotlib, all readable in grey.
 
-The page loads no other file: style and pictures (SVG) are part of it. The script (table.js) only sorts the table of
-shots; without it all content is still there. Coordinates in a picture are whole numbers, PX to a pixel, and its colours
-are those of picture.css, which each page has once. All figures are readable in grey.
+Coordinates of SVG are whole numbers, PX to a pixel; its colours are those of picture.css, which each page has once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,14 +15,12 @@ from markupsafe import Markup
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import advice
+from cavirheo.reporting.page import template
 from cavirheo.reporting.panels import Layer, Panel, curve_panels
-from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 from cavirheo.writing.export import import_optional
 
 if TYPE_CHECKING:
-    from jinja2 import Template
     from matplotlib.figure import Figure
 
 PX = 4  # SVG units per pixel
@@ -54,36 +47,6 @@ _STYLES: dict[str, dict[str, Any]] = {  # of matplotlib, by look
     "zero": {"color": "black", "lw": 0.5},
     "draws": {"color": _VERMILLION, "alpha": 0.25, "lw": 0},
 }
-
-
-def write_page(
-    path: Path, result: Result, pictures: Mapping[int, str], group_pictures: Mapping[str, str], sheets: Sequence[str]
-) -> None:
-    """Write the page of a result. pictures: SVG of curves by their numbers, or the reason why there is none; these
-    curves have a section of their own. group_pictures: of groups of several answered shots by name, beside their
-    answers. sheets: of each curve, an image of all frames of its recording, or ""."""
-    if len(result.curves) == 1:  # its picture stands beside its answer
-        group_pictures, pictures = {group.name: pictures.get(0, "") for group in result.groups}, {0: ""}
-    names = digits.distinct_names([curve.name for curve in result.curves])
-    content = {"result": result, "names": names, "pictures": pictures, "group_pictures": group_pictures}
-    page = template("report.html").render(**content, sheets=sheets or [""] * len(names))
-    path.write_text(page, encoding="utf-8")
-
-
-@cache
-def template(name: str, package: str = "cavirheo.reporting") -> Template:
-    """The template of this file name in the folder of a package."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader(package, ""),
-        autoescape=not name.endswith(".txt"),
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        finalize=digits.printable,
-    )
-    environment.globals.update(advice=advice, digits=digits)
-    return environment.get_template(name)
 
 
 @dataclass(frozen=True)
