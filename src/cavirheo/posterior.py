@@ -17,6 +17,7 @@ from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import (
     LOG10,
+    REFERENCE_RATE,
     Bound,
     bound_of,
     column_name,
@@ -30,6 +31,7 @@ from cavirheo.parameters import (
     wide_bound,
 )
 from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity
@@ -382,3 +384,16 @@ def weighted_quantile(values: Floats, levels: ArrayLike, log_weight: Floats | No
     from_above = -np.quantile(-values, np.round(1.0 - level, 12), **options)
     high = np.reshape(level > 0.5, level.shape + (1,) * (values.ndim - 1))
     return np.where(high, from_above, from_below)
+
+
+def viscosity_at_rate(material: str, draws: Mapping[str, Floats], log_weight: Floats | None = None) -> Quantity | None:
+    """The viscosity at 1e5 1/s of a law that has none of its own, from draws (k,) of its parameters by natural name,
+    SI; None for another law, or without draws."""
+    rows = [dict(zip(draws, row, strict=True)) for row in zip(*draws.values(), strict=True)]
+    if not rows or viscosity_at(material, REFERENCE_RATE, rows[0]) is None:
+        return None
+    viscosities = np.array([viscosity_at(material, REFERENCE_RATE, row) for row in rows])
+    if len(rows) == 1:
+        return Quantity(median=viscosities[0])
+    ends = 10.0 ** weighted_quantile(np.log10(viscosities), [0.05, 0.5, 0.95], log_weight)
+    return Quantity.from_interval(*ends.tolist())

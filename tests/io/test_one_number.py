@@ -95,5 +95,21 @@ def test_an_asked_for_law_shows_each_of_its_parameters_once(law, run):
     written("out", pairs, draw=False)
     shown = re.findall(r"^(\S+) +([\d.]+) .*90 % sure: ", done(run("show", "out")), re.MULTILINE)
     expected = {SYMBOLS[name]: 10.0**value for name, value in truth.items()}
+    if not thins:  # its viscosity at 1e5 1/s is derived
+        expected["µ"] = expected["µ_ref"] + expected["tau_y"] / 1e5
     assert sorted(symbol for symbol, _ in shown) == sorted(expected)
     assert {symbol: float(value) for symbol, value in shown} == pytest.approx(expected, rel=0.05)
+
+
+def test_a_shot_alone_among_groups_has_one_interval_everywhere_and_its_answer_beside_its_picture(pairs, run):
+    alone = [(curve.with_group(f"{k}", f"{k}.csv"), made) for k, (curve, made) in enumerate(pairs[3:5])]
+    read = written("out", [*pairs[:3], *alone])
+    shown = [(group.population, rows[0]) for group, rows in read.rows_by_group()]
+    assert [row.shear_modulus_Pa == answer.shear_modulus_Pa for answer, row in shown] == [False, True, True]
+    _, interval = read.shown("shear_modulus").parts(shown[1][0].shear_modulus_Pa)
+    assert interval in done(run("show", "out"))
+    article = (
+        Path("out/report.html").read_text("utf-8").partition('<article id="curve-3"')[2].partition("</article>")[0]
+    )
+    text = spaced(" ".join(Page(f"<article{article}</article>").text))
+    assert (f"90 % sure: {interval}" in text, "use G and µ with interval" in text) == (True, True)

@@ -273,7 +273,7 @@ class Session:
     def find_answer(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
         """Return (all answers, curve, posterior, record) of a shot. Raises InputError: no answer."""
         answers = self.current
-        for pair, record in zip(answers.pairs, answers.document.curves, strict=True):
+        for pair, record in zip(answers.pairs, answers.document.rows, strict=True):
             if record.name == name:
                 return answers, *pair, record
         raise InputError(f"{name} has no answer: infer first (step 3)", "app.no_answer")

@@ -142,7 +142,7 @@ def answers(session: Session) -> str:
     document = current.document
     groups = _PARTS.group_answers(document, current.pictures)
     groups += _PARTS.comparisons(document)
-    rows = document.curves
+    rows = document.rows
     shots = _PARTS.curves_table(document, rows, [row.name for row in rows])
     explanation = _PARTS.reading(), *methods_paragraph(document)
     done = len(document.curves), current.not_run

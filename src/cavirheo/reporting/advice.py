@@ -7,9 +7,10 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 from cavirheo.messages import heaps_in_words
-from cavirheo.parameters import BUBBLE, NO_ONE_VALUE, UNLIKELY, VISCOSITY_AT_RATE, is_at_rate, symbol
+from cavirheo.parameters import BUBBLE, UNLIKELY, VISCOSITY_AT_RATE, is_at_rate, symbol
 from cavirheo.reporting.documents import DECIDING_SHARE
 from cavirheo.reporting.record import (
     MAIN_FIELDS,
@@ -31,32 +32,37 @@ _OF_MODEL = ("group.doubt.misfits", "group.doubt.switches", "group.doubt.trend")
 _DISAGREEMENTS = (*_APART, *_OF_MODEL)
 
 
-def answer_lines(
-    result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path = Path()
-) -> list[tuple[str, list[str]]]:
-    """(label, parts of a line) of the answer of a group: G and mu, whether to use them, what could be wrong, which
-    model, and what to do next. A page has the same lines. out: folder of the documents."""
+class Line(NamedTuple):
+    """A line of an answer: a value with what is said of it, clauses, or a command with its purpose."""
+
+    label: str
+    parts: list[str]
+    kind: Literal["value", "clauses", "command"] = "clauses"
+
+
+def answer_lines(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path = Path()) -> list[Line]:
+    """The answer of a group: G and mu, whether to use them, what could be wrong, which model, and what to do next. A
+    page has the same lines. out: folder of the documents."""
     refusal = _refusal(group, shots)
-    lines = list[tuple[str, list[str]]]()
+    lines = list[Line]()
     uses: dict[str, list[str]] = {}
     for name in (*MAIN_FIELDS, *further_parameters(group.population)):
         short = result.shown(name).symbol
         line, notes, use = _value_line(result, group, shots, name)
         notes += ["not to be used yet"] if refusal else []
         if line:
-            lines.append((short, [*line, f"({'; '.join(notes)})"] if notes else line))
+            lines.append(Line(short, [*line, f"({'; '.join(notes)})"] if notes else line, "value"))
         if use:
             uses.setdefault(use, []).append(short)
-    lines.append(("use", [refusal or _use(group, shots, uses)]))
+    lines.append(Line("use", [refusal or _use(group, shots, uses)]))
     said = refusal or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
     known = {message.code for message in group.doubts} | ({"group.left_out"} if said else set())
     facts = [*_equal_laws(group.laws), *(message.text for message in group.messages if message.code not in known)]
     if facts:
-        lines.append(("check", facts))
+        lines.append(Line("check", facts))
     if group.has_answer and group.population.switches:
-        lines.append(("model", [model_in_words(group.population.switches)]))
-    lines.append(("next", [next_step(result, group, shots, out)]))
-    return lines
+        lines.append(Line("model", [model_in_words(group.population.switches)]))
+    return [*lines, next_step(result, group, shots, out)]
 
 
 def _equal_laws(laws: LawsOfGroup | None) -> list[str]:
@@ -114,7 +120,7 @@ def _value_line(
     if value.bound == "undetermined":
         return [interval], [], "not"
     scatter = group.population.wide_scatters.get(name, 0.0)
-    if scatter >= NO_ONE_VALUE:
+    if group.population.has_no_one_value(name):
         return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], [], "not"
     at_rate = name == "viscosity" and viscosity_name(group.population) == VISCOSITY_AT_RATE
     unit += " at 1e5/s" if at_rate else ""
@@ -202,40 +208,49 @@ def _shares(probabilities: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in probabilities.items() if share >= 0.005)
 
 
-def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> str:
-    """The one command that helps."""
+def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> Line:
+    """The one command that helps, or what to do where no command does."""
+
+    def command(words: str, *purpose: str) -> Line:
+        return Line("next", [f"cavirheo {words}", *(f"({text})" for text in purpose)], "command")
+
+    def advice(text: str) -> Line:
+        return Line("next", [text])
+
     document = shlex.quote(str(out / "result.json"))
-    codes = [message.code for message in group.doubts]
+    codes = {message.code for message in group.doubts}
     if group.verdict == "check_input" and len(shots) == 1:
         if any(message.code == "check_input.scale" for message in shots[0].warnings):
-            return "the same command with the right unit, --rmax-um or --fps"
-        return "the same command with what is asked for, or --trust-input if all is right"
+            return advice("the same command with the right unit, --rmax-um or --fps")
+        return advice("the same command with what is asked for, or --trust-input if all is right")
     if group.verdict == "failed" and len(shots) == 1:
-        return "the same command, when this is mended"
+        return advice("the same command, when this is mended")
     if "group.doubt.input" in codes or group.verdict == "failed":
-        return f"cavirheo show {document}   (the messages of each shot)"
+        return command(f"show {document}", "the messages of each shot")
     if "group.doubt.ends" in codes:
-        return "the same command with the right --um-per-px (or --rmax-um) and --fps"
+        return advice("the same command with the right --um-per-px (or --rmax-um) and --fps")
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
-    if group.verdict == "does_not_fit" or (misfits and codes) or not {*codes}.isdisjoint(_OF_MODEL):
-        return f"cavirheo which-law {_files(misfits or shots)}   (and the same options: whether another law follows)"
+    if group.verdict == "does_not_fit" or (misfits and codes) or not codes.isdisjoint(_OF_MODEL):
+        return command(f"which-law {_files(misfits or shots)}", "and the same options: whether another law follows")
     if codes:
-        return f"look at the shots in {out / 'report.html'}   (which of them lie apart)"
+        return advice(f"look at the shots in {out / 'report.html'} (which of them lie apart)")
     if group.verdict == "unverified":
-        return f"cavirheo infer {_files(shots)}"
+        return command(f"infer {_files(shots)}")
     if group.n > 1 and not group.population.has_material:
-        return "more shots of this material in the same command   (for one G and µ)"
-    limited = _is_liquid(group) and not group.population.viscosity.bound
+        return advice("more shots of this material in the same command (for one G and µ)")
+    liquid = group.population.switches.get("liquid", 0.0)
+    limited = _is_liquid(group) and not group.population.viscosity_Pa_s.bound
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
-        return "measure scale and frame rate better, for G: --scale-error, --rate-error"
+        return advice("measure scale and frame rate better, for G: --scale-error, --rate-error")
     if group.verdict == "bound" and (len(shots) == 1 or group.population.has_material):
         law = group.population.model.partition(",")[0]
-        law = "newtonian" if law == "auto" and group.population.switches.get("liquid", 0.0) > 0.5 else law
+        if " or " in law or (law == "auto" and liquid > 0.5):
+            law = "newtonian"
         more = [] if law in ("auto", "nhkv") else ["--material", law]
         more += ["--group", group.name] if len(result.groups) > 1 else []
-        return f"cavirheo design {shlex.join([str(out / 'result.json'), *more])}   (what to record)"
-    return f"cavirheo cite {document}   (after a look at report.html)"
+        return command(f"design {shlex.join([str(out / 'result.json'), *more])}", "what to record")
+    return command(f"cite {document}", "after a look at report.html")
 
 
 def _files(shots: Sequence[CurveRecord]) -> str:
@@ -250,9 +265,9 @@ def shots_table(
     """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval; G and µ have
     columns where a shot has them."""
     G = result.shown("shear_modulus")
-    mu_names = {viscosity_name(shot) for shot in shots if shot.viscosity.known} or {"viscosity"}
+    mu_names = {viscosity_name(shot) for shot in shots if shot.main("viscosity").known} or {"viscosity"}
     mu = result.shown(mu_names.pop() if len(mu_names) == 1 else "viscosity")
-    both = [(G, [shot.shear_modulus_Pa for shot in shots]), (mu, [shot.viscosity for shot in shots])]
+    both = [(G, [shot.shear_modulus_Pa for shot in shots]), (mu, [shot.main("viscosity") for shot in shots])]
     shown = [(head, values) for head, values in both if any(value.known for value in values)] or both
     rows = []
     for k, (name, shot) in enumerate(zip(names, shots, strict=True)):

@@ -16,9 +16,8 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, expect
 from cavirheo.messages import Message
-from cavirheo.parameters import BUBBLE, CAMERA, REFERENCE_RATE, VISCOSITY_AT_RATE, is_law_parameter, symbol, wide_bound
-from cavirheo.physics.materials import viscosity_at
-from cavirheo.posterior import Posterior, Verdict, weighted_quantile
+from cavirheo.parameters import BUBBLE, CAMERA, VISCOSITY_AT_RATE, is_at_rate, is_law_parameter, symbol, wide_bound
+from cavirheo.posterior import Posterior, Verdict, viscosity_at_rate
 from cavirheo.reporting.record import (
     MAIN_FIELDS,
     WIDE_SCATTER,
@@ -133,7 +132,10 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     checks, prior = posterior.checks, posterior.stretch_prior
     values = {name: posterior.quantity(name) for name in posterior.parameters}
     assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in values}
-    values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _viscosity_at_rate(posterior)
+    values |= {name: Quantity(median=value) for name, value in assumed.items() if value}
+    draws = {name: posterior.draws(name) for name in posterior.parameters}
+    if at_rate := viscosity_at_rate(posterior.material, draws, posterior.log_weight):
+        values[VISCOSITY_AT_RATE] = at_rate
     if "stretch" not in values or values["stretch"].median is None:  # it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
     differing: dict[str, Any] = {
@@ -165,19 +167,6 @@ def _failed_if_invalid(posterior: Posterior) -> Posterior:
         return posterior.without_draws(*reasons)
     broken = ", ".join(name for name in posterior.parameters if not np.all(np.isfinite(posterior.draws(name))))
     return posterior.without_draws(Message("answer.not_finite", {"parameters": broken})) if broken else posterior
-
-
-def _viscosity_at_rate(posterior: Posterior) -> dict[str, Quantity]:
-    """The viscosity at 1e5 1/s of a law without a viscosity of its own."""
-    names = list(posterior.parameters)
-    draws = [dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True)]
-    if not draws or viscosity_at(posterior.material, REFERENCE_RATE, draws[0]) is None:
-        return {}
-    viscosities = np.array([viscosity_at(posterior.material, REFERENCE_RATE, draw) for draw in draws])
-    if len(draws) == 1:
-        return {VISCOSITY_AT_RATE: Quantity(median=viscosities[0])}
-    ends = 10.0 ** weighted_quantile(np.log10(viscosities), [0.05, 0.5, 0.95], posterior.log_weight)
-    return {VISCOSITY_AT_RATE: Quantity.from_interval(*ends.tolist())}
 
 
 def group_record(
@@ -342,7 +331,9 @@ def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
     from cavirheo.inference.population.material import slopes
 
     fields = same_fields(PopulationRecord, material)
-    fields |= {"model": f"{material.material}, {material.bubble.name}", "n": len(material.shots)}
+    thins = material.material == "newtonian" and is_at_rate("newtonian", (), material.switches.get("thinning", 0.0))
+    law = "newtonian or power-law" if thins else material.material
+    fields |= {"model": f"{law}, {material.bubble.name}", "n": len(material.shots)}
     systematic = Systematic()
     if not len(material.centre):
         return PopulationRecord(**fields), systematic

@@ -28,8 +28,15 @@ def write_page(
     if len(result.curves) == 1:  # its picture stands beside its answer
         group_pictures, pictures = {group.name: pictures.get(0, "") for group in result.groups}, {0: ""}
     names = digits.distinct_names([curve.name for curve in result.curves])
-    content = {"result": result, "names": names, "pictures": pictures, "group_pictures": group_pictures}
-    page = template("report.html").render(**content, sheets=sheets or [""] * len(names))
+    several = result.indices_by_group() if len(names) > 1 else []
+    page = template("report.html").render(
+        result=result,
+        names=names,
+        pictures=pictures,
+        group_pictures=group_pictures,
+        sheets=sheets or [""] * len(names),
+        alone={first: group for group, (first, *others) in several if not others},
+    )
     path.write_text(page, encoding="utf-8")
 
 

@@ -21,7 +21,7 @@ from cavirheo.arrays import relative_scatter
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import listed
 from cavirheo.messages import is_input_warning
-from cavirheo.parameters import NO_ONE_VALUE, VISCOSITY_AT_RATE, column_name, is_law_parameter, symbol
+from cavirheo.parameters import VISCOSITY_AT_RATE, column_name, has_no_one_value, is_law_parameter, symbol
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import TRUSTED, Diagnostics, Evidence, Heap, Pair, Verdict
@@ -59,14 +59,10 @@ class ParameterValues(Record):
         key = self._keys.get(name)
         return getattr(self, key) if key else self.other_parameters.get(name, Quantity())
 
-    @property
-    def viscosity(self) -> Quantity:
-        """The viscosity, or that at 1e5 1/s of a law without a constant viscosity."""
-        return self.viscosity_Pa_s if self.viscosity_Pa_s.known else self.value(VISCOSITY_AT_RATE)
-
     def main(self, name: str) -> Quantity:
         """G ("shear_modulus") or mu ("viscosity"), which is that at 1e5 1/s of a law without a constant viscosity."""
-        return self.viscosity if name == "viscosity" else self.value(name)
+        at_rate = name == "viscosity" and not self.viscosity_Pa_s.known
+        return self.value(VISCOSITY_AT_RATE if at_rate else name)
 
 
 def parameters_of(records: Sequence[ParameterValues]) -> list[str]:
@@ -212,7 +208,7 @@ class PopulationRecord(ParameterValues):
     line: str = ""
     """The material in a sentence, for a paper; or why there is none."""
     model: str = ""
-    """Law and name of the bubble model, "nhkv, real"."""
+    """Law and name of the bubble model, "nhkv, real"; of a liquid that may thin "newtonian or power-law, real"."""
     n: int = 0
     """Number of shots that count."""
     switches: dict[str, float] = {}
@@ -235,6 +231,11 @@ class PopulationRecord(ParameterValues):
     def has_material(self) -> bool:
         """Whether there is a material; if not, the line says why."""
         return bool(self.spreads_decades)
+
+    def has_no_one_value(self, name: str) -> bool:
+        """Whether the shots have a material, and scatter too much for one value of a parameter (natural name)."""
+        spread = self.spreads_decades.get(name, Quantity())
+        return name not in self.heaps and has_no_one_value(spread.median, agree=self.agree)
 
     @property
     def wide_scatters(self) -> dict[str, float]:
@@ -377,8 +378,7 @@ class GroupRecord(Record):
     def value(self, name: str) -> Quantity:
         """The group's answer for a parameter by its natural name; an empty one if there is none, or if no one value
         stands for the shots, so much do they scatter."""
-        scatter = self.population.wide_scatters.get(name, 0.0)
-        return Quantity() if scatter >= NO_ONE_VALUE else self.population.value(name)
+        return Quantity() if self.population.has_no_one_value(name) else self.population.value(name)
 
     @property
     def has_answer(self) -> bool:
@@ -424,9 +424,23 @@ class Result(Document):
         """Each group with the indices of its curves."""
         return list(zip(self.groups, (indices for _, indices in members_of(self.curves)), strict=True))
 
+    @property
+    def rows(self) -> list[CurveRecord]:
+        """The curves as tables and pages show them: one that is alone in its group has the answer of this, whose
+        intervals contain common errors."""
+        rows = list(self.curves)
+        for group, (first, *others) in self.indices_by_group():
+            answer, alone = group.population, rows[first]
+            if answer.n and not others:
+                further = {"other_parameters": {**alone.other_parameters, **answer.other_parameters}}
+                main = {key: getattr(answer, key) for key in MAIN_FIELDS.values()}
+                rows[first] = alone.model_copy(update={**main, **further, "verdict": group.verdict})
+        return rows
+
     def rows_by_group(self) -> list[tuple[GroupRecord, list[CurveRecord]]]:
-        """Each group with its rows."""
-        return [(group, [self.curves[i] for i in indices]) for group, indices in self.indices_by_group()]
+        """Each group with its `rows`."""
+        rows = self.rows
+        return [(group, [rows[i] for i in indices]) for group, indices in self.indices_by_group()]
 
     def add_laws(self, laws: Mapping[int, LawsOfGroup]) -> None:
         """Add the laws that were compared to the groups whose first curve has this index."""

@@ -32,32 +32,34 @@ def print_result(
     if len(notes) > MOST_NOTES:
         _say("note", f"{digits.counted(len(notes) - MOST_NOTES, 'more note')} in the report")
     _print_laws(result, every_pair=every_shot)
-    singles = [(group, shots[0]) for group, shots in result.rows_by_group() if len(shots) == 1]
+    by_itself = [(group, shots) for group, shots in result.rows_by_group() if len(shots) == 1]
     for group, shots in result.rows_by_group():
         if len(shots) > 1:
             _print_title(group.name, advice.group_facts(group, shots))
             _print_rows(result, shots, group.population.outliers, every_shot)
             _print_answer(result, group, shots, out)
-    if len(singles) == 1:
-        ((group, shot),) = singles
+    if len(by_itself) == 1:
+        ((group, (shot,)),) = by_itself
         facts = [f"R_max {digits.micrometres(shot.max_radius_m)} µm", f"λ {digits.quantity(shot.stretch)}"]
         facts += [*advice.windows([shot]), f"RMSE {digits.percent(shot.rmse_over_rmax)} %"]
         _print_title(shot.name, facts if shot.has_answer else [])
         _print_answer(result, group, [shot], out)
-    elif singles:
-        shots = [shot for _, shot in singles]
+    elif by_itself:
+        shots = [shot for _, (shot,) in by_itself]
         _print_title(digits.counted(len(shots), "shot"), ["each by itself", *advice.windows(shots)])
         _print_rows(result, shots, (), every_shot)
         names = digits.distinct_names([shot.name for shot in shots])
-        answers = [dict(advice.answer_lines(result, group, [shot])) for group, shot in singles]
+        answers = [(name, advice.answer_lines(result, *one)) for name, one in zip(names, by_itself, strict=True)]
         for label in ("use", "check"):
-            said = [(name, text) for name, lines in zip(names, answers, strict=True) for text in lines.get(label, [])]
+            lines = [(name, line) for name, answer in answers for line in answer if line.label == label]
+            said = [(name, text) for name, line in lines for text in line.parts]
             texts = terminal.names_by_text(said).items()
             clauses = [text if len(of) == len(shots) else f"{listed(of)}: {text}" for text, of in texts]
             if clauses:
                 _say(label, _fitting(clauses), most=_MOST_LINES)
-        doubtful = [group for group, _ in singles if group.verdict != "ok"]
-        _say("next", advice.next_step(result, doubtful[0] if doubtful else singles[0][0], shots, out))
+        groups = [group for group, _ in by_itself]
+        doubtful = next((group for group in groups if group.verdict != "ok"), groups[0])
+        _print_answer_line(advice.next_step(result, doubtful, shots, out))
     if any(group.published for group in result.groups):
         print_comparison(result)
 
@@ -154,13 +156,23 @@ def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[s
 
 
 def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
-    for label, parts in advice.answer_lines(result, group, shots, out):
-        if label in ("use", "check", "model"):
-            style = digits.VERDICT_STYLES[group.verdict].terminal if label == "use" else ""
-            _say(label, _fitting(parts), style=style, most=_MOST_LINES)
-        else:
-            parameter = label != "next"
-            _say(label, "   ".join(parts), style="bold" if parameter else "", most=2 if parameter else 1)
+    for line in advice.answer_lines(result, group, shots, out):
+        _print_answer_line(line, digits.VERDICT_STYLES[group.verdict].terminal if line.label == "use" else "")
+
+
+def _print_answer_line(line: advice.Line, style: str = "") -> None:
+    """Print a value in bold type; as many clauses as fit; or a command, never broken, with its purpose beside it or, if
+    that is too long, below it."""
+    text = "   ".join(line.parts)
+    if line.kind == "value":
+        _say(line.label, text, style="bold", most=2)
+    elif line.kind == "clauses":
+        _say(line.label, _fitting(line.parts), style=style, most=_MOST_LINES)
+    elif len(text) <= _width() - _LABEL:
+        _say(line.label, text)
+    else:
+        for label, part in zip((line.label, ""), line.parts, strict=False):
+            _say(label, part)
 
 
 def _fitting(clauses: Sequence[str]) -> str:

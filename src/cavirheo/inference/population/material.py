@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.special import erf
@@ -20,10 +21,18 @@ from cavirheo.arrays import NORMAL_90, Floats, relative_scatter
 from cavirheo.errors import require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
 from cavirheo.messages import Message
-from cavirheo.parameters import NO_ONE_VALUE, VISCOSITY_AT_RATE, Bound, is_at_rate, matching, parameter_of, require_name
+from cavirheo.parameters import (
+    VISCOSITY_AT_RATE,
+    Bound,
+    has_no_one_value,
+    is_at_rate,
+    matching,
+    parameter_of,
+    require_name,
+)
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import elastic_number
-from cavirheo.posterior import Heap, Posterior, check_level, upper_limit
+from cavirheo.posterior import Heap, Posterior, check_level, upper_limit, viscosity_at_rate
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -123,9 +132,22 @@ class Population:
 
     @property
     def quantities(self) -> list[str]:
-        """The law's parameters, and G where it has a limit alone."""
+        """The law's parameters, G where it has a limit alone, and the viscosity at 1e5 1/s of a law without its own."""
         limited = ["shear_modulus"] if self.modulus_limit is not None else []
-        return [*dict.fromkeys([*limited, *self.names])]
+        derived = [VISCOSITY_AT_RATE] if self._viscosity_at_rate else []
+        return [*dict.fromkeys([*limited, *derived, *self.names])]
+
+    @cached_property
+    def _viscosity_at_rate(self) -> Quantity | None:
+        """None, too, where the shots have no one value of a parameter."""
+        if any(map(self._has_no_one_value, self.names)):
+            return None
+        return viscosity_at_rate(self.material, {name: self.draws(name) for name in self.names if len(self.centre)})
+
+    def _has_no_one_value(self, name: str) -> bool:
+        """Whether the shots disagree too much in a parameter."""
+        scatter = self.scatter(name)[1] if len(self.centre) else 0.0
+        return name in self.heaps or has_no_one_value(scatter, agree=self.agree)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """Central interval of the material's parameter with the probability `level`, SI; of a G with a limit 0 and the
@@ -152,6 +174,8 @@ class Population:
     def quantity(self, name: str) -> Quantity:
         """Median, 90 % interval and bound of a parameter, SI; where the shots disagree, the ends of all of them. Raises
         InputError: as `draws`."""
+        if name == VISCOSITY_AT_RATE and self._viscosity_at_rate:
+            return self._viscosity_at_rate
         low, high = self.interval(name)
         if self._limit_of(name) is not None:
             return Quantity(q05=low, q95=high, bound="upper")
@@ -216,8 +240,7 @@ class Population:
         value = self.quantity(name)
         at_rate = is_at_rate(self.material, self.names, self.switches.get("thinning", 0.0))
         shown = digits.shown(VISCOSITY_AT_RATE if at_rate and name == "viscosity" else name, value.largest)
-        scattered = name in self.determined and relative_scatter(self.scatter(name)[1]) >= NO_ONE_VALUE
-        if scattered or name in self.heaps:
+        if name in self.names and self._has_no_one_value(name):
             return f"no one value of {shown.symbol}"
         if value.bound:
             return shown.named(value)
