@@ -336,8 +336,21 @@ class RadiusCurve:
 
     @cached_property
     def _plateau_stretch(self) -> tuple[float, float] | None:
-        collapses = self.collapse_times()
-        return landmarks.plateau_stretch(*self._after_max, collapses[0] if len(collapses) else None)
+        time, radius = self._after_max
+        duration = time[-1] - time[0]
+        late = time > time[-1] - duration / 3.0
+        before = (time > time[-1] - duration / 2.0) & ~late
+        early = any(2.0 * (collapse - time[0]) > duration * 2.0 / 3.0 for collapse in self.collapse_times()[:1])
+        if early or np.count_nonzero(late) < 8 or np.count_nonzero(before) < 3:
+            return None
+        level = float(np.mean(radius[late]))
+        slope = float(np.polyfit(time[late] - time[-1], radius[late], 1)[0])
+        drifts = max(abs(slope) * duration / 3.0, abs(level - float(np.median(radius[before])))) / level
+        scatter = float(np.std(radius[late], ddof=1)) / level
+        if scatter > 0.05 or drifts > 0.05:
+            return None
+        stretch = float(radius[0]) / level
+        return stretch, stretch * float(np.hypot(scatter, drifts / 2.0))
 
     @property
     def begins_late(self) -> bool:

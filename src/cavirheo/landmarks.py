@@ -267,21 +267,3 @@ def drift_start(time: Floats, radius: Floats, minima: list[int], maxima: list[in
     lowest = np.minimum.accumulate(smooth)
     risen = np.flatnonzero(smooth - lowest > rise)
     return late + int(np.argmin(smooth[: risen[0] + 1])) + width // 2 if len(risen) else None
-
-
-def plateau_stretch(time: Floats, radius: Floats, first_collapse: float | None) -> tuple[float, float] | None:
-    """The result of `RadiusCurve.stretch_from_tail` for samples (n,) that begin at R_max."""
-    duration = time[-1] - time[0]
-    late = time > time[-1] - duration / 3.0
-    before = (time > time[-1] - duration / 2.0) & ~late
-    early = first_collapse is not None and 2.0 * (first_collapse - time[0]) > duration * 2.0 / 3.0
-    if early or np.count_nonzero(late) < 8 or np.count_nonzero(before) < 3:
-        return None
-    level = float(np.mean(radius[late]))
-    slope = float(np.polyfit(time[late] - time[-1], radius[late], 1)[0])
-    drifts = max(abs(slope) * duration / 3.0, abs(level - float(np.median(radius[before])))) / level
-    scatter = float(np.std(radius[late], ddof=1)) / level
-    if scatter > 0.05 or drifts > 0.05:
-        return None
-    stretch = float(radius[0]) / level
-    return stretch, stretch * float(np.hypot(scatter, drifts / 2.0))

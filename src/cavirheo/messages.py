@@ -147,10 +147,6 @@ def _systematic(excess: float, detectable: float, exact: bool, limit: float, p_v
     return text if excess < detectable else f"{text}, which the interval allows for"
 
 
-def _heaps(name: str, heaps: Sequence[Any]) -> str:
-    return f"the shots disagree: {parameter_of(name).symbol} {heaps_in_words(name, heaps)}"
-
-
 _UNCOUNTED = {  # what is said of one shot that does not count, and of several
     "does_not_fit": ("does not follow the law", "do not follow the law"),
     "check_input": ("has an input warning", "have an input warning"),
@@ -183,7 +179,9 @@ _WRITERS: dict[str, Callable[..., str]] = {  # by code or its first part
     "check_input.frames_repeated": _repeated,
     "check_input.scale": _scale,
     "misfit.systematic": _systematic,
-    "group.doubt.heaps": _heaps,
+    "group.doubt.heaps": lambda name, heaps: (
+        f"the shots disagree: {parameter_of(name).symbol} {heaps_in_words(name, heaps)}"
+    ),
     "group.left_out": _left_out,
     "group.outliers": _outliers,
 }

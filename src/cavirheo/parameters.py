@@ -324,11 +324,3 @@ def check(parameters: Any) -> None:
     for field in fields(parameters):
         if field.metadata:
             check_domain(field.metadata, field.name, getattr(parameters, field.name))
-
-
-def check_plausible(parameters: Any, advice: str) -> None:
-    """Raises InputError for the first field of a dataclass outside the "plausible" range of its metadata."""
-    for field in fields(parameters):
-        if "plausible" in field.metadata:
-            value, code = getattr(parameters, field.name), f"physics.unusual_{field.name}"
-            field.metadata["plausible"].check(field.name, value, code, advice)

@@ -37,18 +37,18 @@ def option(help: str, panel: str | None = None, *names: str, **keywords: Any) ->
     return Option(*names, help=help, rich_help_panel=panel, **keywords)
 
 
+@dataclass(eq=False)
 class Number:
     """Reads a finite number in a range, or one of `words`."""
 
-    def __init__(
-        self, *words: str, kind: type[Any] = float, above: float = -inf, least: float = -inf, most: float = inf
-    ) -> None:
-        self.words = words
-        self.kind = kind
-        self.above = above
-        self.least = least
-        self.most = most
-        self.__name__ = kind.__name__  # which older versions of typer need
+    words: tuple[str, ...] = ()
+    kind: type[Any] = float
+    above: float = -inf
+    least: float = -inf
+    most: float = inf
+
+    def __post_init__(self) -> None:
+        self.__name__ = self.kind.__name__  # which older versions of typer need
 
     @property
     def range(self) -> str:
@@ -84,7 +84,7 @@ def number(
     help: str, panel: str | None = None, *names: str, words: tuple[str, ...] = (), metavar: str = "", **domain: Any
 ) -> Any:
     """Return an option that is a `Number` of these words and this domain."""
-    parser = Number(*words, **domain)
+    parser = Number(words, **domain)
     kinds = "|".join([parser.kind.__name__ + parser.range, *words])
     return option(help, panel, *names, parser=parser, metavar=metavar or f"<{kinds}>")
 

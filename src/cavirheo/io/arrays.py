@@ -272,7 +272,7 @@ def _shots(arrays: Arrays) -> tuple[dict[str, dict[str, Name]], Container[str]]:
         raise _no_history(arrays)
     inside: dict[str, list[str]] = {group: [] for group in ["", *groups]}  # paths; "": outside all others
     for path in names:
-        inside[_nearest(_group(path), groups)].append(path)
+        inside[next((each for each in _with_outer(_group(path)) if each in groups), "")].append(path)
     outside = [path for path in inside[""] if "" not in groups or path not in of_frames]
     shots: dict[str, dict[str, Name]] = {}
     for group in groups:
@@ -290,21 +290,17 @@ def _group(path: str) -> str:
     return path.rpartition("/")[0]
 
 
-def _nearest(group: str, groups: Iterable[str]) -> str:
-    """Return the innermost of these groups that holds the group; "" if none does."""
-    while group and group not in groups:
-        group = _group(group)
-    return group
+def _with_outer(group: str) -> Iterator[str]:
+    """Yield the group, then those around it, to the outermost one."""
+    yield group
+    if group:
+        yield from _with_outer(_group(group))
 
 
 def _group_with_times(group: str, kinds: Mapping[str, set[str]], with_radii: Iterable[str]) -> str | None:
     """Return the group with the times of a shot: itself, else the nearest one around it without radii; or None."""
-    outer = group
-    while "time" not in kinds.get(outer, ()) or (outer != group and outer in with_radii):
-        if not outer:
-            return None
-        outer = _group(outer)
-    return outer
+    timed = (each for each in _with_outer(group) if "time" in kinds.get(each, ()))
+    return next((each for each in timed if each == group or each not in with_radii), None)
 
 
 def _size(array: np.ndarray | str) -> int:

@@ -195,21 +195,14 @@ class QuadraticStandardLinearSolid(Zener):
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}
 
 
-def _by_name(*kinds: type[Material]) -> dict[str, Callable[..., Material]]:
-    return {law.name: law for law in kinds}
-
-
-KINDS = {
-    "elastic": _by_name(
-        Linear, NeoHookean, Quadratic, laws.MooneyRivlin, laws.Yeoh, laws.Fung, laws.Gent, laws.ArrudaBoyce
-    ),
-    "viscous": _by_name(
-        Newtonian, laws.PowerLaw, laws.HerschelBulkley, laws.CarreauYasuda, laws.Cross, laws.PowellEyring
-    ),
-    "elastic and viscous": _by_name(NeoHookeanKelvinVoigt, QuadraticKelvinVoigt),
-    "with memory": _by_name(
-        Maxwell, UpperConvectedMaxwell, OldroydB, Zener, StandardLinearSolid, QuadraticStandardLinearSolid
-    ),
+_ELASTIC = Linear, NeoHookean, Quadratic, laws.MooneyRivlin, laws.Yeoh, laws.Fung, laws.Gent, laws.ArrudaBoyce
+_VISCOUS = Newtonian, laws.PowerLaw, laws.HerschelBulkley, laws.CarreauYasuda, laws.Cross, laws.PowellEyring
+_MEMORY = Maxwell, UpperConvectedMaxwell, OldroydB, Zener, StandardLinearSolid, QuadraticStandardLinearSolid
+KINDS: dict[str, dict[str, Callable[..., Material]]] = {
+    "elastic": {law.name: law for law in _ELASTIC},
+    "viscous": {law.name: law for law in _VISCOUS},
+    "elastic and viscous": {law.name: law for law in (NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)},
+    "with memory": {law.name: law for law in _MEMORY},
 }
 LAWS = {name: law for kind in KINDS.values() for name, law in kind.items()}
 """All laws by name; all commands know a law that is added here."""

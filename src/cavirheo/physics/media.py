@@ -16,24 +16,21 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, expect
-from cavirheo.parameters import (
-    FINITE,
-    NOT_NEGATIVE,
-    POSITIVE,
-    POSITIVE_OR_INFINITE,
-    Domain,
-    PlausibleRange,
-    check,
-    check_plausible,
-    domain,
-)
+from cavirheo.parameters import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, PlausibleRange, check, domain
 from cavirheo.physics.table import extend_table, hermite
 
 _IF_MEANT = " (if it is meant: Medium(..., unusual=True), --trust-input)"
 
 
 def _constant(
-    allowed: Domain, usual: float, low: float, high: float, unit: str, *, zero: float = 0.0, **mistaken_units: float
+    allowed: dict[str, Any],
+    usual: float,
+    low: float,
+    high: float,
+    unit: str,
+    *,
+    zero: float = 0.0,
+    **mistaken_units: float,
 ) -> Any:
     """A field with its domain, default, plausible range and unit; `mistaken_units`: units that are given by mistake,
     with their size in this unit; `zero`: their zero in this unit."""
@@ -86,8 +83,8 @@ class Medium:
 
     def __post_init__(self, unusual: bool) -> None:
         check(self)
-        if not unusual:
-            check_plausible(self, _IF_MEANT)
+        for name, plausible in {} if unusual else CONSTANTS.items():
+            plausible.check(name, getattr(self, name), f"physics.unusual_{name}", _IF_MEANT)
         if self.vapour_pressure >= self.pressure:
             boils = f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
             boils += f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
@@ -108,6 +105,9 @@ class Medium:
         return max_radius / self.velocity_scale
 
 
+CONSTANTS: dict[str, PlausibleRange] = {one.name: one.metadata["plausible"] for one in fields(Medium) if one.metadata}
+"""The plausible range and the unit of each constant of a medium."""
+
 WATER = Medium()
 """A water-like gel at 25 C."""
 BU2026 = Medium(1000.0, 1700.0, 0.0725, name="bu2026")
@@ -118,9 +118,6 @@ ZHU2025 = Medium(998.2, 1484.0, 0.07, name="zhu2025")
 """pIMR, runIMR."""
 YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")
 """IMRv2, doi:10.1016/j.eml.2020.100839."""
-
-CONSTANTS: dict[str, PlausibleRange] = {one.name: one.metadata["plausible"] for one in fields(Medium) if one.metadata}
-"""The plausible range and the unit of each constant of a medium."""
 
 MEDIA: dict[str, Medium] = {m.name: m for m in (WATER, BU2026, ESTRADA2018, ZHU2025, YANG2020)}
 """The media by name."""

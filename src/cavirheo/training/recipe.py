@@ -20,14 +20,13 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, read_bytes, validation_message
-from cavirheo.inference.cards import TrainingProblem
+from cavirheo.inference.cards import Size, TrainingProblem
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import Prior
 from cavirheo.training.trajectories import DOMAIN
 
 LARGEST = 50_000  # bytes of a recipe
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
-Size = Annotated[int, Field(gt=0, le=4096)]  # of a dimension of a network
 Range = Annotated[tuple[float, float], Field(strict=False)]  # [low, high] in the file
 
 

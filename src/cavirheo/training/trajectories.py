@@ -12,22 +12,9 @@ from scipy.interpolate import CubicHermiteSpline
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
+from cavirheo.inference import emulator
 from cavirheo.inference.assumptions import Family
-from cavirheo.inference.emulator import (
-    CONSTANTS,
-    INPUTS,
-    LARGEST_CONFINEMENT,
-    LARGEST_EXCESS,
-    LARGEST_PULL,
-    NODES,
-    RADII,
-    RATES,
-    S_END,
-    SIZES,
-    STRETCHING,
-    Bubbles,
-    features,
-)
+from cavirheo.inference.emulator import INPUTS, NODES, S_END, STRETCHING, Bubbles, features
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 from cavirheo.physics.bubble import Bubble, Damage
 from cavirheo.physics.laws import Material
@@ -43,10 +30,10 @@ DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and wher
     "viscous": {"newtonian": 0.66, "power-law": 0.12, "carreau-yasuda": 0.08, "cross": 0.06, "herschel-bulkley": 0.04,
                 "powell-eyring": 0.04},
     "arms": {"": 0.9, "ucm": 0.06, "maxwell": 0.04},
-    "largest_stress": LARGEST_PULL,  # |S_el(R_max)|/p
+    "largest_stress": emulator.LARGEST_PULL,  # |S_el(R_max)|/p
     "largest_viscosity": 8.0,  # over p t_c
     "stretch": [1.05, 40.0, 1.5, 14.0],  # ends of the range, and of the usual one
-    "max_radius": [*SIZES, 60e-6, 500e-6],  # m, likewise
+    "max_radius": [*emulator.SIZES, 60e-6, 500e-6],  # m, likewise
     "accommodation": [0.01, 1.0],
     "field_share": 0.22,  # of the bubbles have equilibrium contents
     "walled_share": 0.5,  # of the bubbles have confinement inertia, and as many vapour above saturation
@@ -64,7 +51,9 @@ COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {  # of a set: dtype and shape
     "radius": (np.float32, (NODES,)),
     "status": (object, ()),
 }
-VISCOSITIES = slice(2 * len(RADII), 2 * len(RADII) + len(RATES))  # of the inputs: log10 of the viscosity over p t_c
+VISCOSITIES = slice(
+    2 * len(emulator.RADII), 2 * len(emulator.RADII) + len(emulator.RATES)
+)  # of the inputs: log10 of the viscosity over p t_c
 THIRD = 3  # collapses until the trajectory counts less
 
 
@@ -97,10 +86,10 @@ def draw_medium(rng: np.random.Generator, usual: bool) -> Medium:
     if usual or rng.random() < 0.55:
         near = rng.uniform([940.0, 1400.0, 0.04, 80e3, 288.0], [1120.0, 1750.0, 0.078, 107e3, 313.0]).tolist()
         return Medium(*near)
-    pressure = float(_log_uniform(rng, *CONSTANTS["pressure"], 1)[0])
-    others = [name for name in CONSTANTS if name != "pressure"]
-    values = rng.uniform(*zip(*(CONSTANTS[name] for name in others), strict=True)).tolist()
-    return Medium(pressure=pressure, **dict(zip(others, values, strict=True)))
+    constants = dict(emulator.CONSTANTS)
+    pressure = float(_log_uniform(rng, *constants.pop("pressure"), 1)[0])
+    values = rng.uniform(*zip(*constants.values(), strict=True)).tolist()
+    return Medium(pressure=pressure, **dict(zip(constants, values, strict=True)))
 
 
 def draw(rng: np.random.Generator) -> Drawn:
@@ -118,8 +107,8 @@ def draw(rng: np.random.Generator) -> Drawn:
     accommodation = np.where(field, np.inf, _log_uniform(rng, *ACCOMMODATIONS, size))
     damping = rng.random(size) ** 1.5 * (rng.random(size) < np.where(field, 0.2, 0.85))
     inertia, excess = rng.random((2, size)) ** 1.5 * (rng.random((2, size)) < DOMAIN["walled_share"])
-    inertia *= LARGEST_CONFINEMENT
-    excess *= LARGEST_EXCESS * medium.pressure
+    inertia *= emulator.LARGEST_CONFINEMENT
+    excess *= emulator.LARGEST_EXCESS * medium.pressure
     modulus = 10.0 ** -(2.0 * rng.random(size)) if damaged else np.ones(size)
     widening = 10.0 ** rng.random(size) if damaged else np.ones(size)
     arrays = radius, stretch, accommodation, damping, inertia, excess, modulus, widening
