@@ -100,7 +100,7 @@ class TestTorch:
 
     def test_the_network_of_the_paper(self):
         recipe = read_recipe(ROOT / "recipes" / "bdt-viscoelastic.toml")
-        network = self.networks.BubbleTransformer.of(recipe)
+        network = self.networks.BubbleTransformer(recipe)
         assert sum(p.numel() for p in network.parameters()) == 153_090  # counted by hand
         assert {m.eps for m in network.modules() if isinstance(m, self.torch.nn.LayerNorm)} == {1e-6}
         assert {m.p for m in network.modules() if isinstance(m, self.torch.nn.Dropout)} == {0.1}

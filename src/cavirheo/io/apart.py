@@ -13,7 +13,8 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from threading import Event, Timer
+from threading import Timer
+from time import monotonic
 from typing import Any
 
 from cavirheo.errors import InputError
@@ -56,13 +57,7 @@ def call(
         program = _CHILD.format(path=path, module=module, name=function.__name__, memory=memory)
         command = [sys.executable, "-P", "-c", program]
         child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    expired = Event()
-
-    def end() -> None:
-        expired.set()
-        child.kill()
-
-    timer = Timer(seconds, end)
+    timer, began = Timer(seconds, child.kill), monotonic()
     timer.start()
     try:
         request = encode(arguments)
@@ -72,7 +67,7 @@ def call(
         if kept:
             _children[key] = child
     except (EOFError, OSError):  # the child has ended
-        if expired.is_set():
+        if monotonic() - began >= seconds:
             message = f"reading {name} took more than {seconds:g} s: is it damaged, or too long?"
             raise InputError(message, "limits.time") from None
         message = f"reading {name} ended its process: the file is badly damaged, or too large; save a table as CSV"

@@ -104,38 +104,27 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> Columns:
 
 
 class GenerateSummary(NamedTuple):
-    """Summary of a call of `generate`.
+    """Numbers of curves after a call of `generate`."""
 
-    Attributes:
-        curves: number of curves of the set.
-        failures: number of failed curves by status, in old and new files together.
-        simulated: number of curves that were simulated in this call.
-    """
-
-    curves: int
-    failures: dict[str, int]
-    simulated: int
+    curves: int  # of the set
+    failures: dict[str, int]  # failed ones by status, in old and new files together
+    simulated: int  # in this call
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """A complete training set.
 
-    Attributes:
-        problem: prior and physics of the curves; of an emulator, what the bubbles are drawn from.
-        seed: seed of the draws.
-        made_by: version of cavirheo that made the set.
-        columns: arrays by name, a row per curve: "status" (curves,), "ok" or the reason of the failure, and "radius"
-            (curves, frames), R/R_max at the reference R_max, beside "theta" (curves, parameters), true values in the
-            prior's scale; of an emulator "radius", "time" (curves, nodes) and "inputs".
-        sha256: of the SHA-256 digests of all files in their order.
+    columns: "status" (curves,), "ok" or the reason of the failure, and "radius" (curves, frames), R/R_max at the
+    reference R_max, beside "theta" (curves, parameters), true values in the prior's scale; of an emulator "radius",
+    "time" (curves, nodes) and "inputs".
     """
 
     problem: Problem
-    seed: int
-    made_by: str
+    seed: int  # of the draws
+    made_by: str  # version of cavirheo
     columns: Columns
-    sha256: str
+    sha256: str  # of the digests of all files in their order
 
     def __len__(self) -> int:
         return len(self.columns["status"])

@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from copy import deepcopy
 from importlib.metadata import version
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import torch
@@ -30,7 +30,6 @@ from cavirheo.inference.bdt import Forward
 from cavirheo.inference.cards import Arrays, Layers
 from cavirheo.inference.emulator import FARTHEST, INPUTS, NODES, Emulator, seen
 from cavirheo.parameters import LOG10, parameter_of
-from cavirheo.prior import Prior
 from cavirheo.training.dataset import Dataset
 from cavirheo.training.recipe import EmulatorNetworkTable, EmulatorRecipe, NetworkTable, PointRecipe, Recipe
 from cavirheo.training.trajectories import compared_end
@@ -89,15 +88,16 @@ class Branch(nn.Module):
 
 
 class BubbleTransformer(nn.Module):
-    """Map R/R_max (batch, tokens) to standardised targets (batch, outputs); `mean` and `std` (outputs,) of the prior,
-    which are not trained, scale these."""
+    """The network of a recipe, first with random weights. It maps R/R_max (batch, tokens) to standardised targets
+    (batch, outputs); `mean` and `std` (outputs,) of the prior, which are not trained, scale these."""
 
     mean: Tensor
     std: Tensor
 
-    def __init__(self, size: NetworkTable, tokens: int, prior: Prior) -> None:
+    def __init__(self, recipe: PointRecipe) -> None:
         super().__init__()
-        self.position = nn.Parameter(torch.empty(tokens, size.position))
+        size, prior = recipe.network, recipe.problem.prior.marginal(recipe.outputs)
+        self.position = nn.Parameter(torch.empty(recipe.problem.frames, size.position))
         self.dense = nn.Linear(1 + size.position, size.width)
         self.norm = nn.LayerNorm(size.width, eps=size.norm_epsilon)
         self.dropout = nn.Dropout(size.dropout)
@@ -109,12 +109,6 @@ class BubbleTransformer(nn.Module):
         nn.init.uniform_(self.position, -0.05, 0.05)
         self.register_buffer("mean", torch.from_numpy((prior.low + prior.high) / 2).float())
         self.register_buffer("std", torch.from_numpy((prior.high - prior.low) / math.sqrt(12)).float())
-
-    @classmethod
-    def of(cls, recipe: PointRecipe) -> Self:
-        """The network of a recipe, with random weights."""
-        problem = recipe.problem
-        return cls(recipe.network, problem.frames, problem.prior.marginal(recipe.outputs))
 
     def forward(self, radius: Tensor) -> Tensor:
         position = self.position.expand(radius.shape[0], -1, -1)
@@ -193,26 +187,16 @@ def arrays_of(network: BubbleTransformer | EmulatorNetwork) -> dict[str, NDArray
 
 class PointTask:
     """A network that gives one value for each parameter, and the curves that it learns: by the mean squared error of
-    standardised values.
+    standardised values."""
 
-    Attributes:
-        network: the network that is trained.
-        average: averaged weights of the network; None: there are none.
-        exported: the network that is validated and exported.
-        trained: the networks that a checkpoint holds.
-        optimisers: of the weights.
-        dropout_epochs: number of epochs with dropout.
-        count: number of curves in the training part.
-        test_inputs: (curves, ...) inputs of the test part, which is used once, at the end.
-    """
-
-    average = None
+    average = None  # network of averaged weights, if there is one
 
     def __init__(self, recipe: PointRecipe, data: Dataset, device: torch.device) -> None:
         training = recipe.training
         self.recipe, self.data, self.device = recipe, data, device
-        self.network = self.exported = network = BubbleTransformer.of(recipe).to(device)
-        self.trained = nn.ModuleDict({"network": network})
+        self.network = network = BubbleTransformer(recipe).to(device)
+        self.exported = network  # the one that is validated and exported
+        self.trained = nn.ModuleDict({"network": network})  # what a checkpoint holds
         self.optimisers: list[torch.optim.Optimizer] = [torch.optim.Adam(network.parameters(), lr=training.lr)]
         self.dropout_epochs = training.dropout_epochs or training.epochs
         # R/R_max (curves, frames) and standardised values (curves, outputs) of "train", "validation", "test"
@@ -223,7 +207,7 @@ class PointTask:
             truth = torch.tensor(data.truth(recipe.outputs)[curves]).float().to(device)
             radius = torch.from_numpy(data.columns["radius"][curves]).to(device)
             self.parts[name] = radius, (truth - network.mean) / network.std
-        self.count = len(self.parts["train"][0])
+        self.count = len(self.parts["train"][0])  # of training curves
         self.test_inputs = self.parts["test"][0].cpu().numpy()
 
     def loss(self, rows: Tensor, step: int, steps: int) -> tuple[Tensor, Tensor]:

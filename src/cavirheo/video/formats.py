@@ -101,9 +101,7 @@ def _reader(path: Path) -> Callable[[Path], Footage]:
 
 
 def _read_movie(path: Path) -> Footage:
-    import_optional("av", EXTRA)
-    import av
-
+    av = import_optional("av", EXTRA)
     av.logging.set_level(av.logging.PANIC)
     notes, warnings, damaged, stamps, stated = list[str](), list[Message](), list[bool](), list[int](), 0.0
 
@@ -171,12 +169,10 @@ def _grey(image: Pixels) -> Pixels:
 
 
 def _read_stack(path: Path) -> Footage:
-    import_optional("tifffile", EXTRA)
-    from tifffile import TiffFile
-
+    tifffile = import_optional("tifffile", EXTRA)
     logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what is wrong is said once, by the error
-    with TiffFile(path) as file:
-        first: Any = file.pages[0]
+    with tifffile.TiffFile(path) as file:
+        first = file.pages[0]
         _check_size(len(file.pages) * float(np.prod(first.shape)) * first.dtype.itemsize)
         scale, rate = _stated_by_stack(file)
         several: list[str] = []
