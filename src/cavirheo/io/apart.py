@@ -40,11 +40,8 @@ def call(
 ) -> Any:
     """Return function(*arguments), which are all what `encode` takes, or records in `KINDS` of the function's module.
 
-    Args:
-        function: a function of a module, which reads the file of this name.
-        memory: bytes that it may take (on Linux).
-        seconds: how long it may take.
-        kept: whether the process waits for another call of the function.
+    The function reads the file of this name, and may take so many bytes of memory (on Linux) and seconds. kept: whether
+    the process waits for another call of it.
 
     Raises InputError: as `function`; or it took too long ("limits.time") or too much memory ("limits.memory"), raised
     another error ("reading.damaged"), or ended the process ("reading.ended").

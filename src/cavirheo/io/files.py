@@ -105,12 +105,9 @@ def check_limit(count: int, limit: int, items: str) -> None:
 
 @contextmanager
 def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator[Source]:
-    """Guard the reading of a file (or a folder, if allowed): turn every error into an InputError that names the file.
-
-    Raises:
-        InputError: as `errors.check_file`, before it is opened; no permission ("reading.unreadable"); damaged
-            ("reading.damaged"); or an error of the reader.
-    """
+    """Guard the reading of a file (or a folder, if allowed): turn every error into an InputError that names the file:
+    one of `errors.check_file`, before it is opened; no permission ("reading.unreadable"); damaged ("reading.damaged");
+    or an error of the reader."""
     name = printable(str(path))
     check_file(path, LARGEST_FILE, folder=folder)
     source = Source(path)

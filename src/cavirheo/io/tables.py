@@ -253,11 +253,9 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
     """Read the table of a text file, or of the first sheet with one in a workbook; with `sections`, all tables of all
     sheets. There is at least one table, and in a table with titles no row has more cells than titles.
 
-    Raises:
-        InputError: the file exceeds a limit (files.py), is damaged, or is neither text nor a workbook. Or, with the
-            codes of the vocabulary: no rows ("empty"), no header ("columns"), nothing below it ("rows"), cells without
-            titles or the reverse ("width"), two units ("units").
-    """
+    Raises InputError: the file exceeds a limit (files.py), is damaged, or is neither text nor a workbook. Or, with the
+    codes of the vocabulary: no rows ("empty"), no header ("columns"), nothing below it ("rows"), cells without titles
+    or the reverse ("width"), two units ("units")."""
     sheets = _read_sheets(source, vocabulary)
     tables = [table for sheet in sheets for table in _tables(sheet)]
     if not tables and vocabulary.of_shots:

@@ -173,11 +173,7 @@ Requested = Bubble | str
 
 
 def bubble_of(requested: Requested) -> Bubble:
-    """The bubble of a name, "real" or "field", or a Bubble itself.
-
-    Raises:
-        InputError: neither of these.
-    """
+    """The bubble of a name, "real" or "field", or a Bubble itself. Raises InputError: neither of these."""
     bubble = BUBBLES.get(requested) if isinstance(requested, str) else requested
     if not isinstance(bubble, Bubble):
         message = f"bubble must be {', '.join(BUBBLES)} or a Bubble, got {brief(requested)}"

@@ -79,17 +79,11 @@ class Numbers(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """Temperature and vapour in the bubble, from its centre to its wall.
+    """Temperature and vapour in the bubble, from its centre to its wall."""
 
-    Attributes:
-        position: (m,) r/R of the centroids of the shells and of the wall, ascending to 1.
-        temperature: (n, m) K.
-        vapour: (n, m) mass fraction of vapour.
-    """
-
-    position: Floats
-    temperature: Floats
-    vapour: Floats
+    position: Floats  # (m,) r/R of the centroids of the shells and of the wall, ascending to 1
+    temperature: Floats  # (n, m) K
+    vapour: Floats  # (n, m) mass fraction of vapour
 
     def __repr__(self) -> str:
         frames, places = self.temperature.shape
@@ -400,12 +394,9 @@ def dimensionless(
     bubble: Bubble = FIELD,
     driving: Driving | None = None,
 ) -> Numbers:
-    """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium.
-
-    Raises:
-        InputError: the stretch is below 1, the bubble has free values, it follows Gilmore's equation in an
-            incompressible medium, a wall is nearer than R_max, or there is damage without an elastic part.
-    """
+    """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium. Raises InputError:
+    the stretch is below 1, the bubble has free values, it follows Gilmore's equation in an incompressible medium, a
+    wall is nearer than R_max, or there is damage without an elastic part."""
     bubble.check_known()
     if bubble.motion == "gilmore" and medium.sound_speed == inf:
         why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
@@ -484,9 +475,7 @@ def memories_after_growth(numbers: Numbers, rtol: float) -> Floats:
 
     The growth is modelled as an impulse: at R_0 the wall gets the velocity that carries it to R = 1, in incompressible
     surroundings of the same law, with isothermal gas and saturated vapour (docs/method/physics.md, section 4.3).
-
-    Raises:
-        SolverError: no impulse carries the wall to R_max within the laws of the material.
+    Raises SolverError: no impulse carries the wall to R_max within the laws of the material.
     """
     nothing = np.zeros(len(numbers.memory))
     if numbers.stretch == 1:

@@ -56,10 +56,8 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
 
     Pieces between the nodes are divided until quintics represent the slope to TOLERANCE. Where the slope is not finite
     the table ends: its range is the domain of the law. Integrals are by Lobatto's quadrature with 7 points per piece;
-    the second derivative is that of the polynomial through the slopes at these points.
-
-    Raises:
-        InputError: the slope is so rough that MOST_PIECES do not represent it.
+    the second derivative is that of the polynomial through the slopes at these points. Raises InputError: the slope
+    is so rough that MOST_PIECES do not represent it.
     """
 
     def f(x: Floats) -> Floats:

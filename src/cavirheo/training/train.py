@@ -70,14 +70,10 @@ def train(
     progress: bool = True,
 ) -> Path:
     """Train the recipe's network, or continue the run in `out_dir`, and score it on the test part; returns the path of
-    NAME.npz.
+    NAME.npz. `device` is torch's name ("cpu", "cuda"; default: cuda if there is one).
 
-    `device` is torch's name ("cpu", "cuda"; default: cuda if there is one).
-
-    Raises:
-        InputError: the data were made for another problem, the folder holds another run, or the weights take more than
-            8 MB.
-        RuntimeError: what numpy computes from the file differs from the trained network by more than TOLERANCE.
+    Raises InputError: the data were made for another problem, the folder holds another run, or the weights take more
+    than 8 MB; RuntimeError: what numpy computes from the file differs from the trained network by more than TOLERANCE.
     """
     if threads is not None:
         torch.set_num_threads(threads)
