@@ -109,17 +109,17 @@ def _repeated(times: int, equal: int, frames: int) -> str:
 def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
     collapse = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({1e6 * max_radius:.4g} µm)"
     head = "check the scale of radius and time"
-    advice = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
+    advice = "give the true R_max (--rmax-um), frame rate (--fps) or --pressure, or add --trust-input if all are right"
     if not factors:
-        return f"{head}: {collapse}, which no material shows: {advice}"
+        return f"{head}: {advice}; {collapse}, which no material shows"
     size, time = ("small", "long") if ratio > 1.0 else ("large", "short")
-    cause = "radii in pixels" if ratio > 1.0 else "diameters for radii, or a higher --pressure"
+    cause = "radii in pixels" if ratio > 1.0 else "diameters for radii"
     if all(0.5 < factor / 1000.0 < 2.0 for factor in factors):
         cause = "a unit that is wrong by a factor of 1000"
         advice = "mend the unit, or " + advice
     by = digits.ends(factors, count=2)
     which = f"radii are {by} times too {size}, or times that much too {time} ({cause}?)"
-    return f"{head}: {which}, for {collapse}: {advice}"
+    return f"{head}: {which}: {advice}; {collapse}"
 
 
 def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
@@ -129,9 +129,9 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
     shown = digits.shown(name, q05 if bound == "lower" else q95)
     low, high = (digits.number(end, shown.factor, 2) for end in (q05, q95))
     what, limits = {
-        "upper": (f"an upper limit of {symbol} alone", f"below {high}"),
-        "lower": (f"a lower limit of {symbol} alone", f"above {low}"),
-        "wide": (f"{symbol} to a factor of more than 10 alone", f"from {low} to {high}"),
+        "upper": (f"only an upper limit of {symbol}", f"below {high}"),
+        "lower": (f"only a lower limit of {symbol}", f"above {low}"),
+        "wide": (f"{symbol} only to a factor of more than 10", f"from {low} to {high}"),
     }[bound]
     return f"the recording gives {what}: any value {limits}{f' {shown.unit}'.rstrip()} follows it as well"
 

@@ -129,16 +129,19 @@ def _value_line(
         if not value.is_zero:
             notes.append(f"{digits.SURE}, too wide for one value" if value.bound == "wide" else "95 % sure")
         notes += ["a liquid, if scale and rate are right"] if liquid else []
-        return [f"{interval} {unit}".rstrip()], notes, "" if value.is_zero else "as a bound"
+        if scatter:
+            notes.append(f"shots scatter by {digits.percent(scatter)} %")
+        use = "as a bound, with care" if group.doubts else "as a bound"
+        return [f"{interval} {unit}".rstrip()], notes, "" if value.is_zero else use
     if scatter:
         notes.append(f"shots scatter by {digits.percent(scatter)} %")
     if name == "shear_modulus" and group.population.switches.get("stiffening", 0.0) >= 0.5:
         secants = [shot.diagnostics.secant_modulus for shot in shots if shot.trusted or len(shots) == 1]
         if ends := digits.ends([secant[1] for secant in secants if secant], factor, 2):
-            notes.append(f"at small strain; stiffened at R_max like {ends} {unit}")
+            notes.append(f"at small strain; at R_max it pulls like {ends} {unit}")
     statistics = group.systematic.statistics.get(name)
     if not notes and statistics and value.width > _COMMON_SHARE * statistics.width:
-        notes.append(f"{digits.value_parts(statistics, factor)[1]}, were scale and rate exact")
+        notes.append(f"{digits.value_parts(statistics, factor)[1]} if scale and rate were exact")
     line = [f"{middle} {unit}".rstrip(), *([f"{digits.SURE}: {interval}"] if interval else [])]
     return line, notes, "with care" if group.doubts else "with interval"
 
@@ -154,7 +157,11 @@ def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
         recordings = "the recording does" if len(shots) == 1 else f"{misfits} of {len(shots)} recordings do"
         return f"nothing: {recordings} not follow the law"
     if group.verdict == "check_input" and not group.doubts:
-        return f"nothing yet: {'; '.join(message.text for message in shots[0].warnings)}"
+        names = digits.distinct_names([shot.name for shot in shots])
+        for name, shot in zip(names, shots, strict=True):
+            if shot.warnings:
+                words = "; ".join(message.text for message in shot.warnings)
+                return f"nothing yet: {words}" if len(shots) == 1 else f"nothing yet: {name}: {words}"
     return f"nothing: {shots[0].message}" if group.verdict == "failed" else ""
 
 
@@ -219,8 +226,8 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
 
     document = shlex.quote(str(out / "result.json"))
     codes = {message.code for message in group.doubts}
-    if group.verdict == "check_input" and len(shots) == 1:
-        if any(message.code == "check_input.scale" for message in shots[0].warnings):
+    if group.verdict == "check_input" and not codes:
+        if any(message.code == "check_input.scale" for shot in shots for message in shot.warnings):
             return advice("the same command with the right unit, --rmax-um or --fps")
         return advice("the same command with what is asked for, or --trust-input if all is right")
     if group.verdict == "failed" and len(shots) == 1:
@@ -231,9 +238,11 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
         return advice("the same command with the right --um-per-px (or --rmax-um) and --fps")
     misfits = [shot for shot in shots if shot.verdict == "does_not_fit"]
     if group.verdict == "does_not_fit" or (misfits and codes) or not codes.isdisjoint(_OF_MODEL):
-        return command(f"which-law {_files(misfits or shots)}", "and the same options: whether another law follows")
+        if group.laws:
+            return advice("check scale, frame rate and walls: none of these laws explains the shots")
+        return command(f"which-law {_files(misfits or shots)}", "with your options: whether another law follows")
     if codes:
-        return advice(f"look at the shots in {out / 'report.html'} (which of them lie apart)")
+        return advice(f"look at the shots in {out / 'report.html'} (which of them differ)")
     if group.verdict == "unverified":
         return command(f"infer {_files(shots)}")
     if group.n > 1 and not group.population.has_material:
@@ -242,7 +251,7 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     limited = _is_liquid(group) and not group.population.viscosity_Pa_s.bound
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
-        return advice("measure scale and frame rate better, for G: --scale-error, --rate-error")
+        return advice("for G measure scale and frame rate better: --scale-error, --rate-error")
     if group.verdict == "bound" and (len(shots) == 1 or group.population.has_material):
         law = group.population.model.partition(",")[0]
         if " or " in law or (law == "auto" and liquid > 0.5):

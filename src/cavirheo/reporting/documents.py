@@ -287,12 +287,15 @@ def _verdict(shots: Sequence[CurveRecord], doubts: Sequence[Message], population
 
 
 def _facts(members: Sequence[CurveRecord], population: PopulationRecord, systematic: Systematic) -> list[Message]:
-    """Messages on stiffening that a late start may feign, on what 1 % of scale or rate does to G, on constants that
-    nobody gave, and on shots that do not count or are unlike the others."""
+    """Messages on stiffening that a late start may feign, on a liquid with one collapse, on what 1 % of scale or rate
+    does to G, on constants that nobody gave, and on shots that do not count or are unlike the others."""
     messages = list[Message]()
     late = sum("stiffening.late_start" in [message.code for message in record.messages] for record in members)
     if late:
         messages.append(Message("group.late_start", {"count": late, "total": len(members)}))
+    collapses = [record.window.collapses or 0 for record in members if record.trusted]
+    if collapses and max(collapses) < 2 and population.switches.get("liquid", 0.0) >= 0.5:
+        messages.append(Message("group.one_collapse"))
     change = systematic.slopes.get("shear_modulus", {}).get("scale")
     if change is not None and abs(change) >= LEAST_CHANGE:
         messages.append(Message("group.scale", {"change": change}))

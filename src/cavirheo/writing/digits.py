@@ -42,7 +42,7 @@ METHODS = {  # how a method answers, and what its simulation is called
     "verified": ("posterior draws, weighted by the full physics", "best draw"),
     "least_squares": ("posterior draws under white noise, weighted by the full physics", "best fit"),
 }
-BUBBLES = {"real": "real (vapour condenses slowly)", "field": "field (vapour condenses at once)"}
+BUBBLES = {"real": "real (vapour condenses slowly)", "field": "the field's (vapour condenses at once)"}
 SURE = "90 % sure"  # head of the ends between which a value lies with this probability
 MISSING = "–"
 NO_BREAK = "\u00a0"

@@ -53,8 +53,8 @@ def progress_bar(what: str, total: int, *, visible: bool = True, unit: str = "cu
 
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    columns = ("{task.description}", BarColumn(20), MofNCompleteColumn(), f"[dim]{unit}", TimeRemainingColumn())
-    with Progress(*columns, "[dim]left", speed_estimate_period=120.0, console=on, transient=True) as progress:
+    columns = ("{task.description}", BarColumn(20), MofNCompleteColumn(), unit, TimeRemainingColumn())
+    with Progress(*columns, "left", speed_estimate_period=120.0, console=on, transient=True) as progress:
         task = progress.add_task(what, total=total)
         yield lambda count=1, what=None: progress.update(task, advance=count, description=what)
 
@@ -122,13 +122,18 @@ def print_text(text: str, *, first: str = "", look: str = "", style: str = "") -
 
 
 def print_remarks(
-    remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 5, mark: str = "•"
+    remarks: Mapping[str, Sequence[str]],
+    notes: Iterable[str] = (),
+    *,
+    most: int = 5,
+    mark: str = "•",
+    limit: int = MOST_REMARKS,
 ) -> None:
-    """Print each of the first MOST_REMARKS texts after a mark and its names, `most` of them at most; then the notes."""
-    for text, names in list(remarks.items())[:MOST_REMARKS]:
+    """Print each of the first `limit` texts after a mark and its names, `most` of them at most; then the notes."""
+    for text, names in list(remarks.items())[:limit]:
         more = f" and {len(names) - most} more" if len(names) > most else ""
         print_text(f": {text}", first=f"{mark} {', '.join(names[:most])}{more}", look="bold")
-    if len(remarks) > MOST_REMARKS:
-        print_text(f"{mark} {len(remarks) - MOST_REMARKS} more such remarks")
+    if len(remarks) > limit:
+        print_text(f"{mark} {len(remarks) - limit} more such remarks")
     for note in notes:
         print_text(note, first="• ")
