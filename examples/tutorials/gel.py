@@ -45,9 +45,8 @@ run("cavirheo infer measured/measured.csv -o one-shot", shell=True, check=True)
 
 # %% [markdown]
 # The true values are 10 kPa and 0.06 Pa s.
-# The row has the median of each parameter and its 90 % interval, how far the simulation of the answer is from the
-# measurement (RMSE), and a verdict.
-# Use a value only if its verdict is `ok`, or if you know why it is not ([verdicts](../../docs/method/verdicts.md)).
+# The lines `G` and `µ` have the value and its 90 % interval; the line `use` says whether to use them
+# ([verdicts](../../docs/method/verdicts.md)), and `check` what could be wrong.
 #
 # ## Five shots, one material
 # One shot is not a material.
