@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from cavirheo import Bubble, InputError, Medium, verbs
-from cavirheo.inference.cards import TrainingProblem
+from cavirheo.inference.network_files import TrainingProblem
 from cavirheo.prior import Prior
 
 LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}

@@ -18,7 +18,7 @@ from markup import prose, table
 from pydantic import BaseModel
 
 from cavirheo import loading, posterior
-from cavirheo.inference.cards import EmulatorCard, ModelCard
+from cavirheo.inference.network_files import EmulatorCard, ModelCard
 from cavirheo.physics import bubble, media
 from cavirheo.reporting.record import Result
 from cavirheo.writing.document import Document

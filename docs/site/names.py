@@ -91,7 +91,7 @@ ANSWERS = Page(
             "Training sets",
             {
                 "cavirheo.training.dataset": "Dataset",
-                "cavirheo.inference.cards": "TrainingProblem",
+                "cavirheo.inference.network_files": "TrainingProblem",
                 "cavirheo.prior": "Prior",
             },
         ),

@@ -8,7 +8,7 @@ over x.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS, natural_name
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
+INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
 _LEAST_PROBABILITY = 1e-12  # least probability between a value and a bound in `to_x`
 
 
@@ -118,7 +119,8 @@ class Prior:
     def _state(self, probability: float, fixed: Mapping[str, float]) -> State:
         free = [name for name in self.names if name not in fixed]
         columns = np.array([self.names.index(name) for name in free], dtype=int)
-        prior = replace(self.marginal(free), zero=np.array(0.0), infinite=np.array(0.0))
+        ranges = (self.low, self.high, self.mean, self.std)
+        prior = Prior(tuple(free), *(values[columns] for values in ranges))
         x = np.array([fixed.get(name, 0.0) for name in self.names])
         return State(prior, columns, x, float(np.log(probability)))
 

@@ -19,7 +19,7 @@ from conftest import LIQUID, PROBLEM, ROOT, WATER, code_of, contents, error_of, 
 from scipy.stats import kstest
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, read_curves
-from cavirheo.inference.cards import TrainingProblem
+from cavirheo.inference.network_files import TrainingProblem
 from cavirheo.physics.media import BU2026
 from cavirheo.prior import Prior, uniforms
 from cavirheo.training.dataset import generate, load

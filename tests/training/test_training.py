@@ -11,9 +11,9 @@ from broken_recipes import RECIPES, RIGHT
 from conftest import ROOT, code_of, error_of
 
 from cavirheo.inference.bdt import network_of
-from cavirheo.inference.cards import TrainingProblem, path_of, shipped
-from cavirheo.inference.cards import card as read_card
 from cavirheo.inference.emulator import emulator
+from cavirheo.inference.network_files import TrainingProblem, path_of, shipped
+from cavirheo.inference.network_files import card as read_card
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.recipe import PointRecipe, read_recipe
 

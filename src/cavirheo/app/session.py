@@ -25,7 +25,7 @@ from cavirheo.app.reader import Reader
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number_list, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
-from cavirheo.inference.cards import shipped
+from cavirheo.inference.network_files import shipped
 from cavirheo.inference.what_if import checks_with, slider
 from cavirheo.io import write_csv
 from cavirheo.io.files import without_headers

@@ -11,7 +11,7 @@ from cavirheo.app.session import UPLOAD_FOLDER, Answers, PageSettings, Session, 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import DEFAULT
-from cavirheo.inference.cards import card, shipped
+from cavirheo.inference.network_files import card, shipped
 from cavirheo.posterior import Checks
 from cavirheo.reporting.advice import curves_by_message
 from cavirheo.reporting.citation import TITLE, methods_paragraph

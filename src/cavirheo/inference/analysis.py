@@ -20,17 +20,10 @@ from cavirheo.errors import InputError, SolverError, expect_whole, require
 from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
-from cavirheo.inference.cards import network_name
 from cavirheo.inference.emulator import emulator
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.input_warnings import (
-    curve_warnings,
-    felt_wall_warnings,
-    smoothing_warnings,
-    stiffness_warnings,
-    wall_warnings,
-    warned,
-)
+from cavirheo.inference.input_warnings import answer_warnings, curve_warnings, warned
+from cavirheo.inference.network_files import network_name
 from cavirheo.messages import Message, message_of_error
 from cavirheo.parallel import Executor, cores, default_executor, one_blas_thread
 from cavirheo.parameters import LOG10, units
@@ -139,13 +132,9 @@ class Analysis:
             settings["discrepancy"] = False
         for key, value in settings.items():
             object.__setattr__(self, key, value)
-        self.check(())
         options = self.options
         object.__setattr__(self, "free", options.free)
-        family = Family(str(self.material))
-        message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage, or this law"
-        damaged = self._bubble.damage != "none"
-        require(family.elastic or not damaged, message, "physics.damage_without_elasticity")
+        Family(str(self.material)).check_damage(self._bubble)
         if point:
             message = f"the model {name} knows the field's bubble alone: leave out bubble or the model"
             require(self._bubble == FIELD, message, "option.bubble")
@@ -200,9 +189,9 @@ class Analysis:
     def check(self, curves: Sequence[RadiusCurve]) -> None:
         """Raises InputError: none of these curves can be answered with these settings, because the wall is within R_max
         of every curve. If it is within R_max of some curves, only these fail."""
-        largest = [float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves]
         if self._bubble.wall_distance is not None:
-            self._bubble.inertia(min(largest, default=0.0))
+            largest = [np.max(curve.radius, initial=0.0, where=curve.radius > 0) for curve in curves]
+            self._bubble.inertia(float(min(largest, default=0.0)))
 
     def run(
         self,
@@ -230,7 +219,7 @@ class Analysis:
         `workers` cores of this machine, without its curve. Closing it drops the curves that have not started."""
         threads = 1 if executor else max(cores(workers) // max(len(curves), 1), 1)
         executor = executor or default_executor(len(curves), workers)
-        return executor(partial(_answer, self, threads), list(curves))
+        return executor(partial(self.answer, workers=threads), list(curves))
 
     def answer(self, curve: RadiusCurve, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason."""
@@ -240,7 +229,15 @@ class Analysis:
             medium = self.medium_for(curve)
             empty = replace(empty, medium=medium)
             with one_blas_thread:
-                found = self._read(curve, empty, network) if network else self._sample(curve, empty, workers)
+                shot = self.experiment(curve)
+                if network:
+                    found = replace(empty, **read_values(shot, network))
+                    warnings = curve_warnings(curve, medium)
+                else:
+                    how: dict[str, Any] = {"discrepancy": self.discrepancy, "seed": self.seed, "workers": workers}
+                    found = sampled_answer(empty, shot, **how)
+                    warnings = [*curve_warnings(curve, medium), *answer_warnings(shot, found)]
+            found = replace(found, checks=warned(found.checks, warnings, self.trust_input))
             messages = (*self._stated(curve, medium), *found.checks.messages)
             found = replace(found, checks=replace(found.checks, messages=messages))
         except Exception as error:  # only this curve fails
@@ -253,25 +250,6 @@ class Analysis:
             causes = curve_warnings(curve, empty.medium or WATER)
             found = replace(empty, checks=warned(Checks("failed", (message_of_error(error),)), causes, False))
         return replace(found, seconds=perf_counter() - began)
-
-    def _sample(self, curve: RadiusCurve, empty: Posterior, workers: int | None) -> Posterior:
-        """The posterior of a curve: draws of the emulator, each weighed by a simulation."""
-        shot = self.experiment(curve)
-        found = sampled_answer(empty, shot, discrepancy=self.discrepancy, seed=self.seed, workers=workers)
-        warnings = [
-            *curve_warnings(curve, shot.medium),
-            *wall_warnings(shot),
-            *felt_wall_warnings(found, curve.max_radius),
-        ]
-        warnings += [*smoothing_warnings(found.checks), *stiffness_warnings(found)]
-        return replace(found, checks=warned(found.checks, warnings, self.trust_input))
-
-    def _read(self, curve: RadiusCurve, empty: Posterior, network: Network) -> Posterior:
-        """The value that a network reads off a curve."""
-        shot = self.experiment(curve)
-        found = replace(empty, **read_values(shot, network))
-        warnings = curve_warnings(curve, shot.medium)
-        return replace(found, checks=warned(found.checks, warnings, self.trust_input))
 
     def _stated(self, curve: RadiusCurve, medium: Medium) -> Iterator[Message]:
         """What the file states of medium and stretch, and whether it is used."""
@@ -300,11 +278,6 @@ class Analysis:
         draws = np.empty((0, len(names)))
         conditions: dict[str, Any] = {"bubble": self._bubble, "medium": medium}
         return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **conditions)
-
-
-def _answer(analysis: Analysis, workers: int, curve: RadiusCurve) -> Posterior:
-    """Answer one curve of an executor."""
-    return analysis.answer(curve, workers=workers)
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])

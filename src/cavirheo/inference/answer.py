@@ -9,13 +9,13 @@ from functools import partial
 import numpy as np
 from scipy.special import betainc
 
-from cavirheo.arrays import Bools, Floats, relative_weights, weighted_covariance
+from cavirheo.arrays import Bools, Floats, weighted_covariance
 from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import LARGEST_PULL, elastic_stress, emulator, features, unknown, untrained
-from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.experiment import MISFIT, Experiment
 from cavirheo.inference.noise import Noise
-from cavirheo.inference.sample import EMULATED, SIMULATED, climb, effective_size
+from cavirheo.inference.sample import DIFFERENCE, EMULATED, SIMULATED, climb, effective_size
 from cavirheo.inference.weigh import Model, Weighed, posterior
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
@@ -24,11 +24,10 @@ from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.physics.bubble import ZERO_BY_DEFAULT
 from cavirheo.physics.laws import NeoHookean
 from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict, weighted_quantile
-from cavirheo.prior import Prior, State
+from cavirheo.prior import INSIDE, Prior, State
 
 REPLICATES = 2000  # of the predicted frames
 REJECTED = 0.01  # probability under a right law at which the predictive check rejects it
-LARGE_MISFIT = 0.03  # misfit over R_max beyond noise that rejects the law
 SEEN_MISFIT = 5e-4  # a misfit over R_max that is smaller is not stated
 PRIOR_END = 2.3  # a nuisance so far from the middle of its prior has 1 % of it beyond
 OPEN_ENDS: dict[str, Bound] = {
@@ -38,9 +37,9 @@ OPEN_ENDS: dict[str, Bound] = {
     "confinement_inertia": "lower",
 }
 """Ends of nuisances beyond which there is physics: a larger stretch, damping or inertia, a smaller accommodation."""
-BEYOND, TRADED = 0.1, 0.5
-"""A parameter is only bounded if it would move by TRADED widths of its interval, were another one at its end further by
-BEYOND of its range."""
+TRADED = 5.0
+"""A parameter is only bounded if it would move by more than so many widths of its interval, were another one that is at
+its end further by its whole range."""
 ENOUGH = 0.5 * EMULATED.effective  # effective draws below which there is no interval; below twice as many it is rough
 DEPENDENT = {
     "stiffening": ("shear_modulus", True),
@@ -58,7 +57,6 @@ SWITCHES: dict[str, tuple[str, Callable[[Floats], Bools]]] = {
 }
 """The switch of a parameter, and at which values it is on."""
 AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
-INSIDE = 1e-3  # least probability between a place and an end of the prior, where slopes are taken
 
 
 class ResidualSource:
@@ -66,13 +64,13 @@ class ResidualSource:
     the bubble (`unknown` says why; `untrained` why it may not serve); and by default simulations. states: of the
     switches. simulations, failures: how many there have been."""
 
-    def __init__(self, shot: Experiment, workers: int | None = 1, *, unknown_because: str = "") -> None:
+    def __init__(self, shot: Experiment, workers: int | None = 1) -> None:
         self.shot, self.prior, self.workers = shot, shot.prior(), workers
         self.states: list[State] = self.prior.states(DEPENDENT)
         self.measured = shot.measured[shot.counted]
         self.simulations, self.failures = 0, 0
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
-        self.unknown: str = unknown_because or unknown(usual, shot.options.bubble, shot.max_radius)
+        self.unknown: str = unknown(usual, shot.options.bubble, shot.max_radius)
         self.untrained: str = untrained(shot.options.bubble, shot.medium, shot.max_radius)
 
     def quick(self, x: Floats) -> Floats:
@@ -101,9 +99,8 @@ class ResidualSource:
 
     def too_stiff(self, weighed: Weighed) -> bool:
         """Whether likely bubbles are at the end of what the emulator was trained for."""
-        weight = relative_weights(weighed.log_weight)
         pulled = self._pull(weighed.x) > AT_THE_END * LARGEST_PULL
-        return bool(weight @ pulled > LIKELY * np.sum(weight))
+        return bool(weighed.weights @ pulled > LIKELY)
 
     def state(self, x: Floats) -> State:
         """The state of the switches at x (d,)."""
@@ -111,10 +108,9 @@ class ResidualSource:
 
     def jacobian(self, state: State, u: Floats) -> Floats:
         """(n, d) derivatives of the frames at u (d,) in a state."""
-        step = 1e-3
-        places = np.concatenate([u + step * np.eye(len(u)), u - step * np.eye(len(u))])
-        above, below = np.split(-self.quick(state.to_x(places)), 2)
-        return np.asarray(np.nan_to_num((above - below) / (2.0 * step)).T)
+        steps = DIFFERENCE * np.eye(len(u))
+        above, below = np.split(-self.quick(state.to_x(np.concatenate([u + steps, u - steps]))), 2)
+        return np.asarray(np.nan_to_num((above - below) / (2.0 * DIFFERENCE)).T)
 
     def models(self, noise: Noise) -> list[Model]:
         """A model for each state of the switches."""
@@ -138,14 +134,13 @@ def sampled_answer(
     best = int(np.argmax(weighed.log_posterior))
     p_value, excess = predictive_misfit(target, noise, weighed, best)
     pulled = _at_prior_ends(shot, prior, weighed)
-    effective = weighed.effective
     verdict, messages = _bounds(found, shot.family)
     if target.unknown:
         messages.append(Message("sampled_by_solver", {"reason": target.unknown}))
     if p_value is not None and p_value < REJECTED and excess > 0.0:
-        if not discrepancy or excess > LARGE_MISFIT:
+        if not discrepancy or excess > MISFIT:
             verdict = "does_not_fit"
-        limits = {"detectable": SEEN_MISFIT, "limit": LARGE_MISFIT, "exact": not discrepancy}
+        limits = {"detectable": SEEN_MISFIT, "limit": MISFIT, "exact": not discrepancy}
         messages.append(Message("misfit.systematic", {"excess": excess, "p_value": p_value, **limits}))
     at_ends = open_ends(prior, weighed.x, weighed.log_weight)
     traded = trades(prior, weighed.x, weighed.log_weight, _parameters_with_bounds(shot.family), at_ends)
@@ -154,7 +149,8 @@ def sampled_answer(
         verdict = "bound"
     for name, (other, bound) in traded.items():
         messages.append(Message(f"traded.{name}", {"name": name, "other": other, "bound": bound}))
-    if shot.curve.begins_late and found.switches.get("stiffening", 0.0) > 0.5:
+    stiffens = found.switches.get("stiffening", 0.0) > 0.5
+    if shot.curve.begins_late and stiffens:
         messages.append(Message("stiffening.late_start"))
     messages += [Message(f"prior_end.{name}.{end}") for name, end in pulled.items()]
     messages += shot.messages
@@ -162,23 +158,23 @@ def sampled_answer(
         at_bound=(*(name for name in pulled if name in CAMERA), *at_ends),
         frames_left_out=int(np.count_nonzero(~shot.counted)),
         draws=len(weighed.x),
-        effective_sample_size=effective,
+        effective_sample_size=weighed.effective,
         p_value=p_value,
         systematic_misfit_over_rmax=excess,
         simulations=target.simulations,
         failed_simulations=target.failures,
         modulus_over_scale=sensitivity_to_scale([found], "shear_modulus"),
         viscosity_over_scale=sensitivity_to_scale([found], "viscosity"),
-        secant_modulus=secant_modulus(shot, weighed) if found.switches.get("stiffening", 0.0) > 0.5 else (),
+        secant_modulus=secant_modulus(shot, weighed) if stiffens else (),
     )
     provenance = {**empty.provenance, "discrepancy": discrepancy, "prior": prior.to_dict(), "seed": seed}
     checks = shot.checks(weighed.x[best], verdict, messages)
     checks = replace(checks, predicted_over_rmax=predicted(shot, noise, weighed, best, checks, seed))
     found = replace(found, provenance=provenance, checks=checks, diagnostics=diagnostics)
-    if effective < ENOUGH:
+    if weighed.effective < ENOUGH:
         return _without_interval(found, best)
-    if effective < EMULATED.effective:
-        rough = Message("interval.rough", {"effective": effective, "usual": EMULATED.effective})
+    if weighed.effective < EMULATED.effective:
+        rough = Message("interval.rough", {"effective": weighed.effective, "usual": EMULATED.effective})
         found = replace(found, checks=replace(checks, messages=(*checks.messages, rough)))
     if target.too_stiff(weighed):
         return found.without_draws(Message("interval.too_stiff", {"pull": LARGEST_PULL}))
@@ -191,10 +187,8 @@ def _drawn(shot: Experiment, noise: Noise, workers: int | None, seed: int) -> tu
     target = ResidualSource(shot, workers)
     drawn = posterior(target.models(noise), seed, SIMULATED if target.unknown else EMULATED)
     if drawn.effective < ENOUGH and target.untrained and not target.unknown:
-        tried, target = target, ResidualSource(shot, workers, unknown_because=target.untrained)
+        target.unknown = target.untrained
         drawn = posterior(target.models(noise), seed, SIMULATED)
-        target.simulations += tried.simulations
-        target.failures += tried.failures
     solved = drawn.solved
     if not len(solved.x):
         raise SolverError(f"{shot.curve.name}: none of {len(drawn.x)} likely bubbles can be simulated")
@@ -220,19 +214,19 @@ def _with_draws(empty: Posterior, target: ResidualSource, weighed: Weighed) -> P
     names, theta = shot.to_theta(x)
     values = shot.all_values(x[int(np.argmax(weighed.log_posterior))])
     if values.get("accommodation") == np.inf:  # the field's bubble, as in theta
-        values |= {"accommodation": 1.0} | dict.fromkeys(ZERO_BY_DEFAULT, 0.0)
+        values["accommodation"] = 1.0
     return replace(
         empty,
         names=names,
         units=units(names),
-        theta=_switched_off(names, theta),
+        theta=theta,
         log_weight=weighed.log_weight,
         best=values,
         stretch=values["stretch"],
         evidence=Evidence(weighed.log_evidence, weighed.error),
-        prior=shot.law_prior(prior),
+        prior={LOG10 + name: tuple(row) for name, row in prior.to_dict().items() if name in shot.family.parameters},
         stretch_prior=shot.stretch_prior,
-        switches=_switches(prior, x, relative_weights(weighed.log_weight)),
+        switches=_switches(prior, x, weighed.weights),
     )
 
 
@@ -258,21 +252,8 @@ def _bounds(answer: Posterior, family: Family) -> tuple[Verdict, list[Message]]:
     return verdict, messages
 
 
-def _switched_off(names: Sequence[str], theta: Floats) -> Floats:
-    """theta (k, d), in which a field's bubble has the accommodation 1 and no damping, as a limit of the real one."""
-    theta = theta.copy()
-    if "accommodation" in names:
-        field = np.isposinf(theta[:, names.index("accommodation")])
-        theta[field, names.index("accommodation")] = 1.0
-        for name in ZERO_BY_DEFAULT:
-            if name in names:
-                theta[field, names.index(name)] = 0.0
-    return theta
-
-
 def _switches(prior: Prior, x: Floats, weight: Floats) -> dict[str, float]:
-    """Posterior probabilities of the switches that the prior has."""
-    weight = weight / np.sum(weight)
+    """Posterior probabilities of the switches that the prior has, from draws x (k, d) with weights (k,)."""
     probabilities: dict[str, float] = {}
     for name, column, zero, infinite in zip(prior.names, x.T, prior.zero, prior.infinite, strict=True):
         if name in SWITCHES and zero + infinite > 0.0:
@@ -289,7 +270,7 @@ def trades(
     columns = dict(zip(prior.names, x.T, strict=True))
     found: dict[str, tuple[str, Bound]] = {}
     for other in at_ends:
-        outwards = BEYOND * np.ptp(prior.bounds(other)) * (1.0 if OPEN_ENDS[other] == "lower" else -1.0)
+        outwards = np.ptp(prior.bounds(other)) * (1.0 if OPEN_ENDS[other] == "lower" else -1.0)
         for name in law:
             pair = weighted_covariance(columns[name], columns[other], log_weight)
             if pair is None:
@@ -318,9 +299,7 @@ def open_ends(prior: Prior, x: Floats, log_weight: Floats) -> list[str]:
 
 def _at_prior_ends(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str, str]:
     """The free parameters of bubble and camera of which most draws are at the end of their prior, with this end."""
-    weight = relative_weights(weighed.log_weight)
-    weight = weight / np.sum(weight)
-    u = prior.to_u(weighed.x, INSIDE)
+    weight, u = weighed.weights, prior.to_u(weighed.x, INSIDE)
     ends: dict[str, str] = {}
     for name, values in zip(prior.names, u.T, strict=True):
         for end, beyond in (("lower", values < -PRIOR_END), ("upper", values > PRIOR_END)):
@@ -355,8 +334,7 @@ def predicted(shot: Experiment, noise: Noise, weighed: Weighed, best: int, check
     residual = weighed.residuals[best]
     deviation = noise.deviations(residual, shot.averaged[shot.counted])
     rng = np.random.Generator(np.random.Philox(seed))
-    weight = relative_weights(weighed.log_weight)
-    chosen = rng.choice(len(weight), REPLICATES, p=weight / np.sum(weight))
+    chosen = rng.choice(len(weighed.x), REPLICATES, p=weighed.weights)
     frames = residual - weighed.residuals[chosen] + deviation * rng.standard_normal((REPLICATES, len(residual)))
     low, middle, high = np.quantile(frames, [0.05, 0.5, 0.95], axis=0)
     beyond = np.quantile(np.maximum((residual - middle) / (high - middle), (middle - residual) / (middle - low)), 0.9)

@@ -11,9 +11,9 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
-from cavirheo.parameters import PARAMETERS, REFERENCE_RATE, parameter_of
+from cavirheo.parameters import PARAMETERS, parameter_of
 from cavirheo.physics.bubble import FIELD, ZERO_BY_DEFAULT, Bubble
-from cavirheo.physics.laws import Fung, Newtonian, PowerLaw
+from cavirheo.physics.laws import PowerLaw
 from cavirheo.physics.materials import LAWS, Material, combine, from_inferred
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
@@ -88,7 +88,7 @@ def _inferred(law: str, before: Sequence[str]) -> list[str]:
 
 
 AUTO = "auto"  # the default family: a spring that may stiffen or be absent, beside a dashpot that may thin without it
-_AUTO_PARAMETERS = ("shear_modulus", "stiffening", "viscosity", "thinning")
+_AUTO_TERMS = ("fung", ["shear_modulus", "stiffening"]), ("power-law", ["viscosity", "thinning"])
 LIQUID = 1.0 / 3.0  # prior probability that G is 0
 PLAIN, NEWTONIAN = 0.5, 0.5  # prior probabilities that a gel does not stiffen, and that a liquid does not thin
 
@@ -116,8 +116,9 @@ class Family:
 
     def __post_init__(self) -> None:
         expect(self.name, str, "the name of a law, such as 'nhkv' or 'gent + newtonian'")
-        terms, names = [], [*_AUTO_PARAMETERS] if self.name == AUTO else []
-        laws = [] if self.name == AUTO else self.name.split("+")
+        terms = [*_AUTO_TERMS] if self.name == AUTO else []
+        names = [name for _, parameters in terms for name in parameters]
+        laws = [] if terms else self.name.split("+")
         for number, law in enumerate((part.strip() for part in laws), 1):
             hint = " without parameters (all of them are fitted)" if "(" in law else ""
             message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(LAWS)}"
@@ -136,17 +137,16 @@ class Family:
         atoms = {"shear_modulus": LIQUID, "stiffening": PLAIN, "thinning": NEWTONIAN}
         return atoms if self.name == AUTO else {}
 
+    def check_damage(self, bubble: Bubble) -> None:
+        """Raises InputError: this bubble damages an elastic part that the law does not have."""
+        message = f"damage needs a law with an elastic part, {self.name} has none: leave out damage, or this law"
+        require(bubble.damage == "none" or self.elastic, message, "physics.damage_without_elasticity")
+
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values; of (k, parameters) a material whose parameters are (k, 1) arrays,
         for stresses at many parameters at once. Raises InputError where they exclude each other."""
         values = iter(10.0**log10 if log10.ndim == 1 else 10.0 ** log10.T[..., None])
         number: Any = float if log10.ndim == 1 else np.asarray
-        if self.name == AUTO:
-            modulus, stiffening, viscosity, thinning = map(number, values)
-            dashpot: Material = Newtonian(viscosity)
-            if np.any(thinning > 0.0):
-                dashpot = PowerLaw(viscosity * REFERENCE_RATE**thinning, 1.0 - thinning)
-            return combine([Fung(modulus, stiffening), dashpot])
         terms = [(law, {name: number(next(values)) for name in names}) for law, names in self._terms]
         return combine([from_inferred(law, parameters) for law, parameters in terms])
 

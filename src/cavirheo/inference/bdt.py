@@ -21,7 +21,9 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference.cards import (
+from cavirheo.inference.emulator import Bubbles, Camera, emulator
+from cavirheo.inference.experiment import MISFIT, Experiment
+from cavirheo.inference.network_files import (
     Arrays,
     Layers,
     ModelCard,
@@ -31,8 +33,6 @@ from cavirheo.inference.cards import (
     path_of,
     read_weights,
 )
-from cavirheo.inference.emulator import Bubbles, Camera, emulator
-from cavirheo.inference.experiment import MISFIT, Experiment
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, STRETCH_RANGE, natural_name, to_natural, to_prior_scale
 from cavirheo.physics.bubble import FIELD
@@ -58,10 +58,7 @@ class Network:
     """
 
     def __init__(self, path: Path) -> None:
-        content = card(path)
-        if content["kind"] != "point":
-            raise InputError(f"{path} is an emulator: a network that gives one value is needed here", "model.kind")
-        about = ModelCard.model_validate(content)
+        about = ModelCard.model_validate(card(path, "point"))
         self.path, self.name, self.sha256 = path, path.stem, about.weights.sha256
         self.problem: TrainingProblem = TrainingProblem.from_dict(about.problem)
         self.outputs: tuple[str, ...] = tuple(output.name for output in about.outputs)
@@ -138,7 +135,7 @@ _ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {"relu": lambda x: np.maxi
 
 
 def network_of(name: str) -> Network:
-    """The network of this name or place (`cards.path_of`), read again if its file changes. Raises InputError."""
+    """The network of this name or place (`path_of`), read again if its file changes. Raises InputError."""
     path, state = path_of(name), tuple[int, ...]()
     with suppress(OSError):  # no file: `card` raises the error
         state = path.stat().st_mtime_ns, path.stat().st_size

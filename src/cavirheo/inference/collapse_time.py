@@ -35,10 +35,10 @@ MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean
 LARGEST = np.array([1e6, 10.0])  # G in Pa, mu in Pa s
 _UNITS = np.array([1e4, 0.1])  # of G and mu in the fit, which begins there
 _ROUNDS, _KNEE = 5, 2.0  # of Huber's loss, and its knee in standard deviations
-_FLOOR = 1e-5  # relative scatter of t_1: a smaller one is that of rounding
+_ROUNDING = 1e-5  # relative scatter or change of t_1: a smaller one is that of rounding
 _EQUAL_TIME = 5e-4  # relative difference of t_1 within which values are equally good if the shots show no scatter
 _MAX_SCATTER = 0.03  # largest usual scatter of t_1: gels have 1.2 %
-_EXACT_ROUNDS, _SAME = 30, 1e-5  # of simulations, and the relative change of their times at which they end
+_EXACT_ROUNDS = 30  # of simulations
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/how-to/collapse-time.md)
 
 
@@ -172,7 +172,7 @@ class _Problem:
         options |= dict.fromkeys(("ftol", "xtol", "gtol"), 1e-12)
         found, knee = least_squares(residuals, np.ones(len(unit)), **options), np.inf
         for _ in range(_ROUNDS if len(ratio) > len(unit) + 2 else 0):
-            knee = _KNEE * max(1.4826 * float(np.median(np.abs(found.fun))), _FLOOR)
+            knee = _KNEE * max(1.4826 * float(np.median(np.abs(found.fun))), _ROUNDING)
             found = least_squares(residuals, found.x, loss="huber", f_scale=knee, **options)
         return _Best(values, residuals(found.x), found.jac / unit, knee)
 
@@ -187,7 +187,7 @@ def _corrected(problem: _Problem) -> _Problem:
             raise SolverError(f"a bubble in {G:.3g} Pa and {mu:.2g} Pa s has no collapse")
         change = np.max(np.abs(correction / problem.correction - 1))
         problem = replace(problem, correction=correction)
-        if change < _SAME:
+        if change < _ROUNDING:
             return problem
     raise SolverError(f"after {_EXACT_ROUNDS} rounds the times still change by {change:.1g}")
 
@@ -201,7 +201,7 @@ def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
         inside = np.mean(np.abs(residual) <= knee)
         size = float(np.sqrt(np.sum(np.minimum(np.abs(residual), knee) ** 2) / free))
         scatter = size / float(inside)
-        reach = float(stdtrit(free, 0.95)) * max(size / float(np.sqrt(inside)), _FLOOR)
+        reach = float(stdtrit(free, 0.95)) * max(size / float(np.sqrt(inside)), _ROUNDING)
     estimated = np.isnan(problem.fixed)
     # nothing is known beyond the ranges
     covariance = np.linalg.inv(slopes.T @ slopes / reach**2 + np.diag(LARGEST[estimated] ** -2))

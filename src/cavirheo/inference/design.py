@@ -17,18 +17,18 @@ import numpy as np
 from cavirheo.arrays import NORMAL_90, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, require
-from cavirheo.inference.answer import INSIDE, ResidualSource
+from cavirheo.inference.answer import ResidualSource
 from cavirheo.inference.assumptions import FREE, Family, Options
 from cavirheo.inference.emulator import emulator, unknown, untrained
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.sample import expand
+from cavirheo.inference.sample import DIFFERENCE, expand
 from cavirheo.parallel import run_jobs
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
+from cavirheo.prior import INSIDE
 
 RECORDED_GROWTH = 0.8  # t_c before R_max at which a recording begins
 MOST_SHOTS = 10_000
-STEP = 1e-3  # of the slopes of log10 of the law's parameters in the coordinates of the prior
 POINTS = 2001  # of a parameter, over which its density is integrated
 LN10 = float(np.log(10.0))
 
@@ -140,8 +140,8 @@ def _information(shot: Experiment, x: Floats) -> Floats:
         return target.measured - shot.emulated(at, emulator())
 
     _, (curvature,) = expand(residuals, shot.noise(discrepancy=True), u, residuals(u))
-    moved = state.to_x(u + STEP * np.eye(u.shape[1])) - state.to_x(u)
-    slopes = LN10 * np.diag(moved[:law, :law]) / STEP
+    moved = state.to_x(u + DIFFERENCE * np.eye(u.shape[1])) - state.to_x(u)
+    slopes = LN10 * np.diag(moved[:law, :law]) / DIFFERENCE
     own, mixed, others = curvature[:law, :law] - np.eye(law), curvature[:law, law:], curvature[law:, law:]
     return np.asarray((own - mixed @ np.linalg.solve(others, mixed.T)) / np.outer(slopes, slopes))
 

@@ -10,15 +10,16 @@ T = 0.9147 t_c (1 + 0.41 beta)/sqrt(1 + |S_el(R_max)|/p): there t(s) and R(s) ar
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError
-from cavirheo.inference.cards import Arrays, card, path_of, read_weights
+from cavirheo.inference.network_files import Arrays, card, path_of, read_weights
 from cavirheo.parallel import one_blas_thread
 from cavirheo.physics.bubble import MOTIONS, Bubble
 from cavirheo.physics.cache import compiled
@@ -194,13 +195,8 @@ def elastic_stress(law: Elastic, stretch: Floats) -> Floats:
     ratios = stretch[:, None] * RADII
     if isinstance(law, Quadratic):
         return law.stress(ratios)
-    if isinstance(law, Fung) and np.any(plain := np.broadcast_to(law.stiffening == 0.0, (len(stretch), 1))[:, 0]):
-        modulus = np.broadcast_to(law.shear_modulus, (len(stretch), 1))
-        stress = NeoHookean(modulus).stress(ratios)  # type: ignore[arg-type]
-        if not np.all(plain):
-            stiffening = np.broadcast_to(law.stiffening, (len(stretch), 1))
-            stress[~plain] = elastic_stress(Fung(modulus[~plain], stiffening[~plain]), stretch[~plain])
-        return stress
+    if isinstance(law, Fung) and np.any(plain := np.equal(law.stiffening, 0.0)):
+        return _with_limit(elastic_stress, law, NeoHookean(law.shear_modulus), plain, stretch)
     ends = np.log(np.sort(np.column_stack([ratios, np.sqrt(np.maximum(stretch, 1.0)), np.ones(len(stretch))]), axis=1))
     steps = np.diff(ends, axis=1)
     inside = np.exp(ends[:, :-1, None] + steps[..., None] * _X)
@@ -222,12 +218,8 @@ def mean_viscosity(law: Viscous, rate: Floats) -> Floats:
     viscosity, averaged over the rates up to g."""
     if isinstance(law, Newtonian):
         return np.array(np.broadcast_to(law.viscosity, rate.shape))
-    if isinstance(law, PowerLaw) and np.any(plain := np.broadcast_to(law.exponent == 1.0, (len(rate), 1))[:, 0]):
-        mean = np.array(np.broadcast_to(law.consistency, rate.shape))
-        if not np.all(plain):
-            consistency, exponent = np.broadcast_arrays(law.consistency, law.exponent)
-            mean[~plain] = mean_viscosity(PowerLaw(consistency[~plain], exponent[~plain]), rate[~plain])
-        return mean
+    if isinstance(law, PowerLaw) and np.any(plain := np.equal(law.exponent, 1.0)):
+        return _with_limit(mean_viscosity, law, Newtonian(law.consistency), plain, rate)
     low = rate[:, :1, None] * _X**4  # finer towards rest
     below = np.sum(law.apparent(SHEAR_RATIO * low.reshape(len(rate), -1)) * low[:, 0] * (4.0 * _W / _X), axis=1)
     steps = np.diff(np.log(rate), axis=1)[..., None]
@@ -237,8 +229,20 @@ def mean_viscosity(law: Viscous, rate: Floats) -> Floats:
     return np.asarray(np.cumsum(np.column_stack([below, pieces]), axis=1) / rate)
 
 
+def _with_limit(
+    function: Callable[[Any, Floats], Floats], law: Any, limit: Material, at_limit: Bools, places: Floats
+) -> Floats:
+    """A function of a law with parameters (k, 1) and of places (k, ...), which takes the limit of the law in the rows
+    (k, 1) that are there."""
+    values, rest = function(limit, places), ~np.broadcast_to(at_limit, (len(places), 1))[:, 0]
+    if np.any(rest):
+        rows = {one.name: np.broadcast_to(getattr(law, one.name), (len(places), 1))[rest] for one in fields(law)}
+        values[rest] = function(replace(law, **rows), places[rest])
+    return values
+
+
 class Emulator:
-    """The trained network, from its arrays (`cards.read_weights`). Raises InputError: they are of no emulator.
+    """The trained network, from its arrays (`network_files.read_weights`). Raises InputError: they are of no emulator.
 
     sha256: of their file."""
 
@@ -254,14 +258,11 @@ class Emulator:
             last, bias = arrays["last.weight"].T @ decoder, arrays["last.bias"] @ decoder + offset
             self._last = np.ascontiguousarray(last), bias
             shape = self.trajectories(np.zeros((1, INPUTS))).shape
+            if shape != (1, 2 * NODES):
+                raise ValueError(f"{shape} numbers of a bubble, not {2 * NODES}")
         except (KeyError, ValueError, IndexError) as error:
             message = f"these weights are of no emulator of this version ({error}): make it by `cavirheo train`"
             raise InputError(message, "model.weights") from error
-        if shape != (1, 2 * NODES):
-            message = (
-                f"an emulator gives {2 * NODES} numbers of a bubble, this one {shape}: make it by `cavirheo train`"
-            )
-            raise InputError(message, "model.weights")
 
     def trajectories(self, inputs: Floats) -> Floats:
         """(k, 2 NODES) R/R_max and t/T at the nodes of s, of inputs (k, inputs)."""
@@ -344,11 +345,8 @@ def seen(curves: Any, unit: Floats, time: Floats, offsets: Floats, shares: Float
 
 @lru_cache(maxsize=2)
 def emulator(name: str = "emulator") -> Emulator:
-    """The emulator of this name or place (`cards.path_of`). Raises InputError."""
+    """The emulator of this name or place (`network_files.path_of`). Raises InputError."""
     path = path_of(name)
-    about = card(path)
-    if about["kind"] != "emulator":
-        raise InputError(f"{path} is no emulator, but a network for {about['material']}", "model.kind")
-    sha256 = str(about["weights"]["sha256"])
+    sha256 = str(card(path, "emulator")["weights"]["sha256"])
     with one_blas_thread:  # its layers are multiplied
         return Emulator(read_weights(path, sha256), sha256)

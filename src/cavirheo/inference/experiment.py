@@ -24,7 +24,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.assumptions import FREE, Family, Options, fixed_bubble
 from cavirheo.inference.emulator import Bubbles, Camera, Emulator
-from cavirheo.inference.frames import compared_frames
+from cavirheo.inference.frames import SOLVER_ERROR, compared_frames
 from cavirheo.inference.noise import Noise
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, USUAL_STRETCH
@@ -32,15 +32,14 @@ from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, ZERO_BY_DEFAULT, Bubble, Damage
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.simulate import Simulation, simulate
+from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Checks, Verdict
 from cavirheo.prior import Prior
 
 INSTANTS, QUICK_INSTANTS = 5, 2  # of an exposure, for the solver and for the emulator
-MIN_CLOCK, MIN_FACTOR = 0.02, 0.015  # smallest half-widths of the priors of the clock (t_c) and of the R_max factor
+MIN_CLOCK = 0.02  # t_c: smallest half-width of the prior of the clock
 NOISE_FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 FIELD_PROBABILITY = 0.2  # prior probability that a bubble is the field's
-SOLVER_ERROR = 1e-3  # smallest noise over R_max that is used: the error of the solver
 INERTIA_SCALE, DAMPING_SCALE, VAPOUR_SCALE = 0.05, 0.15, 0.015
 """Scales of the priors of walls (inertia, damping) and of vapour (over p_inf): each is its scale times the square of a
 normal number (chi squared), up to MOST_ROOT. Bubbles far from walls are likely then, and those near them not excluded.
@@ -50,19 +49,9 @@ BOUND_SIGMAS = 3.0  # standard deviations from the middle to the bound of radius
 CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
 MISFIT = 0.03  # RMSE/R_max above which the model does not fit (docs/method/verdicts.md)
 DRAWN = 800  # points of a simulated curve
-CLEAN_MISFIT = 1e-3  # largest RMS misfit over R_max of a simulation of such a curve
 STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
 CONTRADICTION = 4.0  # of its standard deviations: a stated stretch as far from the late plateau contradicts it
 _LN10 = float(np.log(10.0))
-_USUAL_VALUES = {
-    "stretch": 7.0,
-    "accommodation": 1.0,
-    "confinement_damping": 0.0,
-    "confinement_inertia": 0.0,
-    "vapour_excess": 0.0,
-    "damage_modulus": 1.0,
-    "damage_radius": 1.0,
-}
 
 
 def wall_scales(medium: Medium) -> dict[str, float]:
@@ -119,8 +108,7 @@ class Experiment:
             name: scale for name, scale in wall_scales(medium).items() if getattr(bubble, name) == "free"
         }
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
-        message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
-        require(bubble.damage == "none" or family.elastic, message, "physics.damage_without_elasticity")
+        family.check_damage(bubble)
         free_logs = {
             "stretch": not self.stretch,
             "accommodation": bubble.contents == "kinetic" and bubble.accommodation == "free",
@@ -160,7 +148,7 @@ class Experiment:
         the first one, where the radius is smaller by about (frame/t_c)^2/2."""
         curve, bound, frame = self.curve, self.options.scale_bound, self.frame_interval / self.time_scale
         late, noise = float(curve.begins_late), curve.noise / self.max_radius
-        factor = max(bound, MIN_FACTOR, min(2.25 * noise + late * (frame * frame), 0.2))
+        factor = max(bound, min(2.25 * noise + late * (frame * frame), 0.2))
         usual = max(0.5 * (1.0 + late) * frame, MIN_CLOCK) * self.time_scale
         earliest, latest = (time - curve.time_of_max for time in curve.time_of_max_span)
         low, high = min(earliest, -usual), max(latest, usual)
@@ -180,8 +168,9 @@ class Experiment:
         camera, walls = np.split(x[self.law_size + len(self.log_names) :], [len(self.free)])
         for (name, (middle, width)), value in zip(self.free.items(), camera, strict=True):
             values[name] = value * width + middle
+        bounded = np.isfinite(values.get("accommodation", 1.0))  # infinite: the field's bubble, without walls
         for (name, scale), root in zip(self.walls.items(), walls, strict=True):
-            values[name] = scale * root**2
+            values[name] = scale * root**2 * bounded
         return values
 
     def bubble_with(self, natural: Mapping[str, Any]) -> Bubble:
@@ -218,8 +207,10 @@ class Experiment:
 
     def to_theta(self, x: Floats) -> tuple[tuple[str, ...], Floats]:
         """Names and theta (draws, d) as in a Posterior from x (draws, d): log10 for the law, natural values for the
-        rest."""
+        rest. A field's bubble, as a limit of the real one, has the accommodation 1."""
         natural = self.natural(x.T)
+        if "accommodation" in natural:
+            natural["accommodation"] = np.where(np.isposinf(natural["accommodation"]), 1.0, natural["accommodation"])
         names = (*(LOG10 + name for name in self.family.parameters), *self.shot_names)
         return names, np.column_stack([x[:, : self.law_size], *(natural[name] for name in self.shot_names)])
 
@@ -248,11 +239,6 @@ class Experiment:
         low, high = self.bounds.T
         return Prior(self.names, low, high, mean, std, zero, infinite)
 
-    def law_prior(self, prior: Prior) -> dict[str, tuple[float, ...]]:
-        """The prior of the law's parameters, by their names in theta, as a Posterior stores it."""
-        rows = prior.to_dict()
-        return {LOG10 + name: tuple(rows[name]) for name in self.family.parameters}
-
     def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, times: Floats | None = None) -> Floats | None:
         """(m,) the radius over the measured R_max that the camera would have measured at x (d,), at the times of the
         frames or at other times since R_max (m,), s; None if the simulation failed. Instants before R_max are mirrored
@@ -262,8 +248,20 @@ class Experiment:
         instants = np.abs((times[:, None] - natural["time_origin"] + offsets).ravel())
         order = np.argsort(instants, kind="stable")
         scale = natural["radius_scale"]
-        run = self._run(x, natural, self.max_radius * scale * natural["max_radius_factor"], instants[order], accuracy)
-        if run is None:
+        try:
+            run = simulate(
+                self.family.material(x[: self.law_size]),
+                max_radius=self.max_radius * scale * natural["max_radius_factor"],
+                stretch=natural["stretch"],
+                time=instants[order],
+                medium=self.medium,
+                bubble=self.bubble_with(natural),
+                accuracy=accuracy,
+                throw=False,
+            )
+        except InputError:  # parameters that exclude each other count as a failed simulation
+            return None
+        if not (run.ok and np.all(np.isfinite(run.radius))):
             return None
         radius = np.empty(len(instants))
         radius[order] = run.radius / (scale * self.max_radius)
@@ -271,26 +269,23 @@ class Experiment:
 
     def bubbles(self, x: Floats) -> Bubbles:
         """The bubbles at x (k, d), as the emulator takes them."""
-        natural, k = self.natural(x.T), len(x)
-        values = {name: np.broadcast_to(natural.get(name, default), (k,)) for name, default in _USUAL_VALUES.items()}
-        accommodation = np.full(k, np.inf)
-        if self.options.bubble.contents == "kinetic":
-            accommodation = values["accommodation"]
-        fields = np.isposinf(accommodation) & (self.options.bubble.contents == "kinetic")
-        for name in ZERO_BY_DEFAULT:
-            values[name] = np.where(fields, 0.0, values[name])
-        radius = self.max_radius * np.broadcast_to(natural["radius_scale"] * natural["max_radius_factor"], (k,))
+        natural = self.natural(x.T)
+
+        def each(name: str, default: float = 0.0) -> Floats:
+            return np.broadcast_to(natural.get(name, default), (len(x),))
+
+        kinetic = self.options.bubble.contents == "kinetic"
         return Bubbles(
             material=self.family.material(x[:, : self.law_size]),
             medium=self.medium,
-            max_radius=radius,
-            stretch=values["stretch"],
-            accommodation=accommodation,
-            damping=values["confinement_damping"],
-            inertia=values["confinement_inertia"],
-            vapour_excess=values["vapour_excess"],
-            damage_modulus=values["damage_modulus"],
-            damage_radius=values["damage_radius"],
+            max_radius=self.max_radius * (each("radius_scale") * each("max_radius_factor")),
+            stretch=each("stretch"),
+            accommodation=each("accommodation") if kinetic else np.full(len(x), np.inf),
+            damping=each("confinement_damping"),
+            inertia=each("confinement_inertia"),
+            vapour_excess=each("vapour_excess"),
+            damage_modulus=each("damage_modulus", 1.0),
+            damage_radius=each("damage_radius", 1.0),
         )
 
     def emulated(self, x: Floats, emulator: Emulator, *, times: Floats | None = None) -> Floats:
@@ -302,19 +297,6 @@ class Experiment:
         times = self.time_since_max[self.counted] if times is None else times
         camera = Camera(times, *nodes, np.ascontiguousarray(origin))
         return factor[:, None] * emulator.radius(self.bubbles(x), camera)
-
-    def _run(
-        self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy
-    ) -> Simulation | None:  # fmt: skip
-        """The simulation of x (d,) with its natural values at these times, s; None if it failed."""
-        try:
-            run = simulate(
-                self.family.material(x[: self.law_size]), max_radius=max_radius, stretch=natural["stretch"], time=time,
-                medium=self.medium, bubble=self.bubble_with(natural), accuracy=accuracy, throw=False,
-            )  # fmt: skip
-        except InputError:  # parameters that exclude each other count as a failed simulation
-            return None
-        return run if run.ok and np.all(np.isfinite(run.radius)) else None
 
     def difference(self, x: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(n,) measured minus simulated, over R_max, of the frames that count; NaN if the simulation failed."""
@@ -349,7 +331,7 @@ class Experiment:
         """`checks_of` the simulation at x (d,)."""
         natural = self.natural(x)
         material, bubble = self.family.material(x[: self.law_size]), self.bubble_with(natural)
-        return self.checks_of(material, bubble, natural, verdict, messages, CLEAN_MISFIT if self.clean else MISFIT)
+        return self.checks_of(material, bubble, natural, verdict, messages, SOLVER_ERROR if self.clean else MISFIT)
 
     def checks_of(
         self, material: Material, bubble: Bubble, natural: Mapping[str, Any], verdict: Verdict,

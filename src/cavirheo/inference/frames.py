@@ -27,7 +27,7 @@ MOST_FRAMES = 180  # a recording with more frames is averaged
 LONGEST_MEAN = 0.05  # longest time of a mean over that of the first collapse
 LEAST_BIAS, LARGEST_BIAS = 1e-3, 2.0  # smallest and largest share b
 BISECTIONS = 12  # that find b
-LEAST_NOISE = 1e-3  # of R_max: smaller noise counts as this
+SOLVER_ERROR = 1e-3  # of R_max, of the solver: smaller noise counts as this
 
 
 class ComparedFrames(NamedTuple):
@@ -76,7 +76,7 @@ def _groups(curve: RadiusCurve, time: Floats, radius: Floats, usable: Bools, mos
     smallest = np.min(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
     curvature = largest[np.maximum(part - 1, 0)] ** 3 / smallest**4
     step = np.diff(time, prepend=2.0 * time[0] - time[1]) * (RAYLEIGH / first)
-    noise = max(curve.noise / top, LEAST_NOISE)
+    noise = max(curve.noise / top, SOLVER_ERROR)
 
     def groups(bias: float) -> NDArray[np.int64]:
         # a mean of the length w has v = w^2/12, and the noise of w/step frames

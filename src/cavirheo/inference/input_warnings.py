@@ -53,7 +53,6 @@ PERIODS = 6.0  # length of the comparison, first collapse times
 SMOOTHED_FRAMES = (3, 5, 7, 9)  # frames over which radii may be smoothed
 SMOOTHED_SHARE = 0.85  # share of the residual's power that smoothing leaves unexplained, below which there is a warning
 SMOOTHED_SIZE = (0.6, 2.0)  # of what smoothing explains, over what it should
-FELT_INERTIA = 0.05  # least lower end of the interval of the inertia of walls that tells of one
 PLATEAU_FACTOR = 1.2  # largest factor between a stretch and that of the late plateau
 
 _RADIUS = 150e-6  # m, R_max of the simulations
@@ -89,12 +88,21 @@ def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     return messages
 
 
-def felt_wall_warnings(found: Posterior, max_radius: float) -> list[Message]:
-    """A message if the answer of a bubble of this R_max, m, needs a wall closer than vessels have."""
-    ends = found.interval("confinement_inertia") if "confinement_inertia" in found.parameters else None
-    if not ends or ends[0] <= FELT_INERTIA:
+def answer_warnings(shot: Experiment, found: Posterior) -> list[Message]:
+    """Warnings that need the answer."""
+    of_walls = [*wall_warnings(shot), *felt_wall_warnings(shot, found)]
+    return [*of_walls, *smoothing_warnings(found.checks), *stiffness_warnings(found)]
+
+
+def felt_wall_warnings(shot: Experiment, found: Posterior) -> list[Message]:
+    """A message if the answer needs a wall closer than vessels have: an inertia that is clearly beyond the scale of its
+    prior."""
+    scale = shot.walls.get("confinement_inertia")
+    ends = found.interval("confinement_inertia") if scale else None
+    if not scale or not ends or ends[0] <= scale:
         return []
-    return [Message("check_input.walls", {"distance": 0.5 * max_radius / (found.median("confinement_inertia") or 1.0)})]
+    inertia = found.median("confinement_inertia") or 1.0
+    return [Message("check_input.walls", {"distance": 0.5 * shot.max_radius / inertia})]
 
 
 def wall_warnings(shot: Experiment) -> list[Message]:

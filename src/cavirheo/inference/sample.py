@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,8 +95,7 @@ SIMULATED = Budget(
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Maxima:
+class Maxima(NamedTuple):
     """Maxima u (m, d) of a log posterior, its values (m,) there, and the curvatures (m, d, d) of its negative."""
 
     u: Floats
@@ -110,8 +109,7 @@ class Maxima:
 
     def and_of(self, other: Maxima) -> Maxima:
         """These maxima and others."""
-        names = ("u", "value", "curvature")
-        return Maxima(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in names))
+        return Maxima(*map(np.concatenate, zip(self, other, strict=True)))
 
     def apart(self, most: int, reach: float, *, peaks: bool) -> list[int]:
         """Indices of the highest maxima, none lower than the highest by `reach`, no two of them near each other, or

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cavirheo.arrays import Floats, at_levels, log_sum
+from cavirheo.arrays import Floats, at_levels, log_sum, relative_weights
 from cavirheo.errors import SolverError
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import (
@@ -109,6 +108,12 @@ class Weighed(NamedTuple):
     effective: float
 
     @property
+    def weights(self) -> Floats:
+        """(k,) that sum to 1."""
+        weight = relative_weights(self.log_weight)
+        return weight / np.sum(weight)
+
+    @property
     def solved(self) -> Weighed:
         """Without the draws that could not be simulated."""
         good = np.isfinite(self.log_weight)
@@ -173,7 +178,7 @@ def posterior(models: Sequence[Model], seed: int, budget: Budget = EMULATED) -> 
             break
         wanted = int(np.clip(needed, CORRECTING, min(most, left)))
         found[worst] = _weighed(found[worst], wanted, budget, float(share[worst]))[1]
-    return joined(found)
+    return _combined([merged(each.parts) for each in found], np.zeros(len(found)))
 
 
 def _likely(found: Sequence[Sampled], reach: float) -> list[Sampled]:
@@ -307,16 +312,15 @@ def _shifted(asking: Requests[T], shift: Floats) -> Requests[T]:
             return returned
 
 
-def _corrected(quick: Frames, correction: Correction, u: Floats) -> Floats:
-    """Quick residuals with a correction."""
-    return quick(u) + correction(u)
-
-
 def _with_first_evidence(found: Sampled, budget: Budget) -> Sampled:
     """With a few draws. A poor emulator does not make the evidence too low."""
-    corrected = partial(_corrected, found.known.quick, found.known.correction())
+    quick, correction = found.known.quick, found.known.correction()
+
+    def corrected(u: Floats) -> Floats:
+        return quick(u) + correction(u)
+
     mixture = ridges(corrected, found.model.noise, found.maxima, budget, found.rng, LOOKED_AT, REACH)
-    rounds = first_round(mixture, budget.rounds[0], found.known.quick, found.rng)
+    rounds = first_round(mixture, budget.rounds[0], quick, found.rng)
     by_quick_frames, found = _weighed(replace(found, rounds=rounds), CORRECTING, budget)
     return replace(found, log_evidence=max(found.log_evidence, by_quick_frames))
 
@@ -465,11 +469,6 @@ def merged(parts: Sequence[Weighed]) -> Weighed:
         return parts[0]
     share = np.array([part.effective for part in parts])
     return _combined(parts, np.log(share / np.sum(share)))
-
-
-def joined(found: Sequence[Sampled]) -> Weighed:
-    """The draws of all models, each with the share of its evidence."""
-    return _combined([merged(each.parts) for each in found], np.zeros(len(found)))
 
 
 def _combined(parts: Sequence[Weighed], log_share: Floats) -> Weighed:

@@ -80,11 +80,8 @@ class Ranking:
         if not known:
             return []
         top = max(known.values(), key=lambda evidence: evidence.log)
-        close = [
-            law
-            for law, evidence in known.items()
-            if evidence is top or top.log - evidence.log <= DECISIVE + np.hypot(evidence.error or 0.0, top.error or 0.0)
-        ]
+        errors = {law: np.hypot(evidence.error or 0.0, top.error or 0.0) for law, evidence in known.items()}
+        close = [law for law, evidence in known.items() if top.log - evidence.log <= DECISIVE + errors[law]]
         return sorted(close, key=lambda law: (len(self.answers[law][0].names), -known[law].log))
 
     @property

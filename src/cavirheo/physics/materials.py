@@ -257,11 +257,14 @@ def combine(terms: Sequence[Material]) -> Material:
 def from_inferred(law: str, values: Mapping[str, Any]) -> Material:
     """The law of this name with parameters as they are inferred: with a viscosity K (1e5 1/s)^(n-1) in place of its
     consistency K, which is the viscosity at 1 1/s, far below the rates of bubbles, and strongly correlated with the
-    exponent n."""
+    exponent n; and perhaps with a thinning 1 - n in place of n, of which 0 is Newtonian."""
     values = dict(values)
     if any(one.name == "consistency" for one in fields(LAWS[law])):  # type: ignore[arg-type]
         viscosity = values.pop("reference_viscosity" if "reference_viscosity" in values else "viscosity")
-        values["consistency"] = viscosity * REFERENCE_RATE ** (1.0 - values["exponent"])
+        thinning = values.pop("thinning") if "thinning" in values else 1.0 - values["exponent"]
+        if "exponent" not in values and not np.any(thinning > 0.0):
+            return Newtonian(viscosity)
+        values = {"exponent": 1.0 - thinning, **values, "consistency": viscosity * REFERENCE_RATE**thinning}
     return LAWS[law](**values)
 
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, listed, sha256
-from cavirheo.inference.cards import TrainingProblem
+from cavirheo.inference.network_files import TrainingProblem
 from cavirheo.io.arrays import local_items, refusal
 from cavirheo.parallel import Executor, on_threads
 from cavirheo.prior import uniforms

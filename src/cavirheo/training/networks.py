@@ -27,8 +27,8 @@ from torch.nn import functional
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.bdt import Forward
-from cavirheo.inference.cards import Arrays, Layers
 from cavirheo.inference.emulator import FARTHEST, INPUTS, NODES, Emulator, seen
+from cavirheo.inference.network_files import Arrays, Layers
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.training.dataset import Dataset
 from cavirheo.training.recipe import EmulatorNetworkTable, EmulatorRecipe, NetworkTable, PointRecipe, Recipe

@@ -20,7 +20,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, read_bytes, validation_message
-from cavirheo.inference.cards import Size, TrainingProblem
+from cavirheo.inference.network_files import Size, TrainingProblem
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import Prior
 from cavirheo.training.trajectories import DOMAIN

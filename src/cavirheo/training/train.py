@@ -4,7 +4,7 @@ All random numbers follow from (seed, epoch): a run that is interrupted and cont
 
 Files in the run's folder, each written completely or not at all:
     checkpoint.safetensors  weights (also the best ones) and optimiser at the last epoch; settings and history as JSON
-    NAME.npz, NAME.json     at the end: the best weights, and their card (inference/cards.py)
+    NAME.npz, NAME.json     at the end: the best weights, and their card (inference/network_files.py)
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from cavirheo.errors import InputError
-from cavirheo.inference.cards import MAX_BYTES, EmulatorCard, ModelCard, unpack
+from cavirheo.inference.network_files import MAX_BYTES, EmulatorCard, ModelCard, unpack
 from cavirheo.training.dataset import load
 from cavirheo.training.networks import Task, arrays_of, task_of
 from cavirheo.training.recipe import Recipe, TrainingTable, difference

@@ -13,7 +13,7 @@ from cavirheo.writing import terminal
 
 def models() -> None:
     """The shipped models: what they answer, for which materials and ranges, and how well."""
-    from cavirheo.inference.cards import card, shipped
+    from cavirheo.inference.network_files import card, shipped
 
     for name, path in shipped().items():
         terminal.write("\n".join(about_network(name, card(path))))
@@ -83,7 +83,7 @@ def train(
     quiet: Quiet = False,
 ) -> None:
     """Train a recipe's network (the same call resumes) and write it as NAME.npz with its card NAME.json."""
-    from cavirheo.inference.cards import card
+    from cavirheo.inference.network_files import card
     from cavirheo.training import train as training
     from cavirheo.training.recipe import read_recipe
 

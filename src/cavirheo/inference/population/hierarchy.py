@@ -20,7 +20,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats, at_levels, log_sum
 from cavirheo.inference.sample import Draws, Mixture, first_round, sample
-from cavirheo.prior import Prior, log_normal
+from cavirheo.prior import INSIDE, Prior, log_normal
 
 POINTS = 100  # of a shot
 ROUNDING = 1e-9  # share of variances that is added, so that covariances are positive
@@ -185,8 +185,7 @@ class MaterialPosterior:
         error = np.hypot(scatter, own) / np.sqrt(len(means))
         spread = np.maximum(scatter, own)
         low, middle, high = (
-            self.prior.to_u(np.concatenate([at, spread]), inside=1e-3)
-            for at in (centre - error, centre, centre + error)
+            self.prior.to_u(np.concatenate([at, spread]), INSIDE) for at in (centre - error, centre, centre + error)
         )
         width = np.ones(len(middle))
         width[: self.d] = 0.5 * (high - low)[: self.d]

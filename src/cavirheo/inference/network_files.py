@@ -1,5 +1,5 @@
-"""Networks that ship with the package or were made by `cavirheo train`: a file of weights, NAME.npz, and its card,
-NAME.json; and the training problem of a network that gives one value for each parameter.
+"""The files of networks that ship with the package or were made by `cavirheo train`: the weights, NAME.npz, and their
+card, NAME.json, with the training problem of a network that gives one value for each parameter.
 
 Nothing in them is executed: the file holds plain arrays of numbers, whose sizes are checked before they are read, and
 the networks are those of this package.
@@ -281,19 +281,23 @@ class EmulatorCard(_Card):
     errors: dict[Literal["median", "p90", "p95", "p99"], float]
 
 
-def card(path: Path) -> dict[str, Any]:
-    """The card beside a file of weights. Raises InputError: one of the two is missing, or the card is not valid."""
+def card(path: Path, kind: str | None = None) -> dict[str, Any]:
+    """The card beside a file of weights. Raises InputError: one of the two is missing, the card is not valid, or its
+    network is not of this kind ("point", "emulator")."""
     file = path.with_suffix(".json")
     if not (isfile(path) and isfile(file)):  # isfile is False for a name that is too long, too
         message = f"a model is an .npz file with its card beside it; expected {path} and {file}"
         raise InputError(message, "model.missing")
     content = read_object(file, MAX_CARD_BYTES)
-    kind = EmulatorCard if content.get("kind") == "emulator" else ModelCard
+    model = EmulatorCard if content.get("kind") == "emulator" else ModelCard
     try:
-        kind.model_validate(content)
+        model.model_validate(content)
     except ValidationError as error:
         message = f"{file} is not a card of `cavirheo train`: {validation_message(error)}; train it anew"
         raise InputError(message, "model.card") from error
+    if kind not in (None, content["kind"]):
+        message = f"{path} is a network of the kind {content['kind']!r}: one of the kind {kind!r} is needed here"
+        raise InputError(message, "model.kind")
     return content
 
 
