@@ -30,12 +30,19 @@ upper end), a lower limit (the interval's lower end), or nothing. Or its interva
 
 
 class Parameter(NamedTuple):
-    """What is known of a parameter before any measurement. Ranges are (low, high) of the log10 of the SI value."""
+    """What is known of a parameter before any measurement.
 
-    symbol: str  # as written in tables
-    unit: str  # SI; "1": dimensionless
-    search_range: tuple[float, float] | None = None  # of a fit and of the prior; None: other code defines these, if any
-    start_range: tuple[float, float] | None = None  # between which searches start
+    Attributes:
+        symbol, unit: as written in tables; the unit is SI, and "1" means dimensionless.
+        search_range: (low, high) of the log10 of the SI value: the range of a fit and of the prior. None: the parameter
+            has no such range; it keeps the default of its law, or other code defines its prior.
+        start_range: (low, high) of the log10 of the SI value, between which searches start.
+    """
+
+    symbol: str
+    unit: str
+    search_range: tuple[float, float] | None = None
+    start_range: tuple[float, float] | None = None
 
 
 class PlausibleRange(NamedTuple):

@@ -163,8 +163,11 @@ def _plateau(x: Floats, storage: Floats, tolerance: float, least: float) -> tupl
 
 def read_sweeps(path: str | Path, at: float = 1.0) -> list[Sweep]:
     """Read the strain and frequency sweeps of a file; a table may hold several, tables without any are left out.
-    Unusable rows are counted in `notes`. at: as of `frequency_sweep`. Raises InputError: the file cannot be read, holds
-    no table of G' and G'', leaves a unit open, or mixes sweeps."""
+    Unusable rows are counted in `notes`. at: as of `frequency_sweep`.
+
+    Raises:
+        InputError: the file cannot be read, holds no table of G' and G'', leaves a unit open, or mixes sweeps.
+    """
     path = Path(path)
     sweeps, refused = list[Sweep](), list[InputError]()
     with guarded(path) as source:

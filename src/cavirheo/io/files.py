@@ -116,9 +116,9 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
             yield source
     except InputError as error:
         raise error.within(name) from None
+    except PermissionError as error:
+        raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
     except Exception as error:  # the libraries raise nearly any exception for damaged files
-        if isinstance(error, PermissionError):
-            raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
         message = f"{name} cannot be read, it may be damaged ({type(error).__name__}: {str(error)[:300]})"
         raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from None
     finally:

@@ -83,7 +83,10 @@ def simulated_time(
     """(n,) s: t_1 of simulated neo-Hookean Kelvin-Voigt bubbles; infinite without a collapse within 4 t_RC.
 
     The first four arguments broadcast to (n,); `options` are those of `simulate_many`. About 5 ms per bubble and core.
-    Raises InputError: a parameter out of its domain; SolverError: a simulation failed (where, and how).
+
+    Raises:
+        InputError: a parameter out of its domain.
+        SolverError: a simulation failed (where, and how).
     """
     four = (np.atleast_1d(np.asarray(a, dtype=float)) for a in (max_radius, stretch, shear_modulus, viscosity))
     R, stretches, G, mu = np.broadcast_arrays(*four)

@@ -69,6 +69,11 @@ class Viscoelastic(Material):
     """Any elastic law beside any viscous law (Kelvin-Voigt) and any number of Maxwell arms; their stresses add.
 
     `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`.
+
+    Attributes:
+        elastic: elastic law, or None.
+        viscous: viscous law, or None.
+        memory: the arms.
     """
 
     elastic: Elastic | None = None
@@ -223,8 +228,10 @@ def summary(name: str) -> str:
 def parse(text: str) -> Material:
     """The material of a sum like "gent(2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", parameters in SI units.
 
-    Only numbers are read, nothing is executed. An underscore may replace a hyphen in a name. Raises InputError: not a
-    sum of laws, an unknown law, missing, surplus or invalid parameters, two parts of one kind.
+    Only numbers are read, nothing is executed. An underscore may replace a hyphen in a name.
+
+    Raises:
+        InputError: not a sum of laws, an unknown law, missing, surplus or invalid parameters, two parts of one kind.
     """
     expect(text, str, f"a material as text, such as {EXAMPLE!r}")
     if not text.strip():

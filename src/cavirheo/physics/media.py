@@ -148,12 +148,19 @@ class Driving(Protocol):
 @dataclass(frozen=True)
 class Pulse:
     """One cycle of focused ultrasound, p_A {[1 + cos(2 pi f (t - centre))]/2}^n within half a period of its centre.
-    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7."""
+    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
 
-    amplitude: float = field(metadata=FINITE)  # p_A, Pa; negative for tension
-    frequency: float = field(metadata=POSITIVE)  # f, Hz
-    centre: float = field(metadata=FINITE)  # s after the start
-    exponent: float = field(default=3.7, metadata=domain("at least 1", lambda x: 1 <= x < inf))  # n
+    Attributes:
+        amplitude: p_A, Pa; negative for tension.
+        frequency: f, Hz.
+        centre: s after the start.
+        exponent: n.
+    """
+
+    amplitude: float = field(metadata=FINITE)
+    frequency: float = field(metadata=POSITIVE)
+    centre: float = field(metadata=FINITE)
+    exponent: float = field(default=3.7, metadata=domain("at least 1", lambda x: 1 <= x < inf))
 
     def __post_init__(self) -> None:
         check(self)
@@ -178,10 +185,17 @@ class Pulse:
 @dataclass(frozen=True, eq=False)
 class Trace:
     """A measured or computed pressure above ambient: monotone cubics (PCHIP) between its samples, held at both ends.
-    Raises InputError: fewer than two samples, not finite, not ascending, or not as many times as pressures."""
 
-    time: Floats  # (n,) s after the start, ascending
-    pressure: Floats  # (n,) Pa
+    Attributes:
+        time: (n,) s after the start, ascending.
+        pressure: (n,) Pa.
+
+    Raises:
+        InputError: fewer than two samples, not finite, not ascending, or not as many times as pressures.
+    """
+
+    time: Floats
+    pressure: Floats
 
     def __post_init__(self) -> None:
         for name in ("time", "pressure"):

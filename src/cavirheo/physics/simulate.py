@@ -79,11 +79,17 @@ class Numbers(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """Temperature and vapour in the bubble, from its centre to its wall."""
+    """Temperature and vapour in the bubble, from its centre to its wall.
 
-    position: Floats  # (m,) r/R of the centroids of the shells and of the wall, ascending to 1
-    temperature: Floats  # (n, m) K
-    vapour: Floats  # (n, m) mass fraction of vapour
+    Attributes:
+        position: (m,) r/R of the centroids of the shells and of the wall, ascending to 1.
+        temperature: (n, m) K.
+        vapour: (n, m) mass fraction of vapour.
+    """
+
+    position: Floats
+    temperature: Floats
+    vapour: Floats
 
     def __repr__(self) -> str:
         frames, places = self.temperature.shape

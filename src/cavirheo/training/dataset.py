@@ -115,16 +115,21 @@ class GenerateSummary(NamedTuple):
 class Dataset:
     """A complete training set.
 
-    columns: "status" (curves,), "ok" or the reason of the failure, and "radius" (curves, frames), R/R_max at the
-    reference R_max, beside "theta" (curves, parameters), true values in the prior's scale; of an emulator "radius",
-    "time" (curves, nodes) and "inputs".
+    Attributes:
+        problem: prior and physics of the curves; of an emulator, what the bubbles are drawn from.
+        seed: seed of the draws.
+        made_by: version of cavirheo that made the set.
+        columns: arrays by name, a row per curve: "status" (curves,), "ok" or the reason of the failure, and "radius"
+            (curves, frames), R/R_max at the reference R_max, beside "theta" (curves, parameters), true values in the
+            prior's scale; of an emulator "radius", "time" (curves, nodes) and "inputs".
+        sha256: of the SHA-256 digests of all files in their order.
     """
 
     problem: Problem
-    seed: int  # of the draws
-    made_by: str  # version of cavirheo
+    seed: int
+    made_by: str
     columns: Columns
-    sha256: str  # of the digests of all files in their order
+    sha256: str
 
     def __len__(self) -> int:
         return len(self.columns["status"])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, SolverError
 from cavirheo.inference import emulator
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import INPUTS, NODES, S_END, STRETCHING, Bubbles, features
@@ -19,7 +19,7 @@ from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 from cavirheo.physics.bubble import Bubble, Damage
 from cavirheo.physics.laws import Material
 from cavirheo.physics.media import Medium
-from cavirheo.physics.simulate import Simulation, simulate
+from cavirheo.physics.simulate import simulate
 
 DOMAIN: dict[str, Any] = {  # what the bubbles of a set are drawn from, and where their trajectories are stored
     "block": 16,  # bubbles of one law in one medium that are drawn together
@@ -136,30 +136,25 @@ def draw(rng: np.random.Generator) -> Drawn:
 
 def solve(
     material: Material, model: Bubble, medium: Medium, max_radius: float, stretch: float, unit: float
-) -> tuple[Floats, Floats] | None:
-    """(NODES,) t/T and R/R_max at equal steps of s, of one bubble with T = `unit`, s; None if it was not solved.
+) -> tuple[Floats, Floats]:
+    """(NODES,) t/T and R/R_max at equal steps of s, of one bubble with T = `unit`, s. Raises SolverError, InputError.
 
     A rough simulation at equal times tells s; the accurate one is then made at times that lie evenly in s, so that a
     collapse is resolved."""
 
-    def run(tau: Floats, accuracy: Accuracy) -> Simulation:
-        shot = {"max_radius": max_radius, "stretch": stretch, "medium": medium, "bubble": model}
-        return simulate(material, time=tau * unit, accuracy=accuracy, throw=False, unusual=True, **shot)  # type: ignore[arg-type]
+    def run(tau: Floats, accuracy: Accuracy) -> tuple[Floats, Floats]:
+        shot: Any = {"max_radius": max_radius, "stretch": stretch, "medium": medium, "bubble": model}
+        solved = simulate(material, time=tau * unit, accuracy=accuracy, unusual=True, **shot)
+        return solved.radius / max_radius, solved.velocity * unit / max_radius
 
     tau = np.linspace(0.0, S_END, COARSE_INSTANTS)
-    rough = run(tau, ROUGH)
-    if not rough.ok:
-        return None
-    s = _stretched(tau, rough.radius / max_radius, rough.velocity * unit / max_radius)
+    s = _stretched(tau, *run(tau, ROUGH))
     fine = np.interp(np.linspace(0.0, 1.04 * S_END, FINE_INSTANTS), s, tau)
     fine = np.unique(np.append(fine[fine < tau[-1]], min(fine[-1] * 1.02, tau[-1])))
-    exact = run(fine, DEFAULT)
-    if not exact.ok:
-        return None
-    R, U = exact.radius / max_radius, exact.velocity * unit / max_radius
+    R, U = run(fine, DEFAULT)
     s = _stretched(fine, R, U)
     if s[-1] < S_END * (1.0 - 1e-9):
-        return None
+        raise SolverError("the trajectory ends too early")
     rate = R**STRETCHING  # dtau/ds
     nodes = np.linspace(0.0, S_END, NODES)
     return CubicHermiteSpline(s, fine, rate)(nodes), CubicHermiteSpline(s, R, U * rate)(nodes)
@@ -198,10 +193,8 @@ def block(seed: int, number: int) -> dict[str, Any]:
     made["status"] = np.full(BLOCK, "not solved", dtype=object)
     bubbles, materials, models, inputs, unit = draw(rng)
     for i, (material, model) in enumerate(zip(materials, models, strict=True)):
-        radius, stretch, solved = float(bubbles.max_radius[i]), float(bubbles.stretch[i]), None
-        with suppress(InputError):
-            solved = solve(material, model, bubbles.medium, radius, stretch, float(unit[i]))
-        if solved is not None:
+        shot = float(bubbles.max_radius[i]), float(bubbles.stretch[i]), float(unit[i])
+        with suppress(InputError, SolverError):
+            made["time"][i], made["radius"][i] = solve(material, model, bubbles.medium, *shot)
             made["inputs"][i], made["status"][i] = inputs[i], "ok"
-            made["time"][i], made["radius"][i] = solved
     return made
