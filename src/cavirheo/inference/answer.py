@@ -114,12 +114,8 @@ class ResidualSource:
 
     def models(self, noise: Noise) -> list[Model]:
         """A model for each state of the switches."""
-        return [
-            Model(
-                self.quick, self.simulated, noise, len(state.columns), state.log_probability, state.to_x, state.to_u,
-            )
-            for state in self.states
-        ]  # fmt: skip
+        shared = self.quick, self.simulated, noise
+        return [Model(*shared, len(at.columns), at.log_probability, at.to_x, at.to_u) for at in self.states]
 
 
 def sampled_answer(
@@ -214,7 +210,7 @@ def _with_draws(empty: Posterior, target: ResidualSource, weighed: Weighed) -> P
     names, theta = shot.to_theta(x)
     values = shot.all_values(x[int(np.argmax(weighed.log_posterior))])
     if values.get("accommodation") == np.inf:  # the field's bubble, as in theta
-        values["accommodation"] = 1.0
+        values |= {"accommodation": 1.0} | dict.fromkeys(ZERO_BY_DEFAULT, 0.0)
     return replace(
         empty,
         names=names,

@@ -47,13 +47,11 @@ USUAL_COLLAPSE = (0.7, 1.4)  # first collapse of liquids and gels below 50 kPa, 
 STIFF_MODULUS, STIFF_STRETCH, STIFF_FALL = 4e5, 3.4, 0.25
 WRONG_SCALE = 0.22  # natural logarithm of the factor of the clock above which a scale or rate is wrong
 EXPLAINED_MISFIT = 0.045  # largest RMS misfit over R_max of a simulation that explains a curve
-COARSE_ERROR = 0.006  # RMS error of coarse simulations over R_max
 BETTER_FACTOR = 1.2  # factor between misfits above which one explanation is clearly better
 PERIODS = 6.0  # length of the comparison, first collapse times
 SMOOTHED_FRAMES = (3, 5, 7, 9)  # frames over which radii may be smoothed
 SMOOTHED_SHARE = 0.85  # share of the residual's power that smoothing leaves unexplained, below which there is a warning
 SMOOTHED_SIZE = (0.6, 2.0)  # of what smoothing explains, over what it should
-PLATEAU_FACTOR = 1.2  # largest factor between a stretch and that of the late plateau
 
 _RADIUS = 150e-6  # m, R_max of the simulations
 _GRID = np.linspace(0.0, 1.1 * PERIODS, 661)  # times of the simulations over that of the first collapse
@@ -211,13 +209,10 @@ def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     reached = np.abs(np.log(clock)) < _MODULUS_STEP + frame
     right = reached & (both.stretch <= 1.001 * (STIFF_STRETCH * np.maximum(1.0, STIFF_MODULUS / modulus) ** STIFF_FALL))
     wrong = (np.arange(len(clock)) < len(soft.first)) & (np.abs(np.log(clock)) > WRONG_SCALE)
-    if plateau := curve.stretch_from_tail():
-        right &= np.abs(np.log(both.stretch / plateau[0])) < np.log(PLATEAU_FACTOR)
     counted = (time >= 0.0) & (time < PERIODS)
     missed = _misfits(both.radius, time[counted], radius[counted], frame * _SHIFTS)
     at_stated, at_another = float(np.min(missed[right], initial=np.inf)), float(np.min(missed[wrong]))
-    better = np.hypot(at_stated, COARSE_ERROR) > BETTER_FACTOR * np.hypot(at_another, COARSE_ERROR)
-    if reached.any() and not (at_another < EXPLAINED_MISFIT and better):
+    if reached.any() and not (at_another < EXPLAINED_MISFIT and at_stated > BETTER_FACTOR * at_another):
         return []
     alike = clock[wrong & (missed <= BETTER_FACTOR * at_another)]
     low, high = float(np.min(alike)), float(np.max(alike))
