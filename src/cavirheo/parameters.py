@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cavirheo.arrays import Floats, relative_scatter
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief
 
 LOG10 = "log10_"
@@ -247,10 +247,10 @@ def is_at_rate(law: str, names: Collection[str], thinning: float = 0.0) -> bool:
     return of_power_law or derived or thinning > UNLIKELY
 
 
-def has_no_one_value(decades: float | None, *, agree: bool) -> bool:
-    """Whether no one value stands for the shots of a group, which scatter by so many decades. agree: whether their
-    intervals explain it."""
-    return not agree and relative_scatter(decades or 0.0) >= NO_ONE_VALUE
+def has_no_one_value(scatter: float, *, agree: bool) -> bool:
+    """Whether no one value stands for the shots of a group. scatter: over their value. agree: whether their intervals
+    explain it."""
+    return not agree and scatter >= NO_ONE_VALUE
 
 
 def wide_bound(name: str, low: float, high: float) -> Bound | None:

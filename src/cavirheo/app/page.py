@@ -337,14 +337,11 @@ class Page:
     def _show_check(self, session: Session, name: str) -> _Updates:
         answers, *_, record = session.find_answer(name)
         answers.trials.pop(name, None)
-        updates = self._draw_check(session, name)
+        updates: _Updates = {self.check_plot: words.check_plot(session, name), self.facts: words.facts(session, name)}
         updates[self.trial] = words.render("slider_start", bool(record.best))
         for slider, limits in zip(self.sliders, session.sliders(name).values(), strict=True):
             updates[slider] = gr.Slider(visible=bool(limits), **(limits or {}))  # type: ignore[arg-type]
         return updates
-
-    def _draw_check(self, session: Session, name: str) -> _Updates:
-        return {self.check_plot: words.check_plot(session, name), self.facts: words.facts(session, name)}
 
     def _try_sliders(self, session: Session, name: str, *values: float | None) -> _Updates:
         checks = session.what_if(name, values)

@@ -17,9 +17,9 @@ from cavirheo.reporting.advice import curves_by_message
 from cavirheo.reporting.citation import TITLE, methods_paragraph
 from cavirheo.reporting.documents import result_of
 from cavirheo.reporting.measured import curve_warnings, curves_by_note, summary_cells
-from cavirheo.reporting.page import template
 from cavirheo.reporting.panels import all_curves_panel, curve_panels
 from cavirheo.reporting.pictures import GROUP_SIZE, picture
+from cavirheo.reporting.templates import template
 from cavirheo.writing import digits
 
 VERSION = version("cavirheo")
@@ -143,10 +143,11 @@ def answers(session: Session) -> str:
     groups = _PARTS.group_answers(document, current.pictures)
     groups += _PARTS.comparisons(document)
     rows = document.rows
-    shots = _PARTS.curves_table(document, rows, [row.name for row in rows])
+    names = [row.name for row in rows]
+    shots = _PARTS.curves_table(document, rows, names)
     explanation = _PARTS.reading(), *methods_paragraph(document)
     done = len(document.curves), current.not_run
-    return render("answers", run, *done, groups, shots, curves_by_message(rows), *explanation)
+    return render("answers", run, *done, groups, shots, curves_by_message(rows, names), *explanation)
 
 
 def facts(session: Session, name: str) -> str:

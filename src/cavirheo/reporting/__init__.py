@@ -1,7 +1,12 @@
-"""The report of a run: its files, result.json, result.csv and report.html, and which pictures are in it."""
+"""The report of a run: its files, result.json, result.csv and report.html, and which pictures are in it.
+
+The page loads no other file: style and pictures are part of it. The script (table.js) only sorts the table of shots;
+without it all content is still there.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from markupsafe import Markup
@@ -9,9 +14,10 @@ from markupsafe import Markup
 from cavirheo.posterior import Checks
 from cavirheo.reporting import pictures
 from cavirheo.reporting.documents import Pairs, result
-from cavirheo.reporting.page import write_page
 from cavirheo.reporting.panels import curve_panels, group_panels
 from cavirheo.reporting.record import GroupRecord, Result, csv_rows
+from cavirheo.reporting.templates import template
+from cavirheo.writing import digits
 from cavirheo.writing.document import Claim, Outputs, locked_folder, try_to_draw, write_json, write_rows
 
 __all__ = ["result", "write_report"]
@@ -58,6 +64,23 @@ def write_documents(
         sheets = [str(curve.meta.get("contact_sheet", "")) for curve, _ in pairs] if draw else []
         folder.write("report.html", write_page, document, of_curves, of_groups, sheets)
     folder.finish()
+
+
+def write_page(
+    path: Path, result: Result, pictures: Mapping[int, str], group_pictures: Mapping[str, str], sheets: Sequence[str]
+) -> None:
+    """Write the page of a result. pictures: SVG of curves by their numbers, or the reason why there is none; these
+    curves have a section of their own. group_pictures: of groups of several answered shots by name, beside their
+    answers. sheets: of each curve, an image of all frames of its recording, or ""."""
+    alone = {}
+    if len(result.curves) == 1:  # its picture stands beside its answer
+        group_pictures, pictures = {group.name: pictures.get(0, "") for group in result.groups}, {0: ""}
+    else:
+        alone = {first: group for group, (first, *others) in result.indices_by_group() if not others}
+    names = digits.distinct_names([curve.name for curve in result.curves])
+    content = {"result": result, "names": names, "pictures": pictures, "group_pictures": group_pictures, "alone": alone}
+    page = template("report.html").render(**content, sheets=sheets or [""] * len(names))
+    path.write_text(page, encoding="utf-8")
 
 
 def _curve_pictures(pairs: Pairs, document: Result, *, draw: bool) -> dict[int, str]:

@@ -119,9 +119,9 @@ def _value_line(
     middle, interval = digits.value_parts(value, factor)
     if value.bound == "undetermined":
         return [interval], [], "not"
-    scatter = group.population.wide_scatters.get(name, 0.0)
+    scatter = f"shots scatter by {digits.percent(group.population.scatter(name))} %"
     if group.population.has_no_one_value(name):
-        return [f"no one value: the shots scatter by {digits.percent(scatter)} %"], [], "not"
+        return [f"no one value: the {scatter}"], [], "not"
     at_rate = name == "viscosity" and viscosity_name(group.population) == VISCOSITY_AT_RATE
     unit += " at 1e5/s" if at_rate else ""
     notes = list[str]()
@@ -129,12 +129,12 @@ def _value_line(
         if not value.is_zero:
             notes.append(f"{digits.SURE}, too wide for one value" if value.bound == "wide" else "95 % sure")
         notes += ["a liquid, if scale and rate are right"] if liquid else []
-        if scatter:
-            notes.append(f"shots scatter by {digits.percent(scatter)} %")
+        if name in group.population.wide_scatters:
+            notes.append(scatter)
         use = "as a bound, with care" if group.doubts else "as a bound"
         return [f"{interval} {unit}".rstrip()], notes, "" if value.is_zero else use
-    if scatter:
-        notes.append(f"shots scatter by {digits.percent(scatter)} %")
+    if name in group.population.wide_scatters:
+        notes.append(scatter)
     if name == "shear_modulus" and group.population.switches.get("stiffening", 0.0) >= 0.5:
         secants = [shot.diagnostics.secant_modulus for shot in shots if shot.trusted or len(shots) == 1]
         if ends := digits.ends([secant[1] for secant in secants if secant], factor, 2):
@@ -294,9 +294,10 @@ def meaning_of(name: str) -> str:
     return f"{digits.shown(name).si or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
 
 
-def curves_by_message(records: Iterable[CurveRecord]) -> dict[str, list[str]]:
+def curves_by_message(rows: Iterable[CurveRecord], names: Iterable[str]) -> dict[str, list[str]]:
     """The messages of all answers, each once, with the names of its curves."""
-    return terminal.names_by_text((record.name, message.text) for record in records for message in record.messages)
+    named = zip(names, rows, strict=True)
+    return terminal.names_by_text((name, message.text) for name, row in named for message in row.messages)
 
 
 def comparison_table(result: Result) -> tuple[list[str], list[list[str]]]:

@@ -11,12 +11,10 @@ from importlib.resources import files
 
 from cavirheo.parameters import is_law_parameter, parameter_of
 from cavirheo.physics.materials import LAWS
-from cavirheo.reporting import advice
-from cavirheo.reporting.page import template
 from cavirheo.reporting.record import CurveRecord, Result
+from cavirheo.reporting.templates import template
 
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
-MEDIUM_KEYS = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
 _DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
 _CITED = re.compile(r"\[([\w, ]+)\]")  # keys in a text
 
@@ -51,17 +49,11 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
         program=f"cavirheo{year}",
         answers=answers,
         models=dict.fromkeys((curve.material, curve.bubble, curve.bubble_title) for curve in answers),
-        media=dict.fromkeys(curve.medium for curve in answers if curve.medium),
         law_priors=_law_priors(answers),
         atoms=_atoms() if any("liquid" in curve.switches for curve in answers) else {},
-        common_errors=next((group.systematic.errors for group in result.groups if group.systematic.slopes), {}),
-        stretch_priors=[curve.stretch_prior for curve in answers if curve.stretch_prior],
         laws=dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws),
         verdicts=Counter(curve.verdict for curve in result.curves),
         references_of_law=references_of_law,
-        further_parameters=advice.further_parameters,
-        viscosity_name=advice.viscosity_name,
-        MEDIUM_KEYS=MEDIUM_KEYS,
     )
     paragraph = " ".join(text.split())
     cited = dict.fromkeys(key for keys in _CITED.findall(paragraph) for key in keys.split(", "))

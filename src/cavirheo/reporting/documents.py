@@ -4,7 +4,7 @@ material, its verdict, which obeys the rows, and what a user must know of it."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
@@ -71,34 +71,30 @@ def result(
         errors: relative standard deviations of the errors that all shots of a group share; default: those of
             `population`.
     """
-    from cavirheo.inference.population import population
-
     rows = [curve_record(curve, answer) for curve, answer in pairs]
-    materials: list[Population | None] = []
-    for _, indices in members_of(rows):
-        answers, names = [pairs[i][1] for i in indices], [rows[i].name for i in indices]
-        several = len(answers) > 1 and any(len(answer.theta) > 1 for answer in answers)
-        materials.append(population(answers, names=names, errors=errors) if several else None)
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    return result_of(rows, materials, errors, command=command, date=date, notes=list(notes))
+    answers = [answer for _, answer in pairs]
+    return result_of(rows, answers, errors, command=command, date=date, notes=list(notes))
 
 
 def result_of(
     rows: Sequence[CurveRecord],
-    materials: Sequence[Population | None] = (),
+    answers: Sequence[Posterior] = (),
     errors: CommonErrors | None = None,
     **head: Any,
 ) -> Result:
-    """The result of these records of curves, and of their groups. materials: those of the groups; default: none.
-    errors: as of `result`. head: fields of a `Document`."""
-    members = members_of(rows)
-    materials = materials or [None] * len(members)
-    groups = [
-        group_record(name, [rows[i] for i in indices], material, errors)
-        for (name, indices), material in zip(members, materials, strict=True)
-    ]
-    named = [(group.name, material) for group, material in zip(groups, materials, strict=True) if material]
-    return Result(curves=list(rows), groups=groups, differences=differences(named), **head)
+    """The result of these records of curves, and of their groups. answers: those of the curves; without them groups
+    have no material. errors: as of `result`. head: fields of a `Document`."""
+    groups = list[GroupRecord]()
+    materials: dict[str, Population] = {}
+    for name, indices in members_of(rows):
+        members, own = [rows[i] for i in indices], [answers[i] for i in indices if answers]
+        if len(own) > 1 and any(len(answer.theta) > 1 for answer in own):
+            from cavirheo.inference.population import population
+
+            materials[name] = population(own, names=[row.name for row in members], errors=errors)
+        groups.append(group_record(name, members, materials.get(name), errors))
+    return Result(curves=list(rows), groups=groups, differences=differences(materials), **head)
 
 
 def table(answers: Sequence[Posterior]) -> Any:
@@ -209,8 +205,8 @@ def _of_one_shot(row: CurveRecord, errors: CommonErrors | None) -> tuple[Populat
     over = {"shear_modulus": row.diagnostics.modulus_over_scale, "viscosity": row.diagnostics.viscosity_over_scale}
     values = {name: row.value(name) for name in (*MAIN_FIELDS, *row.other_parameters) if is_law_parameter(name)}
     systematic = Systematic(errors=asdict(errors))
-    for name, value in values.items():
-        change = over.get(name)
+    for name, change in over.items():
+        value = values[name]
         if change is not None and value.median and value.q05 and value.q95:
             systematic.slopes[name] = slopes(name, change)
             systematic.statistics[name] = value
@@ -353,10 +349,10 @@ def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
     return PopulationRecord(**fields), systematic
 
 
-def differences(materials: Iterable[tuple[str, Population]]) -> list[MaterialRatio]:
+def differences(materials: Mapping[str, Population]) -> list[MaterialRatio]:
     """Ratios of each two of the first _MAX_COMPARED materials with the same model; a liquid that thins has the same
     viscosity as another, at 1e5 1/s."""
-    whole = [(name, material) for name, material in materials if len(material.centre)]
+    whole = [(name, material) for name, material in materials.items() if len(material.centre)]
     records = []
     for (earlier, first), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
         liquids = {first.material, second.material} == {"newtonian", "power-law"}
@@ -373,18 +369,13 @@ def laws_by_curve(rankings: Iterable[Ranking]) -> dict[int, LawsOfGroup]:
     for ranking in rankings:
         laws = {}
         for name, evidence in ranking.evidence.items():
-            material = ranking.populations.get(name)
-            alone = ranking.answers[name][0] if len(ranking.members) == 1 else None
-            laws[name] = LawOfGroup(
-                log_evidence=evidence.log if evidence else None,
-                standard_error=evidence.error if evidence else None,
-                probability=ranking.probability.get(name),
-                material=material.line
-                if material and len(material.centre)
-                else _values_in_words(alone)
-                if alone
-                else "",
-            )
+            law = {"log_evidence": evidence.log, "standard_error": evidence.error} if evidence else {}
+            if len(ranking.members) == 1:
+                said = _values_in_words(ranking.answers[name][0])
+            else:
+                material = ranking.populations.get(name)
+                said = material.line if material and len(material.centre) else ""
+            laws[name] = LawOfGroup(**law, probability=ranking.probability.get(name), material=said)
         found[ranking.members[0]] = LawsOfGroup(laws=laws, **same_fields(LawsOfGroup, ranking))
     return found
 

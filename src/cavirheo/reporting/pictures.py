@@ -15,8 +15,8 @@ from markupsafe import Markup
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
-from cavirheo.reporting.page import template
 from cavirheo.reporting.panels import Layer, Panel, curve_panels
+from cavirheo.reporting.templates import template
 from cavirheo.writing import digits
 from cavirheo.writing.export import import_optional
 

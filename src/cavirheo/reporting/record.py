@@ -232,18 +232,20 @@ class PopulationRecord(ParameterValues):
         """Whether there is a material; if not, the line says why."""
         return bool(self.spreads_decades)
 
+    def scatter(self, name: str) -> float:
+        """Standard deviation of the shots over the material in a parameter (natural name); 0 where it is not known."""
+        return relative_scatter(self.spreads_decades.get(name, Quantity()).median or 0.0)
+
     def has_no_one_value(self, name: str) -> bool:
-        """Whether the shots have a material, and scatter too much for one value of a parameter (natural name)."""
-        spread = self.spreads_decades.get(name, Quantity())
-        return name not in self.heaps and has_no_one_value(spread.median, agree=self.agree)
+        """Whether the shots scatter too much for one value of a parameter, and are no two heaps."""
+        return name not in self.heaps and has_no_one_value(self.scatter(name), agree=self.agree)
 
     @property
     def wide_scatters(self) -> dict[str, float]:
-        """Standard deviation of the shots over the material, by parameter in which they scatter more than one batch of
-        gel does and than their intervals explain, and are no two heaps."""
-        spreads = {} if self.agree else self.spreads_decades
-        scatters = {name: relative_scatter(spreads[name].median or 0.0) for name in MAIN_FIELDS if name in spreads}
-        return {name: size for name, size in scatters.items() if size > WIDE_SCATTER and name not in self.heaps}
+        """The scatter by parameter in which it is more than that of one batch of gel and than the intervals explain,
+        and the shots are no two heaps."""
+        scatters = {} if self.agree else {name: self.scatter(name) for name in MAIN_FIELDS if name not in self.heaps}
+        return {name: size for name, size in scatters.items() if size > WIDE_SCATTER}
 
 
 class MaterialRatio(Record):
@@ -430,11 +432,12 @@ class Result(Document):
         intervals contain common errors."""
         rows = list(self.curves)
         for group, (first, *others) in self.indices_by_group():
-            answer, alone = group.population, rows[first]
+            answer = group.population
             if answer.n and not others:
-                further = {"other_parameters": {**alone.other_parameters, **answer.other_parameters}}
+                further = {**rows[first].other_parameters, **answer.other_parameters}
                 main = {key: getattr(answer, key) for key in MAIN_FIELDS.values()}
-                rows[first] = alone.model_copy(update={**main, **further, "verdict": group.verdict})
+                changed = {**main, "other_parameters": further, "verdict": group.verdict}
+                rows[first] = rows[first].model_copy(update=changed)
         return rows
 
     def rows_by_group(self) -> list[tuple[GroupRecord, list[CurveRecord]]]:

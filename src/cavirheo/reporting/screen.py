@@ -67,8 +67,7 @@ def print_result(
 def print_all(result: Result, *, out: Path = Path()) -> None:
     """Print all messages, and the result with a row for each shot. A shot is called by what distinguishes it."""
     names = digits.distinct_names([row.name for row in result.curves])
-    rows = [row.model_copy(update={"name": name}) for row, name in zip(result.curves, names, strict=True)]
-    remarks = advice.curves_by_message(rows)
+    remarks = advice.curves_by_message(result.curves, names)
     terminal.print_remarks(remarks, limit=len(remarks))
     terminal.print_remarks({}, [row.words for row in result.differences])
     print_result(result, out=out, every_shot=True)

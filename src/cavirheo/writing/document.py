@@ -147,20 +147,18 @@ class Quantity(Record):
 class Spread(Record):
     """Statistics of several values, in the unit of their field; null where there is no value."""
 
-    mean: float | None = None
+    mean: Finite = None
     """Mean of the values."""
-    std: float | None = None
+    std: Finite = None
     """Standard deviation of n values, with the divisor n - 1; null for n < 2, and where it is not known."""
 
 
 def spread_of(values: list[float | None]) -> Spread:
     """The spread of the values that are not None."""
     numbers = [value for value in values if value is not None]
-    if not numbers:
-        return Spread()
     with np.errstate(over="ignore", invalid="ignore"):  # overflow gives infinity or NaN, and then null
-        std = finite(float(np.std(numbers, ddof=1))) if len(numbers) > 1 else None
-        return Spread(mean=finite(float(np.mean(numbers))), std=std)
+        mean = float(np.mean(numbers)) if numbers else None
+        return Spread(mean=mean, std=float(np.std(numbers, ddof=1)) if len(numbers) > 1 else None)
 
 
 @contextmanager
@@ -352,14 +350,9 @@ def try_to_draw(name: str, notes: list[str], draw: Callable[..., Picture], *cont
         return notes[-1]
 
 
-def as_json(document: Document) -> str:
-    """The text of the file of a document; the document read from it is equal, except for control characters."""
-    return to_json(digits.printable(document.model_dump(by_alias=True)), indent=1).decode() + "\n"
-
-
 def write_json(path: str | Path, document: Document) -> None:
-    """Write a document as UTF-8 JSON."""
-    Path(path).write_text(as_json(document), encoding="utf-8")
+    """Write a document as UTF-8 JSON; the document read from it is equal, except for control characters."""
+    Path(path).write_bytes(to_json(digits.printable(document.model_dump(by_alias=True)), indent=1) + b"\n")
 
 
 def read_json(path: str | Path, kind_of: Callable[[str], type[Kind]]) -> Kind:

@@ -146,7 +146,7 @@ class Population:
 
     def _has_no_one_value(self, name: str) -> bool:
         """Whether the shots disagree too much in a parameter."""
-        scatter = self.scatter(name)[1] if len(self.centre) else 0.0
+        scatter = relative_scatter(self.scatter(name)[1]) if len(self.centre) else 0.0
         return name in self.heaps or has_no_one_value(scatter, agree=self.agree)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
