@@ -292,9 +292,8 @@ class Page:
         }
 
     def _show_prepared(self, session: Session, name: str | None) -> _Updates:
-        selected = (curve for curve in session.curves if curve.name == name)
-        texts = (words.prepared_curve(curve, session.settings) for curve in selected)
-        return {self.prepared_curve: next(texts, "")}
+        curve = next((curve for curve in session.curves if curve.name == name), None)
+        return {self.prepared_curve: words.prepared_curve(curve, session.settings) if curve else ""}
 
     def _warn(self, session: Session) -> _Updates:
         return {self.input_warnings: words.render("input_warnings", words.curve_warnings(session.curves))}

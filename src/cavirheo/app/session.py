@@ -263,19 +263,12 @@ class Session:
             self.answers = None
         self.settings = settings
 
-    @property
-    def current(self) -> Answers:
-        """The answers. Raises InputError: there are none."""
-        if self.answers is None:
-            raise InputError("no answer yet: infer first (step 3)", "app.no_answer")
-        return self.answers
-
     def find_answer(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
         """Return (all answers, curve, posterior, record) of a shot. Raises InputError: no answer."""
-        answers = self.current
-        for pair, record in zip(answers.pairs, answers.document.rows, strict=True):
-            if record.name == name:
-                return answers, *pair, record
+        if answers := self.answers:
+            for pair, record in zip(answers.pairs, answers.document.rows, strict=True):
+                if record.name == name:
+                    return answers, *pair, record
         raise InputError(f"{name} has no answer: infer first (step 3)", "app.no_answer")
 
     def infer(self, names: Sequence[str]) -> Answers:
@@ -340,7 +333,9 @@ class Session:
 
     def export(self) -> Path:
         """Return the path of the zip. Raises InputError: no current answers."""
-        answers, base = self.current, self.folder / "export"
+        answers, base = self.answers, self.folder / "export"
+        if answers is None:
+            raise InputError("no answer yet: infer first (step 3)", "app.no_answer")
         folder, document = base / "cavirheo-result", answers.document
         shutil.rmtree(base, ignore_errors=True)
         for kind in ("processed", "simulated"):

@@ -272,7 +272,7 @@ def shots_table(
     result: Result, shots: Sequence[CurveRecord], names: Sequence[str]
 ) -> tuple[list[str], list[list[str]]]:
     """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval; G and µ have
-    columns where a shot has them."""
+    columns where a shot has them; the last cell is a verdict that is not ok."""
     G = result.shown("shear_modulus")
     mu_names = {viscosity_name(shot) for shot in shots if shot.main("viscosity").known} or {"viscosity"}
     mu = result.shown(mu_names.pop() if len(mu_names) == 1 else "viscosity")
@@ -284,7 +284,7 @@ def shots_table(
         ratio = digits.value_parts(stretch)[1] if stretch.bound else digits.number(stretch.median)
         size, rmse = digits.micrometres(shot.max_radius_m), digits.number(shot.rmse_over_rmax, 100.0)
         parts = [part for head, values in shown for part in head.parts(values[k])]
-        rows.append([name, size, ratio, *parts, rmse, shot.verdict_in_words])
+        rows.append([name, size, ratio, *parts, rmse, "" if shot.verdict == "ok" else shot.verdict_in_words])
     heads = [text for head, _ in shown for text in (f"{head.symbol} {head.unit}", digits.SURE)]
     return ["shot", "R_max µm", "λ", *heads, "RMSE %", "verdict"], rows
 

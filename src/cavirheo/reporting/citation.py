@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 
@@ -40,6 +40,8 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
     answers = [curve for curve in result.curves if curve.has_answer]
     if not answers:
         return "", []
+    from cavirheo.inference.assumptions import AUTO, Family  # an import of half a second
+
     year = (result.date or "")[:4]
     program = f"@misc{{cavirheo{year},\n  author = {{{{The cavirheo developers}}}},\n  title = {{{TITLE}}},\n"
     program += f"  year = {{{year}}},\n" if year else ""
@@ -50,7 +52,7 @@ def methods_paragraph(result: Result) -> tuple[str, list[str]]:
         answers=answers,
         models=dict.fromkeys((curve.material, curve.bubble, curve.bubble_title) for curve in answers),
         law_priors=_law_priors(answers),
-        atoms=_atoms() if any("liquid" in curve.switches for curve in answers) else {},
+        atoms=Family(AUTO).atoms if any("liquid" in curve.switches for curve in answers) else {},
         laws=dict.fromkeys(name for group in result.groups if group.laws for name in group.laws.laws),
         verdicts=Counter(curve.verdict for curve in result.curves),
         references_of_law=references_of_law,
@@ -69,10 +71,3 @@ def _law_priors(answers: Sequence[CurveRecord]) -> dict[str, tuple[float, float]
             parameter = parameter_of(name)
             ranges[f"{parameter.symbol} ({parameter.unit})"] = 10.0 ** ends[0], 10.0 ** ends[1]
     return ranges
-
-
-def _atoms() -> Mapping[str, float]:
-    """Prior probability by parameter of the default family that it is 0."""
-    from cavirheo.inference.assumptions import AUTO, Family  # an import of half a second
-
-    return Family(AUTO).atoms

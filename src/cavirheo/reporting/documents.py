@@ -333,19 +333,16 @@ def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
     thins = material.material == "newtonian" and is_at_rate("newtonian", (), material.switches.get("thinning", 0.0))
     law = "newtonian or power-law" if thins else material.material
     fields |= {"model": f"{law}, {material.bubble.name}", "n": len(material.shots)}
-    systematic = Systematic()
     if not len(material.centre):
-        return PopulationRecord(**fields), systematic
+        return PopulationRecord(**fields), Systematic()
     values = {name: material.quantity(name) for name in material.quantities}
     fields |= PopulationRecord.fields_of(values)
     fields["spreads_decades"] = {name: Quantity.from_interval(*material.scatter(name)) for name in material.names}
-    if material.over_scale:
-        systematic.errors = asdict(material.errors)
-    for name, change in material.over_scale.items():
-        if material.bound(name) is None:
-            low, high = material.statistical_interval(name)
-            systematic.slopes[name] = slopes(name, change)
-            systematic.statistics[name] = Quantity(median=values[name].median, q05=low, q95=high)
+    systematic = Systematic(errors=asdict(material.errors) if material.over_scale else {})
+    for name in (name for name in material.determined if name in material.over_scale):
+        low, high = material.statistical_interval(name)
+        systematic.slopes[name] = slopes(name, material.over_scale[name])
+        systematic.statistics[name] = Quantity(median=values[name].median, q05=low, q95=high)
     return PopulationRecord(**fields), systematic
 
 

@@ -139,11 +139,10 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collecti
 def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[str]) -> None:
     """A row for each of these shots. names: of all shots of their group. Where rows are too wide, names are shortened,
     then the stretch is left out."""
-    marks = ["", *("" if shot.verdict == "ok" else shot.verdict_in_words for shot in shots)]
     for width, with_stretch in ((_NAME, True), (digits.SHORT_NAME, True), (digits.SHORT_NAME, False)):
         short = dict(zip(names, digits.short_names(names, width), strict=True))
-        heads, numbers = advice.shots_table(result, shots, [short[shot.name] for shot in shots])
-        rows = [[*cells[:-1], mark] for cells, mark in zip([heads, *numbers], marks, strict=True)]
+        heads, rows = advice.shots_table(result, shots, [short[shot.name] for shot in shots])
+        rows = [[*heads[:-1], ""], *rows]
         if not with_stretch:
             rows = [[name, size, *cells] for name, size, _, *cells in rows]
         first, *widths, last = (max(map(len, column)) for column in zip(*rows, strict=True))

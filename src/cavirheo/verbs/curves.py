@@ -129,8 +129,8 @@ class _ReportVerb(_AnsweringVerb):
         if interrupted:
             run.end_interrupted(note, self.out / "result.json")
         store.remove_used()
-        table = partial(print_result, every_shot=self.every_shot, printed_notes=run.printed_notes)
-        run.show(document, partial(table, out=self.out))
+        how: dict[str, Any] = {"every_shot": self.every_shot, "printed_notes": run.printed_notes, "out": self.out}
+        run.show(document, partial(print_result, **how))
         undecided = any(not compared.chosen for compared in laws.values())
         failed = has_problems(document) or undecided
         run.end(digits.counted(len(curves), "curve"), failed, f"; report: {self.out / 'report.html'}")
