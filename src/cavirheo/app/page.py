@@ -357,8 +357,7 @@ def _settings(values: Sequence[Any]) -> PageSettings:
 
 @contextmanager
 def uploaded_paths(files: Sequence[str]) -> Iterator[list[Path]]:
-    """Yield the paths of uploaded files that are still there, and delete these at the end. Raises InputError: another
-    file of this machine."""
+    """Yield the paths of uploaded files that exist, and delete them at the end. Raises InputError: another file."""
     folder = Path(os.environ["GRADIO_TEMP_DIR"]).resolve()
     paths = [Path(file).resolve() for file in files]
     if not all(path.is_relative_to(folder) for path in paths):
@@ -371,8 +370,7 @@ def uploaded_paths(files: Sequence[str]) -> Iterator[list[Path]]:
 
 
 def _infer_endpoint(visitors: Visitors) -> Callable[..., Any]:
-    """Return the function of the endpoint `/infer`, for programs: files, then the values of PAGE_FIELDS in their
-    order. Nothing is kept after a call."""
+    """The function of the endpoint `/infer`: files, then the values of PAGE_FIELDS. Nothing is kept after a call."""
 
     def infer(files: list[gr.FileData], *options: Any) -> dict[str, Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""

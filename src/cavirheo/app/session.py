@@ -317,14 +317,12 @@ class Session:
         return on_threads(answer_one, curves)
 
     def sliders(self, name: str) -> dict[str, dict[str, float] | None]:
-        """Return the limits, step and start of each slider, in kPa, Pa s and 1; None for a parameter that the law
-        lacks."""
+        """The limits, step and start of each slider, in its unit; None for a parameter that the law lacks."""
         posterior = self.find_answer(name)[2]
         return {key: slider(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
 
     def what_if(self, name: str, values: Sequence[float | None]) -> Checks:
-        """The checks of the answer with the sliders' values, which are kept beside the answer; failed ones hold the
-        reason."""
+        """The checks of the answer with the sliders' values, kept beside the answer; failed ones hold the reason."""
         answers, curve, posterior, _ = self.find_answer(name)
         typed = {key: Number().read(v, key) for key, v in zip(SLIDERS, values, strict=True) if v is not None}
         changed = {key: value / SLIDERS[key][1] for key, value in typed.items()}
@@ -413,8 +411,7 @@ class Visitors:
             return session and self.session_for(name)
 
     def leave(self, name: str) -> None:
-        """Let `forget_absent` forget this page after a delay, unless it sends another request until then (a phone that
-        slept)."""
+        """Let `forget_absent` forget this page after a delay, unless it sends a request until then (a phone slept)."""
         with self._lock:
             self._left[name] = time.monotonic() + self.limits.absent_seconds
 

@@ -131,8 +131,7 @@ def prepared_curve(curve: RadiusCurve, settings: PageSettings) -> str:
 
 
 def answers(session: Session) -> str:
-    """The answers: groups with their pictures, shots, their messages, and whether settings changed since; during a run,
-    the answers so far, without pictures."""
+    """The answers: groups with their pictures, shots, messages, citations; during a run those so far, not drawn."""
     current = session.answers
     run = session.run
     if run:

@@ -54,8 +54,7 @@ def write_report(
 def write_documents(
     folder: Outputs, pairs: Pairs, document: Result, *, complete: bool = True, draw: bool = True
 ) -> None:
-    """As `write_report`, into the folder of a run. complete: False for one that was stopped before all curves were
-    answered: no report."""
+    """As `write_report`, into the folder of a run. complete: False for one that was stopped early: no report."""
     of_curves = _curve_pictures(pairs, document, draw=draw) if complete else {}
     of_groups = group_pictures(pairs, document, document.notes) if complete and draw else {}
     folder.write("result.json", write_json, document)

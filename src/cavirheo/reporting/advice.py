@@ -107,8 +107,7 @@ def windows(shots: Sequence[CurveRecord]) -> list[str]:
 def _value_line(
     result: Result, group: GroupRecord, shots: Sequence[CurveRecord], name: str
 ) -> tuple[list[str], list[str], str]:
-    """The parts of the line of a parameter, none if nothing is known of it; notes on it; and how it may be used, "" of
-    what is no value."""
+    """The parts of the line of a parameter, none of an unknown one; notes on it; how it may be used, "" of no value."""
     if heaps := group.population.heaps.get(name):
         return [heaps_in_words(name, heaps)], [], "not"
     value = group.population.main(name)

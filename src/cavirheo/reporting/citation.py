@@ -27,16 +27,14 @@ def references() -> dict[str, str]:
 
 
 def references_of_law(material: str) -> list[str]:
-    """The keys of the references whose DOIs are in the docstring of a law, or of the laws of a sum; an empty list for a
-    name that is no law."""
+    """The keys of the references whose DOIs are in the docstring of a law, or of the laws of a sum."""
     texts = (getattr(LAWS.get(name.strip()), "__doc__", None) or "" for name in material.split("+"))
     dois = [doi for text in texts for doi in _DOI.findall(text)]
     return [key for doi in dois for key, entry in references().items() if f"doi = {{{doi}}}" in entry]
 
 
 def methods_paragraph(result: Result) -> tuple[str, list[str]]:
-    """(the paragraph, the BibTeX entries of its references in order of appearance); ("", []) if no curve has an
-    answer."""
+    """(the paragraph, the BibTeX entries of its references as they appear); ("", []) if no curve has an answer."""
     answers = [curve for curve in result.curves if curve.has_answer]
     if not answers:
         return "", []

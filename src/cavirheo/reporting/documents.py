@@ -171,8 +171,7 @@ def group_record(
     material: Population | None = None,
     errors: CommonErrors | None = None,
 ) -> GroupRecord:
-    """The record of a group, from the records of its curves and from its material. errors: of a single shot, as of
-    `result`."""
+    """The record of a group by those of its curves and by its material. errors: of a single shot, as of `result`."""
     shots = [record for record in members if record.has_answer]
     population, systematic = _of_material(material) if material else (PopulationRecord(), Systematic())
     if len(members) == 1 and members[0].verdict in ("ok", "bound", "unverified"):

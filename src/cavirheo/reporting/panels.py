@@ -185,8 +185,7 @@ def _simulation(points: Points, checks: Checks, look: str, name: str) -> tuple[L
 
 
 def predicted_radius(checks: Checks, curve: RadiusCurve) -> tuple[Floats, Floats] | None:
-    """(times (n,), s, and the ends (n, 2), m, between which lie 90 % of the predictions of an answer); None of one
-    without draws."""
+    """(times (n,), s, ends (n, 2), m, between which 90 % of an answer's predictions lie); None without draws."""
     compared, ends = checks.compared_time, checks.predicted_over_rmax
     time, radius = checks.reconstruction_time, checks.reconstruction_radius
     if compared is None or ends is None or time is None or radius is None:
@@ -271,8 +270,7 @@ class _Place(NamedTuple):
         return np.isposinf(self.ends[:, 1]).astype(int) - np.isneginf(self.ends[:, 0])
 
     def limits(self, low: Floats, high: Floats) -> Floats:
-        """(2, 2) ends of what is drawn on axes with these ends (2,): of a bound its limit; of an unknown value the
-        whole axis."""
+        """(2, 2) ends of what is drawn on axes with these ends (2,): of a bound its limit, else the interval."""
         lower, upper = np.clip(self.ends, low[:, None], high[:, None]).T
         ends = [np.where(self.sides < 0, upper, lower), np.where(self.sides > 0, lower, upper)]
         return np.column_stack(ends)
@@ -332,8 +330,7 @@ def _ends(values: Iterable[Quantity], axes: Axes) -> Floats:
 
 
 def _region(answer: Posterior, axes: Axes) -> Floats | None:
-    """(n, 2) corners of the ellipse that holds 90 % of the draws; None of a point answer, or of a value that is not
-    among the draws."""
+    """(n, 2) corners of the ellipse that holds 90 % of the draws; None without draws of both values."""
     if not axes.keys() <= answer.parameters.keys():
         return None
     values = np.stack([answer.draws(name) * shown.factor for name, shown in axes.items()], axis=-1)

@@ -99,8 +99,7 @@ class Frame:
 
     @property
     def names(self) -> Iterator[tuple[str, int, int, str]]:
-        """(look, x, y, text) of the names at points, each where it covers no other; one without such a place is left
-        out."""
+        """(look, x, y, text) of the names at points that have a place where they cover no other."""
         middle, centre = self.left + self.width / 2, self.top + self.height / 2
         taken = list[tuple[float, float, float]]()  # middle and half a width of each name
         for layer in self.panel.layers:

@@ -378,8 +378,7 @@ class GroupRecord(Record):
     _omitted_if_empty = ("published", "laws")
 
     def value(self, name: str) -> Quantity:
-        """The group's answer for a parameter by its natural name; an empty one if there is none, or if no one value
-        stands for the shots, so much do they scatter."""
+        """The answer for a parameter by its natural name; an empty one if there is none, or no one value of it."""
         return Quantity() if self.population.has_no_one_value(name) else self.population.value(name)
 
     @property

@@ -95,8 +95,7 @@ def print_line(record: CurveRecord) -> None:
 
 
 def _print_laws(result: Result, *, every_pair: bool) -> None:
-    """Print the laws that were compared for each group, and how strongly the evidence prefers the best one to the next;
-    or all that is known of each law."""
+    """Print the laws of each group, and by how much the best one is preferred to the next; or all that is known."""
     for group in result.groups:
         if group.laws:
             title = f"{group.name}, {digits.counted(group.laws.shots, 'shot')}: {group.laws.TITLE}"
@@ -184,8 +183,7 @@ def _fitting(clauses: Sequence[str]) -> str:
 
 
 def _say(label: str, text: str, *, style: str = "", most: int = 1) -> None:
-    """Print a label and a text in at most `most` lines of the terminal, broken between words; a single line is not
-    broken."""
+    """Print a label and a text in at most `most` lines, broken between words; a single line is not broken."""
     head = f"{label} ".ljust(_LABEL)
     lines = terminal.lines_of(text, _width() - len(head), most) if most > 1 else [text]
     for k, line in enumerate(lines):

@@ -68,8 +68,7 @@ Slurm = Annotated[int | None, number(_SLURM, CLUSTER, kind=int, above=0)]
 
 
 def numbers(name: str, text: str | None, kind: type[Any], mark: str, expected: str, count: int = 0) -> Any:
-    """The `count` numbers of an option, a tuple; None if it is not given. Raises InputError, which says what is
-    expected."""
+    """The `count` numbers of an option; None if it is not given. Raises InputError, which says what is expected."""
     if text is None:
         return None
     try:

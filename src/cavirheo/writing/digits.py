@@ -128,8 +128,7 @@ def spread(value: Spread, factor: float = 1.0) -> str:
 
 
 def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
-    """The value times the factor with `count` significant digits, without an exponent from 1e-4 to 1e6; MISSING for
-    None."""
+    """The value times the factor with `count` significant digits, from 1e-4 to 1e6 without an exponent."""
     if value is None:
         return MISSING
     value = factor * value
@@ -226,8 +225,7 @@ def together(text: str) -> str:
 
 
 def printable(value: Any) -> Any:
-    """The value with the control characters of every text in it escaped, line ends excepted, safe for a terminal and a
-    document."""
+    """The value with the control characters of every text in it escaped, except line ends."""
     if isinstance(value, dict):
         return {printable(key): printable(item) for key, item in value.items()}
     if isinstance(value, list):

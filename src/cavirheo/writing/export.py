@@ -17,8 +17,7 @@ from cavirheo.errors import InputError
 
 
 def import_optional(name: str, install: str = "") -> Any:
-    """Import the library of this name. install: what pip installs, if not the library. Raises InputError: it is not
-    installed."""
+    """Import a library. install: what pip installs, if it has another name. Raises InputError: it is missing."""
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
