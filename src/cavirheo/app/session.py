@@ -16,7 +16,7 @@ from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -120,14 +120,6 @@ class Answers:
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by shot
 
 
-class Measured(NamedTuple):
-    """What was measured in a recording with the settings of its camera: one curve, or why there is none."""
-
-    camera: dict[str, Any]
-    curves: list[RadiusCurve]
-    problems: list[str]
-
-
 class Run:
     """A run while it lasts: how far it is, and whether it is to stop."""
 
@@ -155,7 +147,6 @@ class Session:
 
     def __init__(self, visitors: Visitors) -> None:
         self.visitors = visitors
-        self.limits = visitors.limits
         self.kept: dict[str, Posterior] = {}  # this visitor's answers, by their keys
         self.settings = PageSettings()
         self.link = token_urlsafe(16)  # secret: a page with it in its address opens this session
@@ -171,7 +162,8 @@ class Session:
         shutil.rmtree(self.uploads, ignore_errors=True)
         self.uploads.mkdir()
         self.files: list[Path] = []
-        self.measured: dict[Path, Measured] = {}  # of each recording
+        # the curve of each recording and its camera, or why there is none
+        self.measured: dict[Any, tuple[list[RadiusCurve], list[str]]] = {}
         self.curves: list[RadiusCurve] = []  # of all files, read with the settings
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
@@ -183,9 +175,10 @@ class Session:
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Move or copy the files into the session, and read them; unreadable ones are removed. Raises InputError: too
         many files, curves or frames, or a setting out of its domain."""
+        limits = self.visitors.limits
         number = len(list(self.uploads.iterdir())) + len(files)
-        if number > self.limits.files:
-            message = f"{number} files; at most {self.limits.files} are read at once: start over with fewer, "
+        if number > limits.files:
+            message = f"{number} files; at most {limits.files} are read at once: start over with fewer, "
             raise InputError(message + "or put the shots of one material into one file", "app.too_many_files")
         taken = list[Path]()
         for path in files:
@@ -194,7 +187,6 @@ class Session:
         files = [*self.files, *taken]
         try:
             curves, problems = self._read(files, settings)
-            limits = self.limits
             frames = sum(len(curve.time) for curve in curves)
             if len(curves) > limits.curves or frames > limits.frames:
                 message = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and "
@@ -222,12 +214,13 @@ class Session:
             raise InputError(f"{several}: `cavirheo measure` each with its own", "option.exclude")
         contents: list[str | RadiusCurve] = [path.name for path in files if not is_video(path)]
         failed = list[str]()
-        for path in recordings:  # measured once for each camera and each list of frames
-            if path not in self.measured or self.measured[path].camera != settings.camera:
-                found = self.visitors.measurer.read(self.uploads, [path.name], **settings.camera)
-                self.measured[path] = Measured(settings.camera, *found)
-            contents += self.measured[path].curves
-            failed += [] if self.measured[path].curves else self.measured[path].problems
+        camera = settings.camera
+        for key in ((path, *camera.values()) for path in recordings):
+            if key not in self.measured:
+                self.measured[key] = self.visitors.measurer.read(self.uploads, [key[0].name], **camera)
+            curves, problems = self.measured[key]
+            contents += curves
+            failed += [] if curves else problems
         curves, problems = self.visitors.reader.read(self.uploads, contents, **settings.read_options)
         return curves, failed + problems
 
