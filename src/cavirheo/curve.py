@@ -8,7 +8,6 @@ from copy import copy
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import log, sqrt
-from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -229,9 +228,6 @@ class RadiusCurve:
     def with_max_radius(self, max_radius: float) -> RadiusCurve:
         """The curve scaled so that its maximum is `max_radius` (m): for radii in pixels, or if R_max is known better.
         Times do not change."""
-        if not isinstance(max_radius, Real) or not 0 < max_radius < np.inf:
-            message = f"the maximum radius must be a positive number of metres, got {max_radius!r}"
-            raise InputError(message, "curve.max_radius")
         RADIUS.check("the maximum radius", max_radius, "curve.max_radius")
         start, top = self._maximum
         scale = max_radius / top

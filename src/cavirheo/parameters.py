@@ -56,10 +56,10 @@ class PlausibleRange(NamedTuple):
     mistaken_units: Mapping[str, tuple[float, float]] = {}
 
     def check(self, name: str, value: float, code: str, advice: str = "") -> None:
-        """Raises InputError for a value out of range, except inf; the message names the unit that may be meant."""
+        """Raises InputError for a value out of range; the message names the unit that may be meant."""
         if not isinstance(value, Real):
             raise InputError(f"{name} must be a number ({self.unit}), got {brief(value)}", code)
-        if self.low <= value <= self.high or value == inf:
+        if self.low <= value <= self.high:
             return
         converted = ((value * factor + offset, unit) for unit, (factor, offset) in self.mistaken_units.items())
         inside = [(meant, unit) for meant, unit in converted if self.low < meant < self.high]

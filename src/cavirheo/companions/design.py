@@ -69,8 +69,8 @@ class Rig:
         radii, rates = as_numbers("max_radius", self.max_radius), as_numbers("frame_rate", self.frame_rate)
         require(radii.shape == (2,), f"R_max must be (low, high) in m, got {self.max_radius}", "design.max_radius")
         ends = f"{1e6 * radii[0]:.6g} to {1e6 * radii[1]:.6g} um"
-        require(radii[0] <= radii[1] < np.inf, f"R_max goes from low to high, got {ends}", "design.max_radius")
-        if rates.ndim != 1 or not rates.size or not np.isfinite(rates).all():
+        require(radii[0] <= radii[1], f"R_max goes from low to high, got {ends}", "design.max_radius")
+        if rates.ndim != 1 or not rates.size:
             message = f"give a list of one or more frame rates, frame_rate=[1e6] in 1/s, got {self.frame_rate}"
             raise InputError(message, "design.frame_rate")
         for radius in radii.tolist():

@@ -89,8 +89,6 @@ class TrainingProblem:
         if not (isinstance(frames, int) and 2 <= frames <= MOST_FRAMES and 0 < interval < np.inf):
             message = f"a curve needs a positive frame interval and 2 to {MOST_FRAMES} frames, got "
             raise InputError(f"{message}{interval} s and {frames}", "problem.grid")
-        if radius == np.inf:
-            raise InputError("reference_max_radius must be finite, got inf", "problem.max_radius")
         RADIUS.check("reference_max_radius", radius, "problem.max_radius")
         end, scale = float(self.time[-1]), self.medium.time_scale(radius)
         if end > MAX_TIME * scale:

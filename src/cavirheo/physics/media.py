@@ -84,7 +84,8 @@ class Medium:
     def __post_init__(self, unusual: bool) -> None:
         check(self)
         for name, plausible in {} if unusual else CONSTANTS.items():
-            plausible.check(name, getattr(self, name), f"physics.unusual_{name}", _IF_MEANT)
+            if (value := getattr(self, name)) != inf:  # an incompressible liquid
+                plausible.check(name, value, f"physics.unusual_{name}", _IF_MEANT)
         if self.vapour_pressure >= self.pressure:
             boils = f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
             boils += f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"

@@ -196,8 +196,7 @@ def _corrected_and_flagged(
     flags[(inlier_share < RULES.least_inlier_share) | (sigma > np.maximum(0.05 * radius, 0.3))] = "poor"
     flags[contrast < RULES.faint_contrast * float(np.nanmedian(contrast))] = "faint"
     measured = np.flatnonzero(np.isfinite(radius) & np.isin(flags, USED))
-    require(len(measured) > 0, _NO_BUBBLE, "video.no_bubble")
-    high = spikes(radius[measured], RULES.spike_share * float(np.max(radius[measured])))
+    high = spikes(radius[measured], RULES.spike_share * float(np.max(radius[measured], initial=0.0)))
     flags[measured[high]] = "spike"
     turned = _reversals(np.where(np.isin(flags, USED), radius, np.nan), exposure)
     flags[turned] = "reversal"
