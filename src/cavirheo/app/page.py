@@ -101,7 +101,7 @@ class Page:
                 self.clear = _small_button("Start over")
                 self.infer_now = _button("Infer all shots", interactive=False)
         self.file_errors = _html()
-        self.welcome = _html(words.welcome())
+        self.welcome = _html(words.render("welcome", words.read_file("examples/answer.svg"), words.CITED))
         self.overview = _html(visible=False)
         self.input_warnings = _html()
         self.shots_table = _html()

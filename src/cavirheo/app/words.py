@@ -23,6 +23,7 @@ from cavirheo.reporting.templates import template
 from cavirheo.writing import digits
 
 VERSION = version("cavirheo")
+CITED = f"{TITLE}, version {VERSION}"
 BUBBLES = [  # label and value of each choice of the page
     ("real: vapour condenses at a finite rate, damping and inertia of walls", "real"),
     ("the field's: equilibrium contents, unbounded liquid", "field"),
@@ -72,11 +73,6 @@ def page_head() -> str:
 
 def read_file(name: str) -> str:
     return (files("cavirheo.app") / name).read_text(encoding="utf-8")
-
-
-def welcome() -> str:
-    """The first view: which data are needed, how to cite, and a picture of an answer."""
-    return render("welcome", read_file("examples/answer.svg"), f"{TITLE}, version {VERSION}")
 
 
 def model_choices() -> list[tuple[str, str]]:

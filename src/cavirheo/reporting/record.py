@@ -444,11 +444,6 @@ class Result(Document):
         rows = self.rows
         return [(group, [rows[i] for i in indices]) for group, indices in self.indices_by_group()]
 
-    def add_laws(self, laws: Mapping[int, LawsOfGroup]) -> None:
-        """Add the laws that were compared to the groups whose first curve has this index."""
-        for group, indices in self.indices_by_group():
-            group.laws = laws.get(indices[0])
-
     def add_published(self, published: Mapping[str, Published]) -> None:
         """Add published values to the groups with these names, and a note on those with other names."""
         if others := [name for name in published if name not in [group.name for group in self.groups]]:

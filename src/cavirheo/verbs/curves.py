@@ -123,7 +123,8 @@ class _ReportVerb(_AnsweringVerb):
                 run.end_interrupted(note, None)
             run.notes.insert(0, note)
         document = result(pairs, errors=self.errors, **run.document_fields)
-        document.add_laws(laws)
+        for group, (first, *_) in document.indices_by_group():
+            group.laws = laws.get(first)
         document.add_published(published)
         write_documents(folder, pairs, document, complete=not interrupted, draw=self.pictures)
         if interrupted:
