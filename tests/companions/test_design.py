@@ -105,6 +105,8 @@ def test_what_is_known_is_the_answer_of_the_group(quick):
             cavirheo.design(document_of(pairs))
     usual = document_of([(curve, replace(gel, material="auto"))])  # what infer answers by default
     assert cavirheo.design(usual).known == made.known
+    usual.groups[0].population.model = "nhkv or newtonian, real"  # as of a liquid that may thin
+    assert cavirheo.design(usual).known == made.known
 
 
 @pytest.mark.parametrize(("count", "advised"), [(1, True), (2, False)])

@@ -305,7 +305,7 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
     for record, rows in known.rows_by_group():
         answer = record.population
         ends = {name: _ends_of(answer.value(name), usual[name]) for name in usual}
-        of_this_law = answer.model.partition(",")[0] in (family.name, AUTO)
+        of_this_law = not {family.name, AUTO}.isdisjoint(answer.laws)
         if group in (None, record.name) and of_this_law and np.all(np.isfinite([*ends.values()])):
             stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
             ends["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])

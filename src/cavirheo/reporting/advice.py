@@ -252,9 +252,8 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
         return advice("for G measure scale and frame rate better: --scale-error, --rate-error")
     if group.verdict == "bound" and (len(shots) == 1 or group.population.has_material):
-        law = group.population.model.partition(",")[0]
-        if " or " in law or (law == "auto" and liquid > 0.5):
-            law = "newtonian"
+        law = group.population.laws[0]
+        law = "newtonian" if law == "auto" and liquid > 0.5 else law
         more = [] if law in ("auto", "nhkv") else ["--material", law]
         more += ["--group", group.name] if len(result.groups) > 1 else []
         return command(f"design {shlex.join([str(out / 'result.json'), *more])}", "what to record")

@@ -228,6 +228,11 @@ class PopulationRecord(ParameterValues):
     _omitted_if_empty = ("switches", "heaps")
 
     @property
+    def laws(self) -> list[str]:
+        """The law of the model; of a liquid that may thin both."""
+        return self.model.partition(",")[0].split(" or ")
+
+    @property
     def has_material(self) -> bool:
         """Whether there is a material; if not, the line says why."""
         return bool(self.spreads_decades)
