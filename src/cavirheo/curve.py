@@ -304,8 +304,7 @@ class RadiusCurve:
         """Time, s, from which the radius drifts upwards as no single bubble does (landmarks.py); None: no drift."""
         time, radius = self._after_max
         rise = max(_LEAST_DRIFT * radius[0], 6.0 * self.noise)
-        first = landmarks.drift_start(time, radius, *self._turning_points, rise)
-        return None if first is None else float(time[first])
+        return landmarks.drift_start(time, radius, *self._turning_points, rise)
 
     def strain_rate(self) -> float:
         """Mean strain rate at the bubble wall between R_max and the first collapse, 1/s.
@@ -373,8 +372,8 @@ class RadiusCurve:
     def frames_missed(self) -> float:
         """Number of frames from R_max to the first frame, if the first radii show clearly that it is more than the one
         frame that the fit of the clock allows; else 0. Raises InputError: the curve has no R_max."""
-        time, radius = self._measured
-        return landmarks.frames_missed(time, radius, self.noise) if self.begins_late and not self.maximum else 0.0
+        is_late = self.begins_late and not self.maximum
+        return landmarks.frames_missed(*self._measured, self.noise) if is_late else 0.0
 
     def rayleigh_ratio(self, density: float = 998.0, pressure: float = 101325.0) -> float | None:
         """Time from R_max to the first collapse over the Rayleigh time t_RC = 0.9147 R_max sqrt(rho/p).

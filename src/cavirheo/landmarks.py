@@ -248,16 +248,16 @@ def collapse_time(time: Floats, radius: Floats, i: int) -> float:
     return float(np.clip(crossing, t[1], t[3]))
 
 
-def drift_start(time: Floats, radius: Floats, minima: list[int], maxima: list[int], rise: float) -> int | None:
-    """Index from which the radius drifts upwards by more than `rise`, or None. A drift is a rebound that is higher than
-    the one before, or a rise of the running median over a period that begins a period after the last collapse or later.
+def drift_start(time: Floats, radius: Floats, minima: list[int], maxima: list[int], rise: float) -> float | None:
+    """Time, s, from which the radius drifts upwards by more than `rise`, or None. A drift is a rebound higher than the
+    one before, or a rise of the running median over a period that begins a period after the last collapse or later.
     It shows that the bubble breaks up, or that another bubble hides it."""
     if not minima:
         return None
     for collapse, following in pairwise([*minima[1:], len(radius)]):
         before = [i for i in maxima if i < collapse]
         if before and np.max(radius[collapse:following]) > radius[before[-1]] + rise:
-            return collapse
+            return float(time[collapse])
     period = time[minima[-1]] - time[minima[-2]] if len(minima) > 1 else 2.0 * (time[minima[0]] - time[0])
     late = int(np.searchsorted(time, time[minima[-1]] + period))
     width = max(late - minima[-1], 5)
@@ -266,4 +266,4 @@ def drift_start(time: Floats, radius: Floats, minima: list[int], maxima: list[in
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(radius[late:], width), axis=1)
     lowest = np.minimum.accumulate(smooth)
     risen = np.flatnonzero(smooth - lowest > rise)
-    return late + int(np.argmin(smooth[: risen[0] + 1])) + width // 2 if len(risen) else None
+    return float(time[late + int(np.argmin(smooth[: risen[0] + 1])) + width // 2]) if len(risen) else None

@@ -27,7 +27,6 @@ from cavirheo.training.trajectories import DOMAIN
 
 LARGEST = 50_000  # bytes of a recipe
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
-Range = Annotated[tuple[float, float], Field(strict=False)]  # [low, high] in the file
 
 
 class Section(BaseModel):
@@ -99,7 +98,7 @@ class PointRecipe(_Recipe):
     """Of a network that gives one value for each parameter."""
 
     problem_table: ProblemTable = Field(alias="problem")
-    prior: dict[str, Range]
+    prior: dict[str, Annotated[tuple[float, float], Field(strict=False)]]  # [low, high] in the file
     network: NetworkTable = NetworkTable()
     training: PointTrainingTable = PointTrainingTable()
 

@@ -45,14 +45,12 @@ MOST_COMPARED = 1000  # curves of the test part on which the exported network is
 # answer by up to 1e-4 of a decade
 TOLERANCE = 5e-4
 
-Tensors = Mapping[str, Tensor]
-
 
 class Progress(NamedTuple):
     """Of a training. history: a line for each epoch. best: weights of the epoch with the lowest validation loss."""
 
     history: list[dict[str, float]]
-    best: Tensors
+    best: Mapping[str, Tensor]
 
     @property
     def lowest(self) -> float:

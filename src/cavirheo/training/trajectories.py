@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,16 +58,6 @@ VISCOSITIES = slice(
 THIRD = 3  # collapses until the trajectory counts less
 
 
-class Drawn(NamedTuple):
-    """A block of bubbles of one law in one medium: as the emulator takes them, and for the solver."""
-
-    bubbles: Bubbles
-    materials: list[Material]
-    models: list[Bubble]
-    inputs: Floats  # (k, INPUTS) of the network
-    unit: Floats  # (k,) T, s
-
-
 def _log_uniform(rng: np.random.Generator, low: float, high: float, size: int) -> Floats:
     return np.asarray(10.0 ** rng.uniform(np.log10(low), np.log10(high), size))
 
@@ -92,8 +83,9 @@ def draw_medium(rng: np.random.Generator, usual: bool) -> Medium:
     return Medium(pressure=pressure, **dict(zip(constants, values, strict=True)))
 
 
-def draw(rng: np.random.Generator) -> Drawn:
-    """BLOCK bubbles or fewer of one law in one medium; draws outside a law or the domain are left out."""
+def draw(rng: np.random.Generator) -> Iterator[tuple[Floats, tuple[Material, Bubble, Medium, float, float, float]]]:
+    """(inputs of the network, arguments of `solve`) of bubbles of one law in one medium; draws outside a law or the
+    domain are left out."""
     usual = bool(rng.random() < DOMAIN["usual_share"])
     elastic, viscous, arm = (rng.choice(list(laws), p=list(laws.values())) for laws in (USUAL_LAWS if usual else LAWS))
     family = Family(" + ".join(filter(None, [elastic, viscous, arm])))
@@ -115,23 +107,16 @@ def draw(rng: np.random.Generator) -> Drawn:
     made = features(Bubbles(family.material(x), medium, *arrays))
     viscosity = 10.0 ** made.inputs[:, VISCOSITIES].max(axis=1)  # over p t_c
     usable = np.isfinite(made.inputs).all(axis=1) & (made.pull <= DOMAIN["largest_stress"])
-    chosen: list[int] = []
-    materials: list[Material] = []
-    models: list[Bubble] = []
     for i in np.flatnonzero(usable & (viscosity <= DOMAIN["largest_viscosity"])):
         try:
-            materials.append(family.material(x[i]))
+            material = family.material(x[i])
         except InputError:  # its parameters exclude each other
             continue
-        chosen.append(int(i))
         damage = Damage(float(modulus[i]), float(widening[i])) if damaged else "none"
         options: dict[str, Any] = {} if field[i] else {"contents": "kinetic", "accommodation": float(accommodation[i])}
         options |= {"confinement_inertia": float(inertia[i]), "vapour_excess": float(excess[i])}
-        models.append(Bubble(**options, damage=damage, confinement_damping=float(damping[i])))
-        if len(chosen) == BLOCK:
-            break
-    bubbles = Bubbles(family.material(x[chosen]), medium, *(a[chosen] for a in arrays))
-    return Drawn(bubbles, materials, models, made.inputs[chosen], made.unit[chosen])
+        model = Bubble(**options, damage=damage, confinement_damping=float(damping[i]))
+        yield made.inputs[i], (material, model, medium, float(radius[i]), float(stretch[i]), float(made.unit[i]))
 
 
 def solve(
@@ -191,10 +176,8 @@ def block(seed: int, number: int) -> dict[str, Any]:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     made: dict[str, Any] = {name: np.full((BLOCK, *shape), np.nan) for name, (_, shape) in COLUMNS.items()}
     made["status"] = np.full(BLOCK, "not solved", dtype=object)
-    bubbles, materials, models, inputs, unit = draw(rng)
-    for i, (material, model) in enumerate(zip(materials, models, strict=True)):
-        shot = float(bubbles.max_radius[i]), float(bubbles.stretch[i]), float(unit[i])
+    for i, (inputs, shot) in enumerate(islice(draw(rng), BLOCK)):
         with suppress(InputError, SolverError):
-            made["time"][i], made["radius"][i] = solve(material, model, bubbles.medium, *shot)
-            made["inputs"][i], made["status"][i] = inputs[i], "ok"
+            made["time"][i], made["radius"][i] = solve(*shot)
+            made["inputs"][i], made["status"][i] = inputs, "ok"
     return made

@@ -34,7 +34,6 @@ FLAGS = {  # flag of a frame: its meaning
 USED = ("ok", "small", "arc", "reversal")  # flags of frames whose radius is used
 
 
-@dataclass(frozen=True)
 class Rules:
     """The thresholds and factors of this module. Lengths are in px if not stated otherwise; deviations are of radii."""
 
@@ -59,9 +58,6 @@ class Rules:
     floor: float = 0.002  # smallest deviation
     small_share: float = 0.02  # deviation of a small bubble's radius over the radius
     systematic_width: float = 0.02  # systematic deviation over the edge's width
-
-
-RULES = Rules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +122,7 @@ def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, P
         last, missed = peak, 0
         for i in frames:
             distances = [(patch, hypot(patch.x - last.x, patch.y - last.y)) for patch in patches_of.get(i, ())]
-            candidates = [(p, d) for p, d in distances if d < RULES.centre_motion + 0.5 * max(p.radius, last.radius)]
+            candidates = [(p, d) for p, d in distances if d < Rules.centre_motion + 0.5 * max(p.radius, last.radius)]
             if candidates:
                 (last, _), missed = max(candidates, key=lambda pair: pair[0].area / (1.0 + (pair[1] / 10.0) ** 2)), 0
                 chosen[i] = last
@@ -134,7 +130,7 @@ def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, P
                 missed += 1
                 if patches_of[i]:
                     elsewhere.add(i)
-                if frames.step < 0 and missed > RULES.largest_gap:
+                if frames.step < 0 and missed > Rules.largest_gap:
                     break
     return dict(sorted(chosen.items())), elsewhere
 
@@ -147,7 +143,7 @@ def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
     def centred(i: int, fit: Outline) -> Outline:
         if fit.edge.arc > WHOLE_ARC:
             return fit
-        neighbours = [outlines[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.neighbour_count]]
+        neighbours = [outlines[k] for k in sorted(whole, key=lambda k: abs(k - i))[: Rules.neighbour_count]]
         weight = np.array([1.0 / max(each.sigma, 0.02) for each in neighbours])
         centres = np.array([(each.x, each.y) for each in neighbours])
         x, y = map(float, np.quantile(centres, 0.5, axis=0, method="inverted_cdf", weights=weight))
@@ -168,44 +164,44 @@ def _corrected_and_flagged(
     radius, sigma, x, y, mode, inlier_share, width, lag, light, contrast, arc = values
     sharp = (arc > 0.5) & (radius > 8.0) & (width > 0.0)
     optics = float(np.percentile(width[sharp], 20)) / QUARTILE_WIDTH if sharp.any() else 1.0
-    blurred = np.interp(width / (QUARTILE_WIDTH * optics), RULES.blur_range, (0.0, 1.0))
+    blurred = np.interp(width / (QUARTILE_WIDTH * optics), Rules.blur_range, (0.0, 1.0))
     still = lag[blurred == 0.0]
     motion = np.nan_to_num((lag - (np.median(still) if len(still) > 2 else 0.0)) * blurred)
     # A disc of radius R with blur sigma has its half level at that r for which Rice(r, sigma) has the median R.
-    curvature = np.minimum(optics**2 - RULES.interpolation_variance, 0.1 * radius**2)
+    curvature = np.minimum(optics**2 - Rules.interpolation_variance, 0.1 * radius**2)
     radius = np.sqrt(radius**2 + curvature) + motion
-    both = (radius > RULES.calibration_radii[0]) & (radius < RULES.calibration_radii[1]) & (light > 0.0)
+    both = (radius > Rules.calibration_radii[0]) & (radius < Rules.calibration_radii[1]) & (light > 0.0)
     light_factor = float(np.median(radius[both] / light[both])) if both.sum() > 4 else 1.0
-    small = (radius < RULES.small_radius) & (light > 0.0)
+    small = (radius < Rules.small_radius) & (light > 0.0)
     radius = np.where(small, light_factor * light, radius)
     radius[~(radius > 0.0)] = np.nan
     parts = (
-        RULES.scatter_factor * sigma,
-        RULES.per_width * width,
-        RULES.per_lag * motion,
-        RULES.small_share * radius * small,
-        RULES.per_curvature * optics**4 / np.maximum(radius, optics) ** 3 * ~small,
+        Rules.scatter_factor * sigma,
+        Rules.per_width * width,
+        Rules.per_lag * motion,
+        Rules.small_share * radius * small,
+        Rules.per_curvature * optics**4 / np.maximum(radius, optics) ** 3 * ~small,
     )
-    sigma = np.sqrt(RULES.floor**2 + sum(part**2 for part in parts))
+    sigma = np.sqrt(Rules.floor**2 + sum(part**2 for part in parts))
     flags = stage.kinds.astype("U12")
     flags[flags == ""] = "lost"
     flags[[i for i in elsewhere if i not in outlines]] = "elsewhere"
     flags[index] = "ok"
     flags[small] = "small"
-    flags[arc < RULES.short_arc] = "arc"
-    flags[(inlier_share < RULES.least_inlier_share) | (sigma > np.maximum(0.05 * radius, 0.3))] = "poor"
-    flags[contrast < RULES.faint_contrast * float(np.nanmedian(contrast))] = "faint"
+    flags[arc < Rules.short_arc] = "arc"
+    flags[(inlier_share < Rules.least_inlier_share) | (sigma > np.maximum(0.05 * radius, 0.3))] = "poor"
+    flags[contrast < Rules.faint_contrast * float(np.nanmedian(contrast))] = "faint"
     measured = np.flatnonzero(np.isfinite(radius) & np.isin(flags, USED))
-    high = spikes(radius[measured], RULES.spike_share * float(np.max(radius[measured], initial=0.0)))
+    high = spikes(radius[measured], Rules.spike_share * float(np.max(radius[measured], initial=0.0)))
     flags[measured[high]] = "spike"
     turned = _reversals(np.where(np.isin(flags, USED), radius, np.nan), exposure)
     flags[turned] = "reversal"
-    sigma[turned] = np.hypot(sigma[turned], RULES.per_reversal * width[turned])
+    sigma[turned] = np.hypot(sigma[turned], Rules.per_reversal * width[turned])
     require(bool(np.any(flags == "ok")), _NO_BUBBLE, "video.no_bubble")
     early = np.arange(n) < int(np.argmax(flags == "ok"))
     flags[early & ~np.isin(flags, ("flash", "dark", "excluded"))] = "before"
     used = np.isin(flags, USED)
-    systematic = np.hypot(RULES.systematic_width * width, np.nan_to_num(mode) / 6.0)
+    systematic = np.hypot(Rules.systematic_width * width, np.nan_to_num(mode) / 6.0)
     columns = np.where(used, (radius, sigma, systematic, x, y, mode / radius, width, arc), np.nan)
     return Track(*columns, flags, optics, int(used[twins].sum()))  # type: ignore[call-arg]
 
@@ -220,8 +216,8 @@ def _reversals(radius: Floats, exposure: float) -> list[int]:
             continue
         speed = max((radius[before] - radius[i]) / (i - before), (radius[after] - radius[i]) / (after - i))
         turn = _reversal_time(radius, measured, k)
-        near_turn = [abs(j - turn) < exposure / 2 + RULES.reversal_time_error for j in (before, i, after)]
-        if speed * exposure / 2 > RULES.reversal_swing:
+        near_turn = [abs(j - turn) < exposure / 2 + Rules.reversal_time_error for j in (before, i, after)]
+        if speed * exposure / 2 > Rules.reversal_swing:
             turned += [j for j, within in zip((before, i, after), near_turn, strict=True) if within]
     return turned
 
