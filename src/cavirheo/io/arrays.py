@@ -14,7 +14,6 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from math import prod
 from typing import Any
 
@@ -345,22 +344,19 @@ def _table(group: str, names: dict[str, Name], of_frames: Container[str], arrays
     matrix = shapes.get(path_of_matrix)
     times = next((arrays[path] for path, name in names.items() if name.kind == "time"), None)
     in_rows = matrix is not None and _in_rows(path_of_matrix, matrix, times)
-    titles: list[str] = []
-    columns: list[tuple[Name, np.ndarray | str]] = []
+    columns: dict[str, tuple[Name, np.ndarray | str]] = {}  # by title
     for path, name in names.items():
         array = arrays[path]
         if path in of_frames and name.kind not in _ESSENTIAL and _size(array) not in sizes:
             name = Name()
         shape = np.shape(array)
         if isinstance(array, str) or matrix is None or path not in of_frames or sorted(shape) != sorted(matrix):
-            titles.append(path)
-            columns.append((name, array))
+            columns[path] = name, array
             continue
         by_row = in_rows == (shape == matrix)
         for k, row in enumerate(array if by_row else array.T, 1):
-            titles.append(f"{path}{{{k}}}")
-            columns.append((name._replace(number=str(k)), row))
-    return Table(CURVES, [], [], group, titles, arrays=columns)
+            columns[f"{path}{{{k}}}"] = name._replace(number=str(k)), row
+    return Table(CURVES, [], [], group, [*columns], arrays=[*columns.values()])
 
 
 def _rank(path: str) -> int:
@@ -410,8 +406,8 @@ def _bdt(arrays: Arrays, density: float, pressure: float, camera: Camera) -> lis
     count = sum(path.startswith(_BDT[0]) for path in arrays)
     if _BDT[0] in arrays or count != sum(path.startswith(_BDT[1]) for path in arrays):
         raise InputError(f"{_BDT[0]} and {_BDT[1]} are no cells of arrays, as many of both", "matlab.cells")
-    tables: list[tuple[str, Table]] = []
-    for k in range(count):
+
+    def read(k: int) -> list[RadiusCurve]:
         largest = maxima[k] if k < len(maxima) else np.nan
         radius, time = (f"{name}{{{k + 1}}}" for name in _BDT[:2])
         shot = [
@@ -419,12 +415,10 @@ def _bdt(arrays: Arrays, density: float, pressure: float, camera: Camera) -> lis
             (Name("time", "s"), _scaled(arrays.get(time, "missing"), largest * np.sqrt(density / pressure))),
         ]
         table = Table(CURVES, [], [note], titles=[radius, time, *others], arrays=[*shot, *about])
-        tables.append((str(k + 1) if count > 1 else "", table))
-    curves = []
-    for curve in read_each(tables, partial(read_table, camera)):
-        warnings = (*curve.warnings, *_density_warning(curve, density))
-        curves.append(replace(curve, stated_time_of_max=0.0, warnings=warnings))
-    return curves
+        curves = [replace(curve, stated_time_of_max=0.0) for curve in read_table(camera, table)]
+        return [curve.labelled(warnings=(*curve.warnings, *_density_warning(curve, density))) for curve in curves]
+
+    return read_each([(str(k + 1) if count > 1 else "", k) for k in range(count)], read)
 
 
 def _scaled(array: np.ndarray | str, factor: float) -> np.ndarray | str:
