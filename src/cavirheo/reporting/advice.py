@@ -24,6 +24,7 @@ from cavirheo.reporting.record import (
 )
 from cavirheo.writing import digits, terminal
 
+Shots = Sequence[CurveRecord]
 _LARGE_CHANGE = 15.0  # % of G by 1 % in scale or frame rate, from which on these should be measured better
 _COMMON_SHARE = 1.2  # width of an interval over its part of statistics, from which on that part is shown
 # doubts about a group of which the values may still be used, with care
@@ -40,7 +41,7 @@ class Line(NamedTuple):
     kind: Literal["value", "clauses", "command"] = "clauses"
 
 
-def answer_lines(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path = Path()) -> list[Line]:
+def answer_lines(result: Result, group: GroupRecord, shots: Shots, out: Path = Path()) -> list[Line]:
     """The answer of a group: G and mu, whether to use them, what could be wrong, which model, and what to do next. A
     page has the same lines. out: folder of the documents."""
     refusal = _refusal(group, shots)
@@ -80,13 +81,13 @@ def further_parameters(population: PopulationRecord) -> list[str]:
     return [name for name in known if name == "exponent"] if "liquid" in population.switches else known
 
 
-def badge_of(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
+def badge_of(group: GroupRecord, shots: Shots) -> str:
     """The verdict of a group in words; 'with care' of one with a doubt that may be used."""
     doubted = group.verdict in ("check_input", "does_not_fit") and not _refusal(group, shots)
     return "with care" if doubted else digits.VERDICT_STYLES[group.verdict].words
 
 
-def group_facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
+def group_facts(group: GroupRecord, shots: Shots) -> list[str]:
     """How many shots there are and count, their sizes and collapses."""
     facts = [digits.counted(len(shots), "shot")]
     if group.n_counted < len(shots):
@@ -96,7 +97,7 @@ def group_facts(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     return facts + windows(shots)
 
 
-def windows(shots: Sequence[CurveRecord]) -> list[str]:
+def windows(shots: Shots) -> list[str]:
     """How many collapses were compared: ['2 to 3 collapses each']; [] if that is not known."""
     counts = sorted({shot.window.collapses for shot in shots if shot.window.collapses is not None})
     if len(counts) > 1:
@@ -104,9 +105,7 @@ def windows(shots: Sequence[CurveRecord]) -> list[str]:
     return [digits.counted(count, "collapse") for count in counts]
 
 
-def _value_line(
-    result: Result, group: GroupRecord, shots: Sequence[CurveRecord], name: str
-) -> tuple[list[str], list[str], str]:
+def _value_line(result: Result, group: GroupRecord, shots: Shots, name: str) -> tuple[list[str], list[str], str]:
     """The parts of the line of a parameter, none of an unknown one; notes on it; how it may be used, "" of no value."""
     if heaps := group.population.heaps.get(name):
         return [heaps_in_words(name, heaps)], [], "not"
@@ -145,7 +144,7 @@ def _value_line(
     return line, notes, "with care" if group.doubts else "with interval"
 
 
-def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
+def _refusal(group: GroupRecord, shots: Shots) -> str:
     """Why no value of a group is to be used, in a sentence; "" if one may be."""
     serious = any(message.code not in _DISAGREEMENTS for message in group.doubts)
     if serious or len(group.population.heaps) == len(MAIN_FIELDS):
@@ -164,7 +163,7 @@ def _refusal(group: GroupRecord, shots: Sequence[CurveRecord]) -> str:
     return f"nothing: {shots[0].message}" if group.verdict == "failed" else ""
 
 
-def _use(group: GroupRecord, shots: Sequence[CurveRecord], uses: Mapping[str, Sequence[str]]) -> str:
+def _use(group: GroupRecord, shots: Shots, uses: Mapping[str, Sequence[str]]) -> str:
     """How the parameters may be used, in a sentence. uses: their symbols by how they may be."""
     if group.verdict == "unverified":
         return "as a first guess: a network gives one value, and no interval says how wrong it may be"
@@ -214,7 +213,7 @@ def _shares(probabilities: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in probabilities.items() if share >= 0.005)
 
 
-def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> Line:
+def next_step(result: Result, group: GroupRecord, shots: Shots, out: Path) -> Line:
     """The one command that helps, or what to do where no command does."""
 
     def command(words: str, *purpose: str) -> Line:
@@ -260,15 +259,13 @@ def next_step(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], 
     return command(f"cite {document}", "after a look at report.html")
 
 
-def _files(shots: Sequence[CurveRecord]) -> str:
+def _files(shots: Shots) -> str:
     """The files of these shots as words of a command, two at most."""
     sources = list(dict.fromkeys(shot.source for shot in shots if shot.source))
     return shlex.join(sources[:2]) + (" ..." if len(sources) > 2 else "")
 
 
-def shots_table(
-    result: Result, shots: Sequence[CurveRecord], names: Sequence[str]
-) -> tuple[list[str], list[list[str]]]:
+def shots_table(result: Result, shots: Shots, names: Sequence[str]) -> tuple[list[str], list[list[str]]]:
     """(heads, rows) of shots that are called by these names. A bound stands in the place of the interval; G and µ have
     columns where a shot has them; the last cell is a verdict that is not ok."""
     G = result.shown("shear_modulus")

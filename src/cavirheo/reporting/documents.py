@@ -346,8 +346,7 @@ def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
 
 
 def differences(materials: Mapping[str, Population]) -> list[MaterialRatio]:
-    """Ratios of each two of the first _MAX_COMPARED materials with the same model; a liquid that thins has the same
-    viscosity as another, at 1e5 1/s."""
+    """Ratios of each two of the first _MAX_COMPARED materials with one model; liquids compare, also if one thins."""
     whole = [(name, material) for name, material in materials.items() if len(material.centre)]
     records = []
     for (earlier, first), (later, second) in combinations(whole[:_MAX_COMPARED], 2):

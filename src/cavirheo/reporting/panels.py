@@ -293,8 +293,7 @@ class _Place(NamedTuple):
 
 
 def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequence[int]) -> list[Panel]:
-    """The plane of G and mu, unless the law has only one of them, and all curves, of the answered shots of a group.
-    indices: of the group's curves in the result."""
+    """The plane of G and mu, unless the law lacks one, and all curves, of the answered shots with these indices."""
     names = dict(zip(indices, digits.short_names([result.curves[i].name for i in indices], _NAME), strict=True))
     members = [i for i in indices if result.curves[i].has_answer]
     chosen = members[:: max(-(-len(members) // MAX_DRAWN), 1)]

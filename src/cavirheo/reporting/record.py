@@ -247,8 +247,7 @@ class PopulationRecord(ParameterValues):
 
     @property
     def wide_scatters(self) -> dict[str, float]:
-        """The scatter by parameter in which it is more than that of one batch of gel and than the intervals explain,
-        and the shots are no two heaps."""
+        """The scatters that are more than those of one batch of gel, unexplained by the intervals and by heaps."""
         scatters = {} if self.agree else {name: self.scatter(name) for name in MAIN_FIELDS if name not in self.heaps}
         return {name: size for name, size in scatters.items() if size > WIDE_SCATTER}
 
@@ -432,8 +431,7 @@ class Result(Document):
 
     @property
     def rows(self) -> list[CurveRecord]:
-        """The curves as tables and pages show them: one that is alone in its group has the answer of this, whose
-        intervals contain common errors."""
+        """The curves as tables show them: one alone in its group has its answer, whose intervals have common errors."""
         rows = list(self.curves)
         for group, (first, *others) in self.indices_by_group():
             answer = group.population

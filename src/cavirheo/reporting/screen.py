@@ -113,7 +113,7 @@ def _print_title(name: str, facts: Sequence[str]) -> None:
     terminal.print_line((short, "bold"), (f"  {words}".rstrip(), ""))
 
 
-def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collection[str], every_shot: bool) -> None:
+def _print_rows(result: Result, shots: advice.Shots, outliers: Collection[str], every_shot: bool) -> None:
     """A row for each shot; of many, for the exceptions, and what the shots are that count."""
     visible = list(shots)
     if len(shots) > MOST_ROWS and not every_shot:
@@ -135,7 +135,7 @@ def _print_rows(result: Result, shots: Sequence[CurveRecord], outliers: Collecti
             _say("", f"values of those that count: {'; '.join(ranges)}")
 
 
-def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[str]) -> None:
+def _print_table(result: Result, shots: advice.Shots, names: Sequence[str]) -> None:
     """A row for each of these shots. names: of all shots of their group. Where rows are too wide, names are shortened,
     then the stretch is left out."""
     for width, with_stretch in ((_NAME, True), (digits.SHORT_NAME, True), (digits.SHORT_NAME, False)):
@@ -153,14 +153,13 @@ def _print_table(result: Result, shots: Sequence[CurveRecord], names: Sequence[s
         terminal.print_line(("  ".join(line), "" if style else "dim"), (f"  {mark}".rstrip(), style))
 
 
-def _print_answer(result: Result, group: GroupRecord, shots: Sequence[CurveRecord], out: Path) -> None:
+def _print_answer(result: Result, group: GroupRecord, shots: advice.Shots, out: Path) -> None:
     for line in advice.answer_lines(result, group, shots, out):
         _print_answer_line(line, digits.VERDICT_STYLES[group.verdict].terminal if line.label == "use" else "")
 
 
 def _print_answer_line(line: advice.Line, style: str = "") -> None:
-    """Print a value in bold type; as many clauses as fit; or a command, never broken, with its purpose beside it or, if
-    that is too long, below it."""
+    """Print a value in bold type; as many clauses as fit; or an unbroken command, its purpose beside or below it."""
     text = "   ".join(line.parts)
     if line.kind == "value":
         _say(line.label, text, style="bold", most=2)

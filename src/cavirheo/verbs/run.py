@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Document, Outputs
 
 Content = TypeVar("Content")
-_OUTPUT_OPTIONS = {"out", "replace", "quiet", "pictures", "every_shot"}
-_NEUTRAL_OPTIONS = _OUTPUT_OPTIONS | {"scheduler", "slurm", "once"}  # options that change no answer
+# options that change no answer
+_NEUTRAL_OPTIONS = {"out", "replace", "quiet", "pictures", "every_shot", "scheduler", "slurm", "once"}
 # order of the options on the first screen ("" stands for all others), and of the panels
 _OPTION_ORDER = ("material", "laws", "stretch", "bubble", "", "out", "replace", "quiet", "help")
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)

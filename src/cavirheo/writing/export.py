@@ -34,8 +34,7 @@ def dataframe(columns: Mapping[str, Any], attributes: Mapping[str, Any]) -> Any:
 
 
 def inference_data(posterior: Mapping[str, Floats], units: Mapping[str, str], attributes: Mapping[str, str]) -> Any:
-    """Draws (k,) by parameter as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on), one chain. Raises
-    InputError without arviz."""
+    """Draws (k,) by parameter as arviz.InferenceData (below 1) or xarray.DataTree, one chain. Raises InputError."""
     arviz, xarray = import_optional("arviz"), import_optional("xarray")
     columns = {name: (("chain", "draw"), draws[None, :], {"units": units[name]}) for name, draws in posterior.items()}
     places = {"chain": [0], "draw": np.arange(len(next(iter(posterior.values()))))}

@@ -100,8 +100,7 @@ def names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
 
 
 def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
-    """The text in lines of `width` characters, `most` at most, broken between words, but not after a number: it stays
-    with its unit."""
+    """The text in lines of `width`, `most` at most, broken between words, but not between a number and its unit."""
     how: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False, "placeholder": " …"}
     return [line.replace(NO_BREAK, " ") for line in textwrap.wrap(together(text), width, max_lines=most, **how)]
 
