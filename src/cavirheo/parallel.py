@@ -107,12 +107,12 @@ def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers
     if pool is None:
         yield from on_threads(function, jobs, workers)
         return
-    indices: dict[Any, int] = {}
+    complete = False
     try:
-        indices |= {pool.submit(function, job): index for index, job in enumerate(jobs)}
+        indices = {pool.submit(function, job): index for index, job in enumerate(jobs)}
         for future in as_completed(list(indices)):
-            output = future.result()
-            yield indices.pop(future), output
+            yield indices.pop(future), future.result()
+        complete = True
     except BrokenExecutor as error:
         message = "a process of this machine was ended from outside, for want of memory perhaps"
         mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
@@ -120,10 +120,10 @@ def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers
     finally:
         with _pool_lock:
             size = _busy.pop(pool, 0)
-            if indices:
-                pool.shutdown(kill_workers=True)
-            else:
+            if complete:
                 _idle[pool] = size
+            else:
+                pool.shutdown(kill_workers=True)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from math import prod
 from typing import Any
@@ -51,7 +52,12 @@ _OF_LIBRARIES = re.compile(r"MATLAB|_|[A-Z_0-9]+$")  # attributes that MATLAB, n
 def read_arrays(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read the curves of a file of arrays. density and pressure make seconds of BDT's times. Raises InputError: no
     radius history, or none that can be used; the file violates its format, or exceeds a limit."""
-    arrays = _variables(source)
+    if source.kind in ("matlab73", "hdf5"):
+        arrays = _hdf5_variables(source)
+    elif source.kind == "numpy":
+        arrays = _numpy_variables(source)
+    else:  # in a process of its own: scipy 1.17 ends it with a segmentation fault for some damaged files
+        arrays = apart.call(_matlab_variables, str(source.path.absolute()))
     names = {path.partition("{")[0] for path in arrays}
     if names.issuperset(_BDT[:2]):
         return _bdt(arrays, density, pressure, camera)
@@ -65,18 +71,6 @@ def read_arrays(source: Source, density: float, pressure: float, camera: Camera)
     curves = read_each([(group if len(shots) > 1 else "", group) for group in shots], read)
     note = f"an array of numpy: {', '.join(arrays)}"
     return [curve.with_notes(note) for curve in curves] if source.kind == "numpy" else curves
-
-
-def _variables(source: Source) -> Arrays:
-    """Return the arrays of numbers of a file by their paths (name, struct/field, group/dataset), and for any other
-    variable a text that says what it is."""
-    if source.kind in ("matlab73", "hdf5"):
-        return _hdf5_variables(source)
-    if source.kind == "numpy":
-        return _numpy_variables(source)
-    # in a process of its own: scipy 1.17 ends it with a segmentation fault for some damaged files
-    variables: Arrays = apart.call(_matlab_variables, str(source.path.absolute()))
-    return variables
 
 
 def _matlab_variables(path: str) -> dict[str, Any]:
@@ -131,7 +125,10 @@ def _numpy_variables(source: Source) -> Arrays:
         columns = _columns(loaded)
     else:
         check_limit(sum(part.file_size for part in loaded.zip.infolist()), LARGEST_TEXT, "bytes of arrays")
-        columns = {name: _without_objects(loaded, name) for name in loaded.files}
+        columns = dict.fromkeys(loaded.files, np.empty(0, object))
+        for name in loaded.files:
+            with suppress(ValueError):  # only pickle could read it
+                columns[name] = np.asarray(loaded[name])  # of a file that is no array, its bytes
     return {name: column if column.dtype.kind in _REAL else _NO_NUMBERS for name, column in columns.items()}
 
 
@@ -144,14 +141,6 @@ def _columns(array: np.ndarray) -> dict[str, np.ndarray]:
         raise InputError(f"{found}: expected numbers of the shape (n, 2), times and radii", "tabular.array")
     counts = array.dtype.kind in "iu" and bool(np.all(np.diff(rows[0]) == 1))
     return dict(zip(["frame" if counts else "time", "radius"][-len(rows) :], rows, strict=True))
-
-
-def _without_objects(archive: Mapping[str, np.ndarray], name: str) -> np.ndarray:
-    """Return an array; an empty one of objects for one that only pickle could read."""
-    try:
-        return np.asarray(archive[name])  # of a file that is no array, its bytes
-    except ValueError:
-        return np.empty(0, object)
 
 
 def _hdf5_variables(source: Source) -> Arrays:
