@@ -388,12 +388,23 @@ def weighted_quantile(values: Floats, levels: ArrayLike, log_weight: Floats | No
 
 def viscosity_at_rate(material: str, draws: Mapping[str, Floats], log_weight: Floats | None = None) -> Quantity | None:
     """The viscosity at 1e5 1/s of a law that has none of its own, from draws (k,) of its parameters by natural name,
-    SI; None for another law, or without draws."""
+    SI; None for another law, or without draws. Draws of a population that are no such law are left out."""
+
+    def of_draw(values: Mapping[str, float]) -> float | None:
+        try:
+            return viscosity_at(material, REFERENCE_RATE, values)
+        except InputError:
+            return np.nan
+
     rows = [dict(zip(draws, row, strict=True)) for row in zip(*draws.values(), strict=True)]
-    if not rows or viscosity_at(material, REFERENCE_RATE, rows[0]) is None:
+    if not rows or of_draw(rows[0]) is None:
         return None
-    viscosities = np.array([viscosity_at(material, REFERENCE_RATE, row) for row in rows])
+    viscosities = np.array([of_draw(row) for row in rows], dtype=float)
+    possible = np.isfinite(viscosities)
+    if not possible.any():
+        return None
     if len(rows) == 1:
         return Quantity(median=viscosities[0])
-    ends = 10.0 ** weighted_quantile(np.log10(viscosities), [0.05, 0.5, 0.95], log_weight)
+    log_weight = None if log_weight is None else log_weight[possible]
+    ends = 10.0 ** weighted_quantile(np.log10(viscosities[possible]), [0.05, 0.5, 0.95], log_weight)
     return Quantity.from_interval(*ends.tolist())
