@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FEWEST = 10  # draws that tell a covariance
+LN10 = float(np.log(10.0))
 NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -24,7 +25,7 @@ def at_levels(weight: Floats, levels: Floats) -> NDArray[np.int64]:
 
 def relative_scatter(decades: float) -> float:
     """Standard deviation over the mean of a lognormal distribution with this standard deviation of log10."""
-    return float(np.sqrt(np.expm1((decades * np.log(10.0)) ** 2)))
+    return float(np.sqrt(np.expm1((decades * LN10) ** 2)))
 
 
 def log_sum(log_value: ArrayLike, axis: int | None = None) -> Floats:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.special import betainc
+from scipy.special import betainc, ndtr
 
-from cavirheo.arrays import Bools, Floats, weighted_covariance
+from cavirheo.arrays import LN10, Bools, Floats, weighted_covariance
 from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.emulator import LARGEST_PULL, elastic_stress, emulator, features, unknown, untrained
@@ -19,7 +19,7 @@ from cavirheo.inference.sample import DIFFERENCE, EMULATED, SIMULATED, climb, ef
 from cavirheo.inference.weigh import Model, Weighed, posterior
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
-from cavirheo.parameters import CAMERA, DECIDING, LOG10, Bound, bound_of, units
+from cavirheo.parameters import CAMERA, DECIDING, LOG10, UNLIKELY, Bound, bound_of, units
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.physics.bubble import ZERO_BY_DEFAULT
 from cavirheo.physics.laws import NeoHookean
@@ -27,9 +27,8 @@ from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict
 from cavirheo.prior import INSIDE, Prior, State
 
 REPLICATES = 2000  # of the predicted frames
-REJECTED = 0.01  # probability under a right law at which the predictive check rejects it
+REJECTED = 0.01  # probability under a right law, or under its prior, at which a misfit or a nuisance is unusual
 SEEN_MISFIT = 5e-4  # a misfit over R_max that is smaller is not stated
-PRIOR_END = 2.3  # a nuisance so far from the middle of its prior has 1 % of it beyond
 OPEN_ENDS: dict[str, Bound] = {
     "stretch": "lower",
     "accommodation": "upper",
@@ -56,7 +55,7 @@ SWITCHES: dict[str, tuple[str, Callable[[Floats], Bools]]] = {
     "accommodation": ("field_bubble", np.isposinf),
 }
 """The switch of a parameter, and at which values it is on."""
-AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
+AT_THE_END = 0.8  # of the pull that the emulator knows
 
 
 class ResidualSource:
@@ -100,7 +99,7 @@ class ResidualSource:
     def too_stiff(self, weighed: Weighed) -> bool:
         """Whether likely bubbles are at the end of what the emulator was trained for."""
         pulled = self._pull(weighed.x) > AT_THE_END * LARGEST_PULL
-        return bool(weighed.weights @ pulled > LIKELY)
+        return bool(weighed.weights @ pulled > UNLIKELY)
 
     def state(self, x: Floats) -> State:
         """The state of the switches at x (d,)."""
@@ -298,7 +297,7 @@ def _at_prior_ends(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str
     weight, u = weighed.weights, prior.to_u(weighed.x, INSIDE)
     ends: dict[str, str] = {}
     for name, values in zip(prior.names, u.T, strict=True):
-        for end, beyond in (("lower", values < -PRIOR_END), ("upper", values > PRIOR_END)):
+        for end, beyond in (("lower", ndtr(values) < REJECTED), ("upper", ndtr(-values) < REJECTED)):
             usual = name in ZERO_BY_DEFAULT and end == "lower"
             if name in (*shot.free, *shot.walls) and not usual and weight @ beyond > 0.5:
                 ends[name] = end
@@ -365,7 +364,7 @@ def sensitivity_to_scale(answers: Sequence[Posterior], name: str) -> float | Non
         worth = effective_size(log_weight[np.isfinite(value)]) / pair[0, 0]
         products += worth * pair[0, 1]
         squares += worth * pair[1, 1]
-    return float(np.log(10.0)) * products / squares if squares else None
+    return LN10 * products / squares if squares else None
 
 
 def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats) -> float | None:

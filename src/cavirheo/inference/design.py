@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import NORMAL_90, Floats
+from cavirheo.arrays import LN10, NORMAL_90, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference.answer import ResidualSource
@@ -30,7 +30,6 @@ from cavirheo.prior import INSIDE
 RECORDED_GROWTH = 0.8  # t_c before R_max at which a recording begins
 MOST_SHOTS = 10_000
 POINTS = 2001  # of a parameter, over which its density is integrated
-LN10 = float(np.log(10.0))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.arrays import Bools, Floats
+from cavirheo.arrays import LN10, Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.assumptions import FREE, Family, Options, fixed_bubble
@@ -51,16 +51,6 @@ MISFIT = 0.03  # RMSE/R_max above which the model does not fit (docs/method/verd
 DRAWN = 800  # points of a simulated curve
 STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
 CONTRADICTION = 4.0  # of its standard deviations: a stated stretch as far from the late plateau contradicts it
-_LN10 = float(np.log(10.0))
-
-
-def wall_scales(medium: Medium) -> dict[str, float]:
-    """Scales of the priors of walls and of vapour above saturation (Pa), by parameter of the bubble."""
-    return {
-        "confinement_inertia": INERTIA_SCALE,
-        "confinement_damping": DAMPING_SCALE,
-        "vapour_excess": VAPOUR_SCALE * medium.pressure,
-    }
 
 
 def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
@@ -104,9 +94,9 @@ class Experiment:
         camera = self._camera()  # (middle, half-width)
         self.free: dict[str, tuple[float, float]] = {FREE[name]: camera[name] for name in options.free}
         bubble = options.bubble
-        self.walls: dict[str, float] = {
-            name: scale for name, scale in wall_scales(medium).items() if getattr(bubble, name) == "free"
-        }
+        scales = {"confinement_inertia": INERTIA_SCALE, "confinement_damping": DAMPING_SCALE}
+        scales["vapour_excess"] = VAPOUR_SCALE * medium.pressure
+        self.walls: dict[str, float] = {name: scales[name] for name in scales if getattr(bubble, name) == "free"}
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
         family.check_damage(bubble)
         free_logs = {
@@ -221,21 +211,16 @@ class Experiment:
         with FIELD_PROBABILITY: its accommodation is then infinite. Time origin: uniform within its bound. Radius scale
         and R_max factor: normal, with a third of their bound as standard deviation. Roots of walls and vapour above
         saturation: half-normal."""
+        normal = dict.fromkeys(self.walls, (0.0, 1.0))
+        normal |= dict.fromkeys(("radius_scale", "max_radius_factor"), (0.0, 1.0 / BOUND_SIGMAS))
+        normal["stretch"] = (float(np.log10(USUAL_STRETCH[0])), float(np.log10(USUAL_STRETCH[1])))
+        if self.stretch_prior:
+            value, deviation = self.stretch_prior
+            normal["stretch"] = float(np.log10(value)), deviation / (value * LN10)
+        mean, std = np.transpose([normal.get(name, (0.0, np.inf)) for name in self.names])
         zero = np.array([self.family.atoms.get(name, 0.0) for name in self.names])
-        infinite, mean, std = np.zeros((3, len(self.names)))
-        std[:] = np.inf
-        for i, name in enumerate(self.names):
-            if name == "accommodation" and self.options.bubble == REAL:
-                infinite[i] = FIELD_PROBABILITY
-            if name == "stretch":
-                mean[i], std[i] = np.log10(USUAL_STRETCH)
-            if name == "stretch" and self.stretch_prior:
-                value, deviation = self.stretch_prior
-                mean[i], std[i] = float(np.log10(value)), deviation / (value * _LN10)
-            if name in ("radius_scale", "max_radius_factor"):
-                std[i] = 1.0 / BOUND_SIGMAS
-            if name in self.walls:
-                mean[i], std[i] = 0.0, 1.0
+        real = self.options.bubble == REAL
+        infinite = np.array([FIELD_PROBABILITY if real and name == "accommodation" else 0.0 for name in self.names])
         low, high = self.bounds.T
         return Prior(self.names, low, high, mean, std, zero, infinite)
 

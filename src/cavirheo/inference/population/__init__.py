@@ -89,7 +89,10 @@ def population(
         errors=errors,
     )
     if counted and shared.modulus_limit is not None:
-        empty = replace(empty, modulus_limit=_modulus_limit(counted, shared.modulus_limit, errors))
+        pressure = float(np.median([(answer.medium or WATER).pressure for answer in counted]))
+        stretch = float(np.median([answer.stretch or USUAL_STRETCH[0] for answer in counted]))
+        limit = widened_limit(shared.modulus_limit, errors, pressure, stretch)
+        empty = replace(empty, modulus_limit=limit or None)
     if len(counted) < MIN_SHOTS:
         count = digits.counted_shots(len(counted), len(own))
         return replace(empty, warnings=(f"{count}, and a common G and µ need {MIN_SHOTS}",))
@@ -143,13 +146,6 @@ def _likelihood(answer: Posterior) -> Likelihood | None:
         searched = parameter_of(name).search_range or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
         rows.append((*answer.prior.get(name, searched), 0.0, np.inf)[:4])
     return likelihood(theta, answer.log_weight, Prior(tuple(names), *np.array(rows, dtype=float).T))
-
-
-def _modulus_limit(answers: Sequence[Posterior], by_statistics: float, errors: CommonErrors) -> float | None:
-    """95 % limit of G, Pa, of a material that may be a liquid, with the errors that all shots share; None: it is 0."""
-    pressure = np.median([(answer.medium or WATER).pressure for answer in answers])
-    stretch = np.median([answer.stretch or USUAL_STRETCH[0] for answer in answers])
-    return widened_limit(by_statistics, errors, float(pressure), float(stretch)) or None
 
 
 def _with_material(

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import erf
 
-from cavirheo.arrays import NORMAL_90, Floats, relative_scatter
+from cavirheo.arrays import LN10, NORMAL_90, Floats, relative_scatter
 from cavirheo.errors import require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
 from cavirheo.messages import Message
@@ -42,7 +42,6 @@ FEWEST = 2  # shots in a heap
 LEAST_SHARE = 0.2  # of the shots in the smaller heap: fewer are outliers
 APART = 0.3  # decades between the middles of the heaps
 CLEAR = 4.0  # this distance over the deviation of a shot within its heap
-_LN10 = float(np.log(10.0))
 _STREAM = 7  # of the random draws of the errors
 
 
@@ -376,4 +375,4 @@ def shifts(names: Sequence[str], over: Mapping[str, float], errors: CommonErrors
         if name in over:
             by_error = slopes(name, over[name])
             changes[:, k] = [by_error[error] for error in deviations]
-    return np.asarray(drawn @ changes / _LN10)
+    return np.asarray(drawn @ changes / LN10)
