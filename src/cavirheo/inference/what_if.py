@@ -14,6 +14,7 @@ from cavirheo.errors import InputError, SolverError, brief, expect, expect_whole
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
 from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.sample import DIFFERENCE
 from cavirheo.messages import message_of_error
 from cavirheo.parameters import DURATION, PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
@@ -21,7 +22,6 @@ from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior, check_level
 
 DRAWS = 100  # draws of a posterior that are simulated
-VELOCITY_STEP = 1e-3  # t_c, of the differences that give the wall's velocity
 WIDEST_SCALE = 0.19  # half-width about 1 of a range that contains every inferred radius scale
 
 
@@ -68,7 +68,7 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
     shots = {bubble: _experiment(curve, bubble, *setup) for bubble in (posterior.bubble, FIELD)}
     noise = shots[posterior.bubble].noise(bool(posterior.provenance.get("discrepancy")))
     end = float(shots[FIELD].time_since_max[-1])  # of the compared frames
-    step = VELOCITY_STEP * shots[FIELD].time_scale
+    step = DIFFERENCE * shots[FIELD].time_scale
     instants = np.concatenate([since, since - step, since + step])
     chosen = rng.choice(len(posterior.theta), draws, p=posterior.weights)
     for values in zip(*(posterior.draws(name)[chosen].tolist() for name in posterior.parameters), strict=True):

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cavirheo.arrays import Floats, at_levels, log_sum
-from cavirheo.inference.sample import Draws, Mixture, first_round, sample
+from cavirheo.inference.sample import EMULATED, Draws, Mixture, first_round, sample
 from cavirheo.prior import INSIDE, Prior, log_normal
 
 POINTS = 100  # of a shot
@@ -29,9 +29,7 @@ P_OUTLIER = 0.05  # prior probability that a shot is an outlier
 OUTLIER_STD = 0.7  # decades: additional standard deviation of outliers
 SPREAD_SCALE = 0.2  # decades: scale of the half-normal prior of each spread
 CUT = 10.0  # standard deviations at which this prior ends
-ROUNDS = (1000, 1500, 2000, 2500, 3000, 3500, 4000)  # draws of each round at most
 ENOUGH = 2500.0  # effective draws after which no round follows
-ROWS = 250  # places at which densities are computed at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,13 +150,10 @@ class MaterialPosterior:
 
     def densities(self, u: Floats) -> tuple[Floats, Floats]:
         """Log density (n, k) of each shot as an inlier and as an outlier, with the prior probabilities of these."""
-        inside, outside = np.empty((2, len(self.shots), len(u)))
-        for begin in range(0, len(u), ROWS):
-            rows = slice(begin, begin + ROWS)
-            centre, spread = self.parts(u[rows])
-            for i, shot in enumerate(self.shots):
-                inside[i, rows] = shot.log_integral(centre, spread**2)
-                outside[i, rows] = shot.log_integral_of_outliers(centre, spread**2 + OUTLIER_STD**2)
+        centre, spread = self.parts(u)
+        inside = np.array([shot.log_integral(centre, spread**2) for shot in self.shots])
+        wide = spread**2 + OUTLIER_STD**2
+        outside = np.array([shot.log_integral_of_outliers(centre, wide) for shot in self.shots])
         return np.log(1.0 - P_OUTLIER) + inside, np.log(P_OUTLIER) + outside
 
     def sample(self, seed: int) -> Draws:
@@ -168,8 +163,8 @@ class MaterialPosterior:
         def log_posterior(u: Floats) -> Floats:
             return np.asarray(np.sum(np.logaddexp(*self.densities(u)), axis=0) + log_normal(u))[:, None]
 
-        rounds = first_round(self._start(), ROUNDS[0], log_posterior, rng)
-        return sample(log_posterior, lambda _, value: value[:, 0], rounds, ROUNDS, rng, ENOUGH)[0]
+        rounds = first_round(self._start(), EMULATED.rounds[0], log_posterior, rng)
+        return sample(log_posterior, lambda _, value: value[:, 0], rounds, EMULATED.rounds, rng, ENOUGH)[0]
 
     def outliers(self, u: Floats) -> Floats:
         """Probability (n,) that each shot is an outlier, averaged over equally likely u (k, 2 d)."""
