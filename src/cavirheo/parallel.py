@@ -28,14 +28,13 @@ Closing the flow drops jobs that have not begun."""
 # no modules from the current folder; loky restarts a process with so many bytes more than after its first job
 _ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
-_idle: dict[Any, int] = {}  # pools of this process that wait for another `on_processes`: their numbers of processes
-_busy: dict[Any, int] = {}  # those of an `on_processes` alone
-_shared: dict[Any, int] = {}  # that of all calls of `run_on_any_core`
+_idle: list[tuple[int, Any]] = []  # (number of processes, pool) that wait for another `on_processes`
+_shared: list[Any] = []  # the pool of all calls of `run_on_any_core`
 _pool_lock = threading.Lock()
 _calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
 if hasattr(os, "register_at_fork"):
-    for pools in (_idle, _busy, _shared):
-        os.register_at_fork(after_in_child=pools.clear)  # a pool is of the process that started it
+    os.register_at_fork(after_in_child=_idle.clear)  # a pool is of the process that started it
+    os.register_at_fork(after_in_child=_shared.clear)
 
 
 def cores(workers: int | None = None) -> int:
@@ -103,7 +102,7 @@ def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers
     mostly run Python code, which threads would run one at a time. After its close or an exception, running jobs end at
     once. Threads do the work where no process can be started. Raises InputError: a process was ended from outside; and
     what `function` raises."""
-    pool = _lent_pool(max(min(cores(workers), len(jobs)), 1))
+    size, pool = _lent_pool(max(min(cores(workers), len(jobs)), 1))
     if pool is None:
         yield from on_threads(function, jobs, workers)
         return
@@ -118,12 +117,10 @@ def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers
         mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
         raise InputError(f"{message}: {mending}", "parallel.ended") from error
     finally:
-        with _pool_lock:
-            size = _busy.pop(pool, 0)
-            if complete:
-                _idle[pool] = size
-            else:
-                pool.shutdown(kill_workers=True)
+        if complete:
+            _idle.append((size, pool))
+        else:
+            pool.shutdown(kill_workers=True)
 
 
 @contextmanager
@@ -140,29 +137,28 @@ def _signals_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _lent_pool(count: int) -> Any:
-    """A pool of at least `count` processes that no other caller has; None if none can be started."""
+def _lent_pool(count: int) -> tuple[int, Any]:
+    """(number of processes, pool) of `count` processes or more, which no other caller has; None if none can be
+    started."""
     with _pool_lock:
-        pool = next((pool for pool, size in _idle.items() if size >= count), None)
-        if pool is not None:
-            _busy[pool] = _idle.pop(pool)
-            return pool
-        while _idle:  # they are too small
-            _idle.popitem()[0].shutdown(wait=False)
-        return _new_pool(count, _busy)
+        while _idle:
+            size, pool = _idle.pop()
+            if size >= count:
+                return size, pool
+            pool.shutdown(wait=False)
+        return count, _new_pool(count)
 
 
-def _new_pool(count: int, pools: dict[Any, int]) -> Any:
-    """A pool of processes, which becomes one of `pools`; None if none can be started, as in a sandbox without
-    semaphores, or without enough memory or files. Its processes end themselves when they have had no work for IDLE, or
-    this one is killed, and leave Ctrl-C to this one."""
+def _new_pool(count: int) -> Any:
+    """A pool of processes; None if none can be started, as in a sandbox without semaphores, or without enough memory or
+    files. Its processes end themselves when they have had no work for IDLE, or this one is killed, and leave Ctrl-C to
+    this one."""
     from loky import ProcessPoolExecutor
 
     tied = {"initializer": tie_to_parent, "initargs": (os.getpid(),)}
     with suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, too many files
         pool = ProcessPoolExecutor(count, timeout=IDLE, env=_ENVIRONMENT, **tied)
         pool.submit(int)  # starts the processes
-        pools[pool] = count
         return pool
     return None
 
@@ -181,12 +177,10 @@ def tie_to_parent(parent: int) -> None:
 
 
 def prepare_exit() -> None:
-    """End all processes that this one has started, even running ones, and release what they shared. To be called before
-    an exit that skips the exit handlers."""
-    with _pool_lock:
-        for pools in (_idle, _busy, _shared):
-            while pools:
-                pools.popitem()[0].shutdown(kill_workers=True)
+    """End all processes that this one has started, and release what they shared. To be called before an exit that skips
+    the exit handlers."""
+    for pool in (*(pool for _, pool in _idle), *_shared):
+        pool.shutdown(kill_workers=True)
     for thread in threading.enumerate():  # of loky: an exit while one of them releases a semaphore shows it as leaked
         if thread.name in ("ExecutorManagerThread", "QueueFeederThread"):
             thread.join(1.0)
@@ -226,11 +220,13 @@ def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
         finally:
             _calling_thread_lock.release()
     with _pool_lock:
-        pool = next(iter(_shared), None) or (_new_pool(cores(), _shared) if cores() > 1 else None)
+        if not _shared and cores() > 1:
+            _shared.extend(filter(None, [_new_pool(cores())]))
+        pool = next(iter(_shared), None)
     if pool:
         try:
             output: Output = pool.submit(function, *arguments).result()
             return output
         except BrokenExecutor:  # ended from outside: the next call starts others
-            _shared.pop(pool, None)
+            _shared.clear()
     return function(*arguments)
