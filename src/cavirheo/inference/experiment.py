@@ -50,7 +50,6 @@ CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a cur
 MISFIT = 0.03  # RMSE/R_max above which the model does not fit (docs/method/verdicts.md)
 DRAWN = 800  # points of a simulated curve
 STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
-CONTRADICTION = 4.0  # of its standard deviations: a stated stretch as far from the late plateau contradicts it
 
 
 def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
@@ -365,17 +364,12 @@ class Experiment:
         """Messages on frames that do not count, and on a stretch that is given or that the recording gives."""
         spikes = int(np.count_nonzero(~self.counted & ~self._drifting(self.time_since_max + self.curve.time_of_max)))
         messages, stated, (low, high) = list[Message](), self.curve.stretch, STRETCH_RANGE
-        used, least = self.stretch, 0.0
         if self.stretch_prior:
             value, deviation = self.stretch_prior
             source = "late_plateau" if self.options.stretch else "file"
             messages.append(Message(f"stretch_prior.{source}", {"value": value, "deviation": deviation}))
-            used, least = value, self.curve.stretch_std or 0.0
         elif stated is not None and self.options.stretch is None and not low < stated < high:
             messages.append(Message("stretch.left_out", {"stretch": stated, "low": low, "high": high}))
-        plateau = self.curve.stretch_from_tail()
-        if used and plateau and abs(plateau[0] - used) > CONTRADICTION * max(least, STATED_DEVIATION * used):
-            messages.append(Message("stretch.contradicts", {"stretch": used, "plateau": plateau[0]}))
         if len(self.measured) < len(self.usable):
             counts = {"frames": len(self.usable), "means": len(self.measured)}
             messages.append(Message("frames.averaged", counts))

@@ -52,6 +52,8 @@ PERIODS = 6.0  # length of the comparison, first collapse times
 SMOOTHED_FRAMES = (3, 5, 7, 9)  # frames over which radii may be smoothed
 SMOOTHED_SHARE = 0.85  # share of the residual's power that smoothing leaves unexplained, below which there is a warning
 SMOOTHED_SIZE = (0.6, 2.0)  # of what smoothing explains, over what it should
+# of a stated stretch, and of its standard deviation: a stretch so far from the late plateau contradicts it
+CONTRADICTION, CONTRADICTION_SIGMAS = 0.4, 4.0
 
 _RADIUS = 150e-6  # m, R_max of the simulations
 _GRID = np.linspace(0.0, 1.1 * PERIODS, 661)  # times of the simulations over that of the first collapse
@@ -89,7 +91,7 @@ def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
 def answer_warnings(shot: Experiment, found: Posterior) -> list[Message]:
     """Warnings that need the answer."""
     of_walls = [*wall_warnings(shot), *felt_wall_warnings(shot, found)]
-    return [*of_walls, *smoothing_warnings(found.checks), *stiffness_warnings(found)]
+    return [*of_walls, *stretch_warnings(shot), *smoothing_warnings(found.checks), *stiffness_warnings(found)]
 
 
 def felt_wall_warnings(shot: Experiment, found: Posterior) -> list[Message]:
@@ -113,6 +115,18 @@ def wall_warnings(shot: Experiment) -> list[Message]:
     if len(first) and np.count_nonzero(shot.time_since_max[shot.counted] > first[0]) >= REBOUND_FRAMES:
         return []
     return [Message("check_input.no_rebound")]
+
+
+def stretch_warnings(shot: Experiment) -> list[Message]:
+    """A message if a stretch that the file or the user states contradicts the late plateau."""
+    curve, plateau = shot.curve, shot.curve.stretch_from_tail()
+    stated = shot.stretch or (shot.stretch_prior and not shot.options.stretch and curve.stretch)
+    if not stated or not plateau:
+        return []
+    deviation = 0.0 if shot.stretch else curve.stretch_std or 0.0
+    if abs(plateau[0] - stated) <= max(CONTRADICTION * stated, CONTRADICTION_SIGMAS * deviation):
+        return []
+    return [Message("check_input.stretch", {"stretch": stated, "plateau": plateau[0]})]
 
 
 def stiffness_warnings(found: Posterior) -> list[Message]:

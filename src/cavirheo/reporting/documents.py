@@ -132,7 +132,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     draws = {name: posterior.draws(name) for name in posterior.parameters}
     if at_rate := viscosity_at_rate(posterior.material, draws, posterior.log_weight):
         values[VISCOSITY_AT_RATE] = at_rate
-    if "stretch" not in values or values["stretch"].median is None:  # it is given, or was fitted to a network's answer
+    if "stretch" not in values:  # it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
     differing: dict[str, Any] = {
         "name": curve.name,
@@ -212,8 +212,9 @@ def _of_one_shot(row: CurveRecord, errors: CommonErrors | None) -> tuple[Populat
             low, high = widened((value.q05, value.median, value.q95), systematic.slopes[name], errors)
             values[name] = Quantity.from_interval(low, value.median, high, wide_bound(name, low, high))
     modulus = values["shear_modulus"]
-    if modulus.bound == "upper" and row.medium and row.stretch.median:
-        limit = widened_limit(modulus.q95 or 0.0, errors, row.medium.pressure, row.stretch.median)
+    stretch = row.stretch.median or row.best.get("stretch")
+    if modulus.bound == "upper" and row.medium and stretch:
+        limit = widened_limit(modulus.q95 or 0.0, errors, row.medium.pressure, stretch)
         values["shear_modulus"] = modulus.model_copy(update={"q95": limit})
     fields = PopulationRecord.fields_of(values)
     fields |= {"line": "a single shot", "model": f"{row.material}, {row.bubble.name}", "n": 1}
