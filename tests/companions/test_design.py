@@ -98,8 +98,9 @@ def test_what_is_known_is_the_answer_of_the_group(quick):
     assert cavirheo.design(two, group="y").known["shear_modulus"].median == pytest.approx(9e5, rel=0.02)
     with refused("design.range", "a range of shear_modulus", "one of them"):
         cavirheo.design(two, group="y", ranges={"G": (1e3, 1e4)})
-    with refused("design.groups", "--group", "x, y"):
-        cavirheo.design(two)
+    for name in (None, "z"):
+        with refused("design.groups", "--group", "x, y"):
+            cavirheo.design(two, group=name)
     for pairs in ([(curve, with_verdict(gel, "does_not_fit"))], [(curve, gel)] * 2):  # two shots are no population
         with refused("design.no_answer", "give ranges"):
             cavirheo.design(document_of(pairs))

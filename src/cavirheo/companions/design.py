@@ -301,26 +301,27 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
     if not isinstance(known, Result):
         path = as_path(known)
         known = read_json(path / "result.json" if path.is_dir() else path, lambda _: Result)
-    found = list[tuple[str, Known]]()
+    usable = list[tuple[str, Known]]()
     for record, rows in known.rows_by_group():
         answer = record.population
         ends = {name: _ends_of(answer.value(name), usual[name]) for name in usual}
         of_this_law = not {family.name, AUTO}.isdisjoint(answer.laws)
-        if group in (None, record.name) and of_this_law and np.all(np.isfinite([*ends.values()])):
+        if of_this_law and np.all(np.isfinite([*ends.values()])):
             stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
             ends["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])
             spreads = np.array([answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in usual])
             doubts = [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
-            found.append((record.name, Known(ends | given, spreads, answer.n - len(answer.outliers), doubts)))
-    if not found:
-        names = "; ".join(f"{record.name}: {record.population.model or 'none'}" for record in known.groups)
-        message = f"no answer of {family.name} with intervals for {group or 'any group'} ({names})"
-        raise InputError(f"{message}: give ranges instead", "design.no_answer")
-    if len(found) > 1:
-        names = listed((quote(name) for name, _ in found), 12)
-        message = f"a design is for one material, and the result has answers of {len(found)}: add --group with one of "
-        raise InputError(f"{message}{names}; in Python group=", "design.groups")
-    return found[0][1]
+            usable.append((record.name, Known(ends | given, spreads, answer.n - len(answer.outliers), doubts)))
+    chosen = [one for name, one in usable if group in (None, name)]
+    if len(chosen) == 1:
+        return chosen[0]
+    if usable and (chosen or group not in {record.name for record in known.groups}):
+        names = listed((quote(name) for name, _ in usable), 12)
+        message = f"a design is for one material of the result: add --group with one of {names}; in Python group="
+        raise InputError(message, "design.groups")
+    names = "; ".join(f"{record.name}: {record.population.model or 'none'}" for record in known.groups)
+    message = f"no answer of {family.name} with intervals for {group or 'any group'} ({names})"
+    raise InputError(f"{message}: give ranges instead", "design.no_answer")
 
 
 def _ends_of(value: Quantity, usual: Floats) -> Floats:
