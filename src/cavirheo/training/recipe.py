@@ -89,9 +89,7 @@ class _Recipe(Section):
 
     def settings(self) -> dict[str, Any]:
         """All settings that decide the trained weights, apart from the data, in types that JSON can hold."""
-        return {
-            name: getattr(self, name).model_dump(mode="json", exclude_none=True) for name in ("network", "training")
-        }
+        return self.model_dump(mode="json", exclude_none=True, include={"network", "training"})
 
 
 class PointRecipe(_Recipe):
