@@ -171,8 +171,8 @@ class Population:
         return "upper" if self._limit_of(name) is not None else self.bounds.get(self.names[self._column(name)])
 
     def quantity(self, name: str) -> Quantity:
-        """Median, 90 % interval and bound of a parameter, SI; where the shots disagree, the ends of all of them. Raises
-        InputError: as `draws`."""
+        """Median, 90 % interval and bound of a parameter, SI; where the shots disagree, the ends of all of them, and
+        where they scatter too much for one value no median. Raises InputError: as `draws`."""
         if name == VISCOSITY_AT_RATE and self._viscosity_at_rate:
             return self._viscosity_at_rate
         low, high = self.interval(name)
@@ -181,7 +181,10 @@ class Population:
         if heaps := self.heaps.get(self.names[self._column(name)]):
             top = heaps[1].high or max(high, heaps[1].low or 0.0)
             return Quantity(q05=heaps[0].low or 0.0, q95=top, bound="wide")
-        return Quantity(median=self.median(name), q05=low, q95=high, bound=self.bound(name))
+        bound = self.bound(name)
+        if bound is None and self._has_no_one_value(self.names[self._column(name)]):
+            return Quantity(q05=low, q95=high, bound="wide")
+        return Quantity(median=self.median(name), q05=low, q95=high, bound=bound)
 
     def statistical_interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """(low, high) of the material's parameter, SI, without the errors that all shots share. Raises InputError: as
