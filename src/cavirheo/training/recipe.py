@@ -130,14 +130,10 @@ class EmulatorNetworkTable(Section):
 
 
 class EmulatorRecipe(_Recipe):
+    problem: ClassVar[Mapping[str, Any]] = DOMAIN  # what the bubbles are drawn from
     domain: Section = Field(alias="emulator")  # without keys: what bubbles are drawn from are constants
     network: EmulatorNetworkTable = EmulatorNetworkTable()
     training: TrainingTable = TrainingTable()
-
-    @property
-    def problem(self) -> Mapping[str, Any]:
-        """What the bubbles are drawn from."""
-        return DOMAIN
 
     def settings(self) -> dict[str, Any]:
         return {"domain": self.problem, **super().settings()}
