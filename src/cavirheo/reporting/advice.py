@@ -44,19 +44,19 @@ class Line(NamedTuple):
 def answer_lines(result: Result, group: GroupRecord, shots: Shots, out: Path = Path()) -> list[Line]:
     """The answer of a group: G and mu, whether to use them, what could be wrong, which model, and what to do next. A
     page has the same lines. out: folder of the documents."""
-    refusal = _refusal(group, shots)
+    refused = refusal(group, shots)
     lines = list[Line]()
     uses: dict[str, list[str]] = {}
     for name in (*MAIN_FIELDS, *further_parameters(group.population)):
         short = result.shown(name).symbol
         line, notes, use = _value_line(result, group, shots, name)
-        notes += ["not to be used yet"] if refusal else []
+        notes += ["not to be used yet"] if refused else []
         if line:
             lines.append(Line(short, [*line, f"({'; '.join(notes)})"] if notes else line, "value"))
         if use:
             uses.setdefault(use, []).append(short)
-    lines.append(Line("use", [refusal or _use(group, shots, uses)]))
-    said = refusal or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
+    lines.append(Line("use", [refused or _use(group, shots, uses)]))
+    said = refused or any(message.code == "group.doubt.misfits" for message in group.doubts)  # which shots do not count
     known = {message.code for message in group.doubts} | ({"group.left_out"} if said else set())
     facts = [*_equal_laws(group.laws), *(message.text for message in group.messages if message.code not in known)]
     if facts:
@@ -83,7 +83,7 @@ def further_parameters(population: PopulationRecord) -> list[str]:
 
 def badge_of(group: GroupRecord, shots: Shots) -> str:
     """The verdict of a group in words; 'with care' of one with a doubt that may be used."""
-    doubted = group.verdict in ("check_input", "does_not_fit") and not _refusal(group, shots)
+    doubted = group.verdict in ("check_input", "does_not_fit") and not refusal(group, shots)
     return "with care" if doubted else digits.VERDICT_STYLES[group.verdict].words
 
 
@@ -144,7 +144,7 @@ def _value_line(result: Result, group: GroupRecord, shots: Shots, name: str) -> 
     return line, notes, "with care" if group.doubts else "with interval"
 
 
-def _refusal(group: GroupRecord, shots: Shots) -> str:
+def refusal(group: GroupRecord, shots: Shots) -> str:
     """Why no value of a group is to be used, in a sentence; "" if one may be."""
     serious = any(message.code not in _DISAGREEMENTS for message in group.doubts)
     if serious or len(group.population.heaps) == len(MAIN_FIELDS):

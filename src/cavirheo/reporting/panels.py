@@ -60,8 +60,10 @@ class Axis:
         if not np.isfinite(rough) or rough <= 0.0:
             return []
         ten = 10.0 ** np.floor(np.log10(rough))
-        step = next(factor * ten for factor in (1.0, 2.0, 5.0, 10.0) if factor * ten >= rough * (1.0 - 1e-9))
-        numbers = np.arange(np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9) + 1.0)
+        for step in (ten, 2.0 * ten, 5.0 * ten, 10.0 * ten):
+            numbers = np.arange(np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9) + 1.0)
+            if len(numbers) <= most + 1:
+                break
         return [(place, f"{place:g}") for place in (step * numbers + 0.0).tolist()]
 
 
@@ -357,7 +359,8 @@ def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Axes) ->
         x, y = place.limits(low, high).mean(axis=1, keepdims=True)
         labels.append(Layer("label", f"shot-name{beside}{outside}", x, y, text=place.name))
     names = dict(_KEY)
-    layers = [replace(layer, name=names.pop(layer.look.split()[0], "")) for layer in layers]
+    looks = ["region-out" if layer.look.endswith("region-out") else layer.look.split()[0] for layer in layers]
+    layers = [replace(layer, name=names.pop(look, "")) for layer, look in zip(layers, looks, strict=True)]
     for place in references:
         first, *arrows = place.layers(low, high)
         layers += [replace(first, name=place.name), *arrows]
