@@ -79,11 +79,6 @@ def test_a_group_that_is_no_shot_costs_the_others_nothing(tmp_path):
         assert "b/radius" in str(error_of(read_curves, put(tmp_path / f"{name}_alone.h5", hdf5(alone))))
 
 
-def test_bdt_without_maxima_is_refused(tmp_path):
-    savemat(tmp_path / "gel.mat", {name: value for name, value in bdt_variables().items() if name != "RmaxList"})
-    assert "no RmaxList" in str(error_of(read_curves, tmp_path / "gel.mat"))
-
-
 def test_constants_that_a_file_states_or_shows(tmp_path):
     """Its pressure and density make seconds and are those of the shot; a density may also be told by the rate."""
     savemat(tmp_path / "gel.mat", bdt_variables() | {"rho": 1060.0, "P_inf": 9e4})
@@ -186,6 +181,7 @@ CAMERA = {"frame_rate_hz": 1e6, "um_per_px": 3.2}
 MEASURED = {  # of frames or pixels: what is asked for, and what the notes say when it is given
     "diameters in pixels": ("time_us,D (px)\n" + lines(",", FRAMES, UM / 1.6), ["um-per-px"], "halved"),
     "time in frames": ("time (frames),R_um\n" + lines(",", FRAMES, UM), ["fps"], "1e+06 frames per second"),
+    "numbers without a unit": ("t,R_um\n" + lines(",", FRAMES, UM), ["fps", "time_us"], "numbers in 't'"),
     "rounded a little": ("time_us,R_um\n" + lines(",", np.round(1.7 * FRAMES), UM), [], "few digits"),
     "frames of MATLAB": (saved(R_um=UM, frame=FRAMES), ["fps"], "'frame'"),
     "radii alone": ("R_px\n" + lines(",", UM / 3.2), ["fps"], "of the rows"),
@@ -207,16 +203,26 @@ def test_frames_and_pixels_ask_for_the_camera(tmp_path, name):
     assert said in "\n".join(curve.notes)
 
 
-def test_a_frame_rate_makes_times_of_numbers_and_changes_no_times(tmp_path):
-    for title, times, step in (("t", FRAMES, 1 / 270e3), ("t_us", US, TIME[1] - TIME[0])):
-        (curve,) = read_curves(text_table(tmp_path / "a.csv", f"{title},R_um", times, UM), frame_rate_hz=270e3)
-        assert np.allclose(np.diff(curve.time), step)
-        assert curve.warnings == ()
+RATE = 1.0 / (TIME[1] - TIME[0])
+DOUBTFUL = {  # a file, options, and codes of its warnings
+    "a second shot after a pause": (HEAD + lines(",", np.r_[US, US + 500], np.r_[UM, 1.5 * UM]), {}, "time_gap"),
+    "an ellipse": ("t_us,a_um,b_um\n" + lines(",", US, 1.06 * UM, UM), {}, "aspherical"),
+    "nearly a sphere": ("t_us,a_um,b_um\n" + lines(",", US, 1.02 * UM, UM), {}, ""),
+    "its own rate": (HEAD + PLAIN, {"frame_rate_hz": 1.005 * RATE}, ""),
+    "another rate": (HEAD + PLAIN, {"frame_rate_hz": 1.05 * RATE}, "rate_unused"),
+    "another rate of MATLAB": (saved(R=RADIUS, t=TIME, fps=2 * RATE), {}, "rate_unused"),
+    "a scale of no pixels": (HEAD + PLAIN, {"um_per_px": 3.2}, "scale_unused"),
+    "its own scale": (saved(R_um=UM, t=TIME, deltax=3.2e-6), {"um_per_px": 3.2}, ""),
+    "another scale": (saved(R_px=UM / 3.0, t=TIME, deltax=3.2e-6), {"um_per_px": 3.0}, "camera_differs"),
+}
 
 
-def test_a_second_shot_after_a_pause_is_a_doubt(tmp_path):
-    path = text_table(tmp_path / "a.csv", "t_us,R_um", np.r_[US, US + 500], np.r_[UM, 1.5 * UM])
-    assert [warning.code for warning in read_curves(path)[0].warnings] == ["check_input.time_gap"]
+@pytest.mark.parametrize("name", DOUBTFUL)
+def test_what_contradicts_is_a_doubt_and_changes_no_times(tmp_path, name):
+    content, options, code = DOUBTFUL[name]
+    (curve,) = read_curves(put(tmp_path / "a.csv", content), **options)
+    assert [warning.code for warning in curve.warnings] == [f"check_input.{code}"] * bool(code)
+    assert np.allclose(curve.time[: len(TIME)], TIME)
 
 
 def test_deviations_follow_the_unit_and_the_kind_of_the_radius(tmp_path):
@@ -228,14 +234,6 @@ def test_deviations_follow_the_unit_and_the_kind_of_the_radius(tmp_path):
         )
         expected = np.nan if "%" in titles or "Area" in titles else 1.2e-6
         assert np.allclose(curve.radius_std, expected, equal_nan=True), titles
-
-
-def test_an_ellipse_is_a_doubt(tmp_path):
-    codes = {}
-    for share in (1.02, 1.06):
-        path = text_table(tmp_path / "a.csv", "t_us,a_um,b_um", US, share * UM, UM)
-        codes[share] = [warning.code for warning in read_curves(path)[0].warnings]
-    assert codes == {1.02: [], 1.06: ["check_input.aspherical"]}
 
 
 GROUPS = {"first/time": TIME, "first/radius": RADIUS, "unrelated": UM[:3]}
@@ -353,6 +351,7 @@ BAD = {  # content, or what writes it; code; what is named
     "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.number", "'Mean' is not a number"),
     "objects.npy": (array(np.array([{"a": 1}], object)), "tabular.array", "numbers"),
     "other.mat": (saved(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
+    "BDT.mat": (saved(**{**bdt_variables(), "RmaxList": []}), "matlab.variables", "no RmaxList"),
     "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "reading.binary", "'-v7'"),
     "object.mat": (mat(OBJECT), "matlab.variables", "table2struct"),
     "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "reading.damaged", ""),
@@ -405,7 +404,8 @@ def test_files_of_laboratories(name):
     if asked:
         refusal = error_of(lambda: read_curves(CASES / name)[0].max_radius)
         assert [option for option in asked.split() if option not in str(refusal)] == []
-    for camera in (CAMERA,) if asked else ({}, CAMERA):
+    given = CAMERA if "um-per-px" in asked else {"frame_rate_hz": 1e6}
+    for camera in (given,) if asked else ({}, given):
         curve, *others = read_curves(CASES / name, **camera)
         assert curve.max_radius == pytest.approx(245e-6, rel=0.03)
         assert curve.frame_rate == pytest.approx(1e6)

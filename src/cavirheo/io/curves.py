@@ -39,14 +39,17 @@ _LATEST_START = 0.25  # of the duration of the first shot: where shots below it 
 _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all before it may part two shots
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
+_CAMERA_TOLERANCE = 0.01  # relative; a frame rate or scale that differs by more from the file's is a doubt
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 
 
 class Camera(NamedTuple):
-    """What is known of the camera: frames per s, micrometres per pixel; None: not known."""
+    """What is known of the camera: frames per s, micrometres per pixel; None: not known. scale_alone: the scale is that
+    of the user, and the file states none."""
 
     frame_rate: float | None = None
     um_per_px: float | None = None
+    scale_alone: bool = False
 
 
 class Form(NamedTuple):
@@ -100,7 +103,7 @@ def read_text(source: Source, density: float, pressure: float, camera: Camera) -
     if tables[0].titles:
         names = [table.name for table in tables] if len(tables) > 1 else [""]
         return read_each([*zip(names, tables, strict=True)], partial(read_table, camera))
-    return [curve for table in tables for curve in _read_without_header(table, density, pressure)]
+    return [curve for table in tables for curve in _read_without_header(table, density, pressure, camera)]
 
 
 def read_each(parts: Collection[tuple[str, Part]], read: Callable[[Part], list[RadiusCurve]]) -> list[RadiusCurve]:
@@ -134,7 +137,7 @@ def read_table(camera: Camera, table: Table) -> list[RadiusCurve]:
     """Read the curves of a table. Raises InputError: an unknown layout, a missing column, a cell that is no number, or
     a frame rate or scale that is needed and not given."""
     series = _series(table)
-    camera, meta, used = _facts(table, camera)
+    camera, meta, used, warnings = _facts(table, camera)
     used += [column for one in series for column in one.used]
     notes = [*meta["notes"], series[0].form.note]
     titles = [one.radius[0].title.removeprefix(f"{table.name}/") for one in series]
@@ -147,7 +150,8 @@ def read_table(camera: Camera, table: Table) -> list[RadiusCurve]:
     notes.append(_unused(table, {column.index for column in used}))
     meta["notes"] = list(filter(None, notes))
     several_clocks = len({one.clock.index for one in series if one.clock}) > 1
-    return read_each([*zip(names, series, strict=True)], partial(_read_series, camera, meta, several_clocks))
+    curves = read_each([*zip(names, series, strict=True)], partial(_read_series, camera, meta, several_clocks))
+    return [curve.labelled(warnings=(*curve.warnings, *warnings)) for curve in curves]
 
 
 def _series(table: Table) -> list[_Series]:
@@ -205,24 +209,32 @@ def stated(table: Table) -> dict[str, tuple[Column, float]]:
     return facts
 
 
-def _facts(table: Table, camera: Camera) -> tuple[Camera, dict[str, Any], list[Column]]:
+def _facts(table: Table, camera: Camera) -> tuple[Camera, dict[str, Any], list[Column], list[Message]]:
     """Return the camera as the user gives it, else as the file states it; the `meta` of a curve with what is stated of
-    the medium, and notes; and the columns of all that is taken from the file."""
+    the medium, and notes; the columns of all that is taken from the file; and a warning where both differ."""
     meta: dict[str, Any] = {"notes": [*table.notes]}
-    used = []
+    used, warnings = [], list[Message]()
+    camera = camera._replace(scale_alone=camera.um_per_px is not None)
     for kind, (column, value) in stated(table).items():
         if kind in CONSTANTS:
             meta.setdefault("medium", {})[kind] = value
             unit = CONSTANTS[kind].unit
-        elif getattr(camera, OF_CAMERA[kind][0]) is None:
-            field, unit, of_camera = OF_CAMERA[kind]
-            camera = camera._replace(**{field: of_camera(value)})
         else:
-            continue
+            field, unit, of_camera = OF_CAMERA[kind]
+            known, found = getattr(camera, field), of_camera(value)
+            if known is not None:
+                what = "um per pixel" if field == "um_per_px" else "frames per second"
+                if abs(known / found - 1.0) > _CAMERA_TOLERANCE:
+                    differ = {"given": known, "what": what, "origin": column.title, "value": found}
+                    warnings.append(Message("check_input.camera_differs", differ))
+                camera = camera._replace(scale_alone=camera.scale_alone and field != "um_per_px")
+                continue
+            changes: Any = {field: found}
+            camera = camera._replace(**changes)
         used.append(column)
         what = f"the file states the {kind.replace('_', ' ')}: {column.title} = {value:.6g} {unit}"
         meta["notes"].append(what.rstrip())
-    return camera, meta, used
+    return camera, meta, used, warnings
 
 
 def _unused(table: Table, used: set[int]) -> str:
@@ -254,13 +266,14 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
         message += "first one; formulas that were never calculated have no values before a spreadsheet saves them"
         raise InputError(message, "table.empty")
     std = _deviations(series, radius, notes)
-    scale = 1.0
+    scale, scale_unused = 1.0, False
     if camera.um_per_px is not None and in_pixels:
         scale, unit = camera.um_per_px, "um"
         notes.append(f"radii in pixels of {scale:g} um")
     elif camera.um_per_px is not None:
         why = "the radii have a unit of length" if unit else "the radii are too small for pixels"
         notes.append(f"the scale is not used: {why}")
+        scale_unused = camera.scale_alone
     rows_of: dict[str, list[int]] = {}
     for row, label in enumerate(_labels(series.shot, notes) if series.shot else ()):
         rows_of.setdefault(label, []).append(row)
@@ -281,7 +294,9 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
                 about["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
             seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
             curve = _curve(seconds, scale * radius[chosen], scale * std[chosen], unit_of_time, unit, about)
-            curve = curve.labelled(warnings=(*curve.warnings, *_aspherical(series.radius, radius, chosen)))
+            doubts = [*_aspherical(series.radius, radius, chosen), *_other_rate(curve, camera)]
+            doubts += [Message("check_input.scale_unused", {"given": camera.um_per_px})] if scale_unused else []
+            curve = curve.labelled(warnings=(*curve.warnings, *doubts))
             curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
         return curves
 
@@ -356,6 +371,16 @@ def _aspherical(columns: Sequence[Column], radius: Floats, rows: Indices) -> tup
     return (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
 
 
+def _other_rate(curve: RadiusCurve, camera: Camera) -> tuple[Message, ...]:
+    """Return a warning if the times contradict the frame rate."""
+    steps = np.diff(curve.time)
+    if camera.frame_rate is None or not steps.size:
+        return ()
+    rate = float(np.sum(np.round(steps / np.median(steps))) / np.sum(steps))  # gaps and rounded times count whole
+    differs = abs(camera.frame_rate / rate - 1.0) > _CAMERA_TOLERANCE
+    return (Message("check_input.rate_unused", {"given": camera.frame_rate, "rate": rate}),) if differs else ()
+
+
 def _labels(shot: Column, notes: list[str]) -> list[str]:
     """Return the (n,) labels of shots: 1.0 is 1, and a blank cell has the label above it, which a note says; those
     above all labels are "unlabelled"."""
@@ -402,6 +427,13 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
     if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
         notes.append(f"times in {clock.title!r} have too few digits: {rate:.6g} frames per second are used instead")
         return np.arange(len(time)) / rate, "s"
+    if counts and len(steps) >= _FEWEST_FRAMES:
+        message = (
+            f"{clock.title!r} counts by one and has no unit: are these numbers of frames, or times? give the frame "
+        )
+        raise InputError(
+            f"{message}rate (--fps 1e6), or write a unit into the title, as in time_us", "table.frame_rate"
+        )
     if rate is not None:
         notes.append("the frame rate is not used: the file has times")
     return time, clock.unit
@@ -461,7 +493,7 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: Indices) -> Radi
     return curve
 
 
-def _read_without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
+def _read_without_header(table: Table, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read a column of times and one of radii whose sizes prove their units."""
     width = max(len(row.texts) for row in table.rows)
     values = [Column(table, index, "", Name()).numbers for index in range(width)]
@@ -475,7 +507,7 @@ def _read_without_header(table: Table, density: float, pressure: float) -> list[
     notes = ["no header: columns taken as time and radius", *table.notes]
     if empty.any():
         notes.append(f"{np.count_nonzero(empty)} rows with radius <= 0 left out")
-    curves = read_table(Camera(), Table(CURVES, [], notes, titles=titles, arrays=arrays))
+    curves = read_table(camera, Table(CURVES, [], notes, titles=titles, arrays=arrays))
     ratios = [ratio for curve in curves if (ratio := curve.rayleigh_ratio(density, pressure))]
     if not ratios or not all(_RATIOS[0] <= ratio <= _RATIOS[1] for ratio in ratios):
         raise InputError(f"no header, and the numbers do not prove their units; {HEADER_ADVICE}", "table.header")
