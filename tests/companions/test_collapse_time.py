@@ -103,7 +103,7 @@ def test_outliers_do_not_decide_and_bounds_are_told():
 def test_one_shot_is_one_relation():
     one = table(1)
     found = estimate(*one)
-    assert (values(found), found.complete) == ((None, None), False)
+    assert (values(found), found.complete, estimate(*table(2)).complete) == ((None, None), False, False)
     assert "--viscosity" in found.message
     assert estimate(*one, viscosity=0.1).shear_modulus_Pa.median == pytest.approx(1e4, rel=1e-3)
     assert estimate(*one, shear_modulus=1e4).viscosity_Pa_s.median == pytest.approx(0.1, rel=1e-3)

@@ -63,8 +63,9 @@ class CollapseEstimate(Record):
 
     @property
     def complete(self) -> bool:
-        """Whether G and mu both have a value."""
-        return self.shear_modulus_Pa.median is not None and self.viscosity_Pa_s.median is not None
+        """Whether G and mu both have a value, and those that were fitted an interval."""
+        values = self.shear_modulus_Pa.median, self.viscosity_Pa_s.median, self.scatter
+        return all(value is not None for value in values)
 
 
 def unusable(max_radius: float, stretch: float, time: float) -> str:
@@ -216,6 +217,8 @@ def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
     if G.median is None and mu.median is None:
         why = "one collapse time is one relation between G and µ: add shots of other R_max, or give --viscosity"
         messages.append(why if n == 1 else "the shots are too alike (R_max, lambda) to tell G from µ: give --viscosity")
+    elif None in (G.median, mu.median):
+        messages.append(f"of {'G' if G.median is None else 'µ'} only bounds are known: add shots of other R_max")
     if free == 0:
         messages.append("as many shots as unknowns: no interval")
     if scatter is not None and scatter > _MAX_SCATTER:

@@ -68,7 +68,8 @@ class Rheometer(Verb):
         sweeps = run.read("sweep", files, lambda path: rheometer.read_sweeps(path, at))
         idle = self.at is not None and all(sweep.kind == "strain" for sweep in sweeps)
         run.notes += [f"no µ at {at:g} rad/s (--at): there is no frequency sweep"] if idle else []
-        rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), at=at, **run.document_fields)
+        name = rheometer.shared_name([Path(source) for source in dict.fromkeys(sweep.source for sweep in sweeps)])
+        rheometry = rheometer.rheometry(sweeps, name, at=at, **run.document_fields)
         run.write_document(outputs, rheometry)
         run.end(f"written to {self.out}", idle or any(sweep.message for sweep in sweeps))
 
@@ -130,6 +131,8 @@ class Design(Verb, settings.Liquid, settings.BubbleOptions):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.design import DRAWS, Rig, design
+        from cavirheo.loading import load
+        from cavirheo.reporting.record import Result
 
         if self.group is not None and self.result is None:
             message = "--group names a group of a result.json: give the file, or leave out --group"
@@ -147,7 +150,7 @@ class Design(Verb, settings.Liquid, settings.BubbleOptions):
         outputs = run.outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
         with run.progress_bar("answering", len(rig.settings()) * DRAWS) as advance:
             how: dict[str, Any] = {"wanted": 0.01 * self.wanted_percent, "seed": self.seed, "done": advance}
-            document = design(self.result, rig, group=self.group, ranges=ranges, **how)
+            document = design(self.result and load(self.result, Result), rig, group=self.group, ranges=ranges, **how)
         fields = run.document_fields | {"notes": [*run.notes, *document.notes]}
         run.write_document(outputs, document.model_copy(update=fields))
         run.end(f"written to {self.out}")
