@@ -98,7 +98,7 @@ def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
 
 def test_bad_settings_are_told_to_programs(client):
     wrong = {"secret": {"model": "../../secret.npz"}, "density": {"density": -3.0}, "helium": {"bubble": "helium"}}
-    wrong["no such law|unknown|material"] = {"material": "jelly"}
+    wrong |= {"no such law|unknown|material": {"material": "jelly"}, "are excluded of recordings": {"exclude": "3"}}
     for named, settings in wrong.items():
         with told(named):
             ask(client, SOFT, **settings)
@@ -247,11 +247,10 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
 
 
 TYPED = [  # into the fields, and those that are wrong; the number that is read
-    ({"density": "1050", "window": 2}, [], 1050.0),
+    ({"density": "1002.5", "window": 2}, [], 1002.5),
     ({"density": "1,050", "stretch": "0.5"}, ["density", "stretch"], None),
     ({"density": "1.05"}, ["density"], None),
     ({"fps": "270.000", "um_per_px": "-1"}, ["fps", "um_per_px"], None),
-    ({"density": "1002.5"}, [], 1002.5),
     ({"exclude": "12, 40-45", "exposure_us": "0.4"}, [], None),
     ({"exclude": "x", "exposure_us": "0"}, ["exposure_us", "exclude"], None),
     ({"bubble": "auto"}, ["bubble"], None),

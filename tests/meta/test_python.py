@@ -40,10 +40,8 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer(CURVE, material=""), "''"),
     (lambda: cavirheo.read_curves("shot.csv", frame_rate_hz="x"), "'x'"),
     (lambda: cavirheo.infer(CURVE, windows=2), "infer has no option windows; it has curve, medium, stretch, "),
-    (
-        lambda: cavirheo.infer_many([CURVE], windows=2),
-        "infer_many has no option windows; it has curves, ",
-    ),
+    (lambda: cavirheo.infer_many([CURVE], windows=2), "infer_many has no option windows; it has curves, "),
+    (lambda: Medium(density=3, unusual="no"), "True or False as unusual; got str 'no'"),
     (lambda: cavirheo.fit([CURVE]), "fit_many"),
     (lambda: cavirheo.fit(CURVE, GEL), "nhkv"),
     *((lambda law=law: cavirheo.fit(CURVE, law), law) for law in ("jelly", "nhkv(8e3, 0.1)")),

@@ -221,7 +221,8 @@ class Session:
             curves, problems = self.measured[key]
             contents += curves
             failed += [] if curves else problems
-        curves, problems = self.visitors.reader.read(self.uploads, contents, **settings.read_options)
+        options = settings.read_options | {"exclude": None if recordings else settings.exclude}  # a table refuses it
+        curves, problems = self.visitors.reader.read(self.uploads, contents, **options)
         return curves, failed + problems
 
     @property

@@ -46,8 +46,8 @@ class Options:
 
     def __post_init__(self) -> None:
         if isinstance(self.free, str):
-            names = (name.strip() for name in self.free.split(","))
-            object.__setattr__(self, "free", tuple(name for name in names if name not in ("", "none")))
+            names = tuple(name.strip() for name in self.free.split(",") if name.strip())
+            object.__setattr__(self, "free", () if names == ("none",) else names)
         for name, (holds, expected) in _DOMAINS.items():
             value = getattr(self, name)
             try:

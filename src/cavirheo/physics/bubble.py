@@ -101,8 +101,8 @@ class Bubble:
             raise InputError(f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}", "option.damage")
         if self.wall_distance is not None and self.confinement_inertia != 0:
             raise InputError("give either confinement_inertia or wall_distance, not both", "physics.two_walls")
-        if self.exponent is not None and not (isinstance(self.exponent, Real) and 0 < self.exponent < 10):
-            message = "the exponent of the gas (--polytropic; in Python exponent=) must lie between 0 and 10"
+        if self.exponent is not None and not (isinstance(self.exponent, Real) and 1 <= self.exponent < 10):
+            message = "the exponent of the gas (--polytropic; in Python exponent=) must be from 1 to 10"
             raise InputError(f"{message}, such as 1 (isothermal) or 1.4, got {self.exponent!r}", "physics.exponent")
         if self.exponent is not None and (self.contents != "equilibrium" or self.vapour_excess != 0):
             message = "with an exponent of the gas (--polytropic) no vapour condenses: leave it out, or "
