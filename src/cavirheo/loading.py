@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os.path import isdir, isfile  # these two also work for names that no file can have
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar, overload
@@ -48,6 +49,8 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     kind = object if kind is None else kind
     expect(kind, type, "a class such as Result, of cavirheo.reporting.record")
     path = as_path(path)
+    if (document := document_of(path)) and not isdir(path) and document != path:
+        raise InputError(f"{path} is written from {document}: give that file", "loading.copy")
     if path.is_dir():
         documents = documents_in(path)
         if len(documents) != 1:
@@ -70,6 +73,15 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
 def documents_in(folder: Path) -> list[Path]:
     """The documents of a folder that have their usual names."""
     return [folder / name for name in NAMES if (folder / name).is_file()]
+
+
+def document_of(path: Path) -> Path | None:
+    """The document that a path is, holds or is made of (a table or report); None of other files."""
+    if isdir(path):
+        return next(iter(documents_in(path)), None)
+    made = path.name == "result.csv" or path.suffix.lower() in (".html", ".htm")
+    document = path.with_name("result.json") if made else path
+    return document if document.name in NAMES and isfile(document) else None
 
 
 def print_table(document: Document, folder: Path = Path()) -> None:

@@ -65,7 +65,8 @@ class Watch:
         batch = self._waiting[: 2 * cores()]
         self._waiting = self._waiting[len(batch) :]
         for index, answer in analyse(batch, self.analysis, self.store):
-            self.show(batch[index], answer)
+            if batch[index].unusable not in self.unreadable:  # of which a line tells already
+                self.show(batch[index], answer)
         if complete or batch:
             self.write()
         return bool(new or self._waiting)
@@ -77,9 +78,9 @@ class Watch:
         return self.publish(pairs, notes)
 
     @property
-    def unreadable(self) -> int:
-        """Number of files that cannot be read."""
-        return sum(bool(content.problems) for _, content in self._files.values())
+    def unreadable(self) -> list[str]:
+        """Why files cannot be read."""
+        return [problem for _, content in self._files.values() for problem in content.problems]
 
     def _answer(self, curve: RadiusCurve) -> Posterior | None:
         return self.store.get(self.analysis.key(curve))

@@ -52,32 +52,32 @@ infer shot.csv --windo 3
 infer nowhere.csv
 which-law shot.csv --bubble real,field | '--bubble': 'real,field' is not one of
 fit shot.csv --free clock
+fit shot.csv --free none,t0 | got ('none', 't0')
 infer shot.csv --surface-tension 0,07 | use a decimal point
 infer shot.csv --scale-error 1 --scale-error=50 | from 0 to 20, got '50'
-design --rmax-um 50 3,5 | '3,5': use a decimal point
-design --rmax-um 50 1e6 | from 0.01 to 50000, got '1e6'
 design --rmax-um 400 50 | got 400 to 50 um
-design --noise-percent 60 | up to 49, got '60'
-fit shot.csv --window-us -5 | '--window-us': the value must be a number above 0, got '-5'
 simulate -o o --rmax-um 90 --stretch 1 --material newtonian(1) --pulse 100 -1 1 | MHz of --pulse must be above 0, got -1
 simulate -o o --rmax-um 1e6 --stretch 5 --material newtonian(1) | from 0.01 to 50000, got '1e6'
 compare . --references refs.csv
-simulate -o o
-show
+show nothing | does not exist
+show other.json
+show empty | no measurement in this folder
 generate nowhere.toml -o d
 generate recipe.toml -n 2 -o d --scheduler http://a:1
 generate recipe.toml -n 2 -o d --scheduler tcp://a:1 --slurm 2
 infer shot.csv --model nobody.onnx
+infer shot.csv --model bdt-viscoelastic --exact-law | --exact-law has no effect
+infer shot.csv -o | see cavirheo infer --help
 measure film.mraw
 measure film.mraw --roi 0,0,99,99
 which-law missing.csv --laws nhkv,foo | foo
 which-law shot.csv --laws nhkv | nhkv
-infer missing.csv --rmax-um -5 | got '-5'
 simulate -o o --rmax-um 90 --stretch 5 --material nhkv(2e3) | viscosity
 simulate -o o --rmax-um 90 --stretch 5 --material gent | gent(shear_modulus [Pa], limit [-])
 simulate -o o --rmax-um 90 --stretch 5 | --material
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --fps 1e15 | frames
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --contents kinetic | --polytropic
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 0.5 | must be from 1 to 10
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --accommodation 0.1 | --contents kinetic
 """.splitlines()[1:]
 
@@ -88,6 +88,8 @@ def lab(run, tmp_path, monkeypatch):
     monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
     for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer"):
         monkeypatch.setattr(f"cavirheo.{name}", lambda *_, **__: pytest.fail("it computes"))
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "other.json").write_text('{"a": 1}')
     lines = EXAMPLE.read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
     write_mraw(tmp_path / "film.mraw", np.zeros((3, 16, 16)), 8)

@@ -95,6 +95,7 @@ def test_show_prints_a_document_as_its_verb_did_whole_on_any_terminal_and_clean(
     assert [part for part in (document.command, document.date, document.version) if part not in head] == []
     monkeypatch.setenv("COLUMNS", "60")
     assert {*re.findall(r"\w*\d[\w.]*", out)} <= {*re.findall(r"\w*\d[\w.]*", done(run("show", verb)))}
+    refusal(run("fit", path, "-o", "x"), f"`cavirheo show {path}`")
     evil = path.read_text("utf-8").replace("gel", json.dumps(EVIL[:-1])[1:-1])  # as somebody else may write it
     path.write_text(evil, "utf-8")
     out = done(run("show", path))
@@ -112,27 +113,23 @@ def test_no_control_character_of_a_name_reaches_the_terminal_or_a_file(run, recw
     assert rows_of("r/result.csv")[0]["name"].startswith("gel")
 
 
-def test_show_a_measurement(run, tmp_path):
+def test_show_a_measurement(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
     curve = read_curves(EXAMPLE)[0]
     write_curve(tmp_path / "shot.csv", curve)
     write_curve(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
     out = done(run("show", "shot.csv"))
-    assert [part for part in ("shot", "267", "131 of 160", "1000") if part not in out] == []
+    assert [part for part in ("shot", "267", "131 of 160", "1000", " 4\n") if part not in out] == []
     assert "check input: pixels: " in done(run("show", "pixels.csv"))
 
 
-@pytest.mark.parametrize("name", ["nothing", "other.json", "empty"])
-def test_show_refuses_in_one_line(run, tmp_path, name):
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "other.json").write_text('{"a": 1}')
-    refusal(run("show", name), *{"nothing": ["does not exist"], "empty": ["no measurement"]}.get(name, []))
-
-
-def test_names_that_look_alike_when_shortened_show_where_they_differ(run):
+def test_names_that_look_alike_when_shortened_show_where_they_differ(run, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     names = [f"2E6_Ag_05_of_the_third_batch_at_37_degrees_{k:03}_RofTdata_0" for k in (1, 2)]
-    written("r", [(curve.with_group("gel", "a.csv"), made) for curve, made in answers(names)], draw=False)
-    lines = done(run("show", "r")).splitlines()
-    assert [sum(f"00{k}" in line for line in lines) for k in (1, 2)] == [1, 1]
+    pairs = answers(names, "check_input")
+    written("r", [(curve.with_group("gel", "a.csv"), made) for curve, made in pairs], draw=False)
+    first, second = (line for line in done(run("show", "r")).splitlines() if line.endswith("check input: test"))
+    assert ("001" in first, "002" in second, len(second) <= 80) == (True, True, True)
 
 
 def test_two_shots_need_more_of_their_material_and_shots_alone_have_the_lines_of_their_answers(run):
@@ -140,4 +137,6 @@ def test_two_shots_need_more_of_their_material_and_shots_alone_have_the_lines_of
     written("alone", pairs, draw=False)
     written("two", [(curve.with_group("gel", "a.csv"), made) for curve, made in pairs], draw=False)
     assert "\nuse   G and µ with interval\nnext " in done(run("show", "alone"))
+    written("doubt", [*answers(["c"], "bound"), *answers(["d"], "check_input")], draw=False)
+    assert "\nnext  the same command with " in done(run("show", "doubt"))
     assert "\nnext  more shots of this material in the same command " in done(run("show", "two"))

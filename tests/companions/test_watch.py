@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from answers import answer, unanswered
-from conftest import ANSWER, BDT, EXAMPLE
+from conftest import ANSWER, BDT, EXAMPLE, refusal
 
 from cavirheo import load
 
@@ -119,6 +119,7 @@ def test_doubled_files_are_counted_once_and_named_and_shots_are_added_to_a_file(
 
 def test_the_command_answers_as_infer_does(run, tmp_path):
     (tmp_path / "in").mkdir()
+    refusal(run("watch", "in", "--once", "-o", "c", "--quiet"), "in holds no measurement")
     write(tmp_path / "in", 1, 2)
     how = (*BDT, "--no-pictures", "--quiet")
     assert run("infer", "in", "-o", "a", *how)[0] == run("watch", "in", "--once", "-o", "b", *how)[0] == 0

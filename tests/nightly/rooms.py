@@ -115,7 +115,7 @@ def judged(room: str, paths: Mapping[str, Path], given: Mapping[str, str]) -> Ou
     if not wrong and ("<script>alert" in html or "<img src=x" in html):
         wrong = "markup of a file is in the report"
     errors = [line for line in said.err.splitlines() if line.startswith("error:")]
-    twice = [line for line in (said.out + said.err).splitlines() if "same recording" in line]
+    twice = [line for line in (said.out + said.err).replace("\n      ", " ").splitlines() if "same recording" in line]
     found = {}
     for key in paths:
         lines = [line for line in errors if f"/{key}/" in line]

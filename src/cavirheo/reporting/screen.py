@@ -16,6 +16,7 @@ MOST_EXCEPTIONS = 11  # rows of exceptions
 WIDTH = 80  # columns of a terminal that is not wider
 MOST_NOTES = 3  # notes on the run; the report has all
 _NAME = 28  # most characters of the name of a shot; in a table that is too wide SHORT_NAME
+_FEWER = ("λ", "R_max µm", "RMSE %")  # columns that a table that is too wide leaves out, in this order
 _LABEL = 6  # columns before the text of a line below the shots
 _MOST_LINES = 3  # of the terminal, for each label below the shots
 
@@ -28,7 +29,7 @@ def print_result(
     printed_notes: notes that were already printed on stderr."""
     notes = [note for note in result.notes if note not in printed_notes]
     for note in notes[:MOST_NOTES]:
-        _say("note", note)
+        _say("note", note, most=None)
     if len(notes) > MOST_NOTES:
         _say("note", f"{digits.counted(len(notes) - MOST_NOTES, 'more note')} in the report")
     _print_laws(result, every_pair=every_shot)
@@ -57,9 +58,10 @@ def print_result(
             clauses = [text if len(of) == len(shots) else f"{listed(of)}: {text}" for text, of in texts]
             if clauses:
                 _say(label, _fitting(clauses), most=_MOST_LINES)
-        groups = [group for group, _ in by_itself]
-        doubtful = next((group for group in groups if group.verdict != "ok"), groups[0])
-        _print_answer_line(advice.next_step(result, doubtful, shots, out))
+        order = list(digits.VERDICT_STYLES)
+        worst = max((group for group, _ in by_itself), key=lambda group: order.index(group.verdict))
+        alike = [shot for group, (shot,) in by_itself if group.verdict == worst.verdict]
+        _print_answer_line(advice.next_step(result, worst, alike, out))
     if any(group.published for group in result.groups):
         print_comparison(result)
 
@@ -137,20 +139,23 @@ def _print_rows(result: Result, shots: advice.Shots, outliers: Collection[str], 
 
 def _print_table(result: Result, shots: advice.Shots, names: Sequence[str]) -> None:
     """A row for each of these shots. names: of all shots of their group. Where rows are too wide, names are shortened,
-    then the stretch is left out."""
-    for width, with_stretch in ((_NAME, True), (digits.SHORT_NAME, True), (digits.SHORT_NAME, False)):
+    then columns are left out, then verdicts have lines of their own."""
+    gap = "  "
+    for width, count in ((_NAME, 0), *((digits.SHORT_NAME, count) for count in range(len(_FEWER) + 1))):
         short = dict(zip(names, digits.short_names(names, width), strict=True))
-        heads, rows = advice.shots_table(result, shots, [short[shot.name] for shot in shots])
-        rows = [[*heads[:-1], ""], *rows]
-        if not with_stretch:
-            rows = [[name, size, *cells] for name, size, _, *cells in rows]
-        first, *widths, last = (max(map(len, column)) for column in zip(*rows, strict=True))
-        if first + sum(widths) + last + 2 * len(rows[0]) - 2 <= _width():
+        heads, rows = advice.shots_table(result, shots, [digits.spaced(short[shot.name]) for shot in shots])
+        marks = ["", *(row[-1] for row in rows)]
+        columns = [column for column in zip(heads[:-1], *rows, strict=False) if column[0] not in _FEWER[:count]]
+        first, *widths = (max(map(len, column)) for column in columns)
+        if first + sum(widths) + 2 * len(columns) + max(map(len, marks)) <= _width():
             break
+    else:
+        gap = "\n  "
     styles = ["", *(digits.VERDICT_STYLES[shot.verdict].terminal for shot in shots)]
-    for (name, *cells, mark), style in zip(rows, styles, strict=True):
+    for (name, *cells), mark, style in zip(zip(*columns, strict=True), marks, styles, strict=True):
         line = [name.ljust(first), *(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))]
-        terminal.print_line(("  ".join(line), "" if style else "dim"), (f"  {mark}".rstrip(), style))
+        text = "  ".join(line).replace(digits.FILLER, "")
+        terminal.print_line((text, "" if style else "dim"), (f"{gap}{mark}".rstrip(), style))
 
 
 def _print_answer(result: Result, group: GroupRecord, shots: advice.Shots, out: Path) -> None:
@@ -181,9 +186,9 @@ def _fitting(clauses: Sequence[str]) -> str:
     return clauses[0]
 
 
-def _say(label: str, text: str, *, style: str = "", most: int = 1) -> None:
+def _say(label: str, text: str, *, style: str = "", most: int | None = 1) -> None:
     """Print a label and a text in at most `most` lines, broken between words; a single line is not broken."""
     head = f"{label} ".ljust(_LABEL)
-    lines = terminal.lines_of(text, _width() - len(head), most) if most > 1 else [text]
+    lines = terminal.lines_of(text, _width() - len(head), most) if most != 1 else [text]
     for k, line in enumerate(lines):
         terminal.print_line((head if k == 0 else " " * len(head), "bold"), (line, style))

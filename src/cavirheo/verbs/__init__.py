@@ -12,7 +12,7 @@ import cavirheo
 from cavirheo.errors import InputError, SolverError
 from cavirheo.settings import option
 from cavirheo.verbs import companions, curves, histories, showing, training
-from cavirheo.verbs.run import Command
+from cavirheo.verbs.run import Command, UsageError
 from cavirheo.writing.terminal import say, write
 
 _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a function where the options are few
@@ -29,7 +29,6 @@ _EXTRAS = {  # libraries that a part of the program needs, and the extra that in
     **dict.fromkeys(("torch", "safetensors"), "train"),
     **dict.fromkeys(("distributed", "dask", "dask_jobqueue", "cryptography"), "cluster"),
 }
-_UsageError: Any = typer.BadParameter.__base__  # an error in the call; typer has no public name for it
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -64,7 +63,7 @@ def main() -> None:
         if status == 130:  # typer's for Ctrl-C
             say("interrupted")
         sys.exit(status)
-    except _UsageError as error:
+    except UsageError as error:
         error.message = error.message.removeprefix("Value error, ")  # of pydantic, with which typer reads choices
         message = error.format_message()
         if "\n" in message.strip():  # no arguments at all: show the help

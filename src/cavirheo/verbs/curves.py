@@ -4,7 +4,7 @@ The annotations of options are objects, not text, as in settings.py.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; or a folder"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
+# options that change draws alone, of which a network has none
+_OF_DRAWS = ("exposure_us", "exact_law", "scale_error", "rate_error", "density_error", "pressure_error")
 _PICTURES = "draw pictures; --no-pictures is faster"
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
@@ -45,6 +47,16 @@ class _AnsweringVerb(Verb, settings.Settings):
     pressure_error: Annotated[float, _error("the same of the pressure, %")] = 1.0
     every_shot: Annotated[bool, option("print a row for each shot, not for exceptions alone", OUTPUT, "--all")] = False
     pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
+
+    @property
+    def analysis(self) -> "Analysis":
+        analysis = super().analysis
+        if analysis.method == "bdt":
+            values = ((field.name, getattr(self, field.name) != field.default) for field in fields(self))
+            for name in (name for name, given in values if given and name in _OF_DRAWS):
+                message = f"the model {analysis.model} gives one value each, on which --{name.replace('_', '-')}"
+                raise InputError(f"{message} has no effect: leave out the option or the model", "option.idle")
+        return analysis
 
     @property
     def errors(self) -> "CommonErrors":
@@ -220,7 +232,7 @@ class Watch(settings.InferOptions, _AnsweringVerb):
 
         store = Store(self.out / "watched")
         how = self.analysis, self.group, self.read_recordings
-        watched = watch.Watch(self.folder, store, *how, notify=run.say, show=show, publish=publish)
+        watched = watch.Watch(self.folder, store, *how, notify=run.note, show=show, publish=publish)
         load_solver()
         watched.write()
         report = self.out / "report.html"
@@ -232,7 +244,10 @@ class Watch(settings.InferOptions, _AnsweringVerb):
         except KeyboardInterrupt:  # the usual end
             stopped = True
         document = watched.write()
-        run.show(document, partial(print_result, out=self.out, every_shot=self.every_shot))
-        run.unreadable = 0 if stopped else watched.unreadable
+        if not document.curves and not stopped:
+            raise InputError(f"{self.folder} holds no measurement: run it again when there is one", "watch.nothing")
+        shown = partial(print_result, out=self.out, every_shot=self.every_shot, printed_notes=run.printed_notes)
+        run.show(document, shown)
+        run.unreadable = 0 if stopped else len(watched.unreadable)
         failed = not stopped and has_problems(document)
         run.end(digits.counted(len(document.curves), "curve"), failed, f"; report: {report}")

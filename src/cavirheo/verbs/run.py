@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
     from cavirheo.writing.document import Document, Outputs
 
+UsageError: Any = typer.BadParameter.__base__  # an error in the call; typer has no public name for it
 Content = TypeVar("Content")
 # options that change no answer
 _NEUTRAL_OPTIONS = {"out", "replace", "quiet", "pictures", "every_shot", "scheduler", "slurm", "once"}
@@ -126,8 +127,22 @@ class Run:
     def files(self, patterns: list[Path]) -> list[Path]:
         """The files of the folders and patterns, each once, and a film with its header as one."""
         from cavirheo.io.files import expand, without_headers
+        from cavirheo.loading import document_of
 
-        return without_headers(self.read("file", patterns, lambda pattern: expand(pattern, self.say)))
+        def files_of(pattern: Path) -> list[Path]:
+            document = document_of(pattern)
+            try:
+                paths = expand(pattern, self.say)
+            except InputError:  # a folder without measurements
+                paths = [pattern]
+                if not document:
+                    raise
+            if document and paths == [pattern]:
+                message = f"no measurement in {pattern}: `cavirheo show {document}` prints what it holds"
+                raise InputError(message, "run.document")
+            return paths
+
+        return without_headers(self.read("file", patterns, files_of))
 
     def outputs(self, folder: Path, *names: str, inputs: Iterable[Path] = ()) -> "Outputs":
         """Hold a folder until the run ends; returns its `Outputs`. Raises InputError."""
@@ -165,6 +180,11 @@ class Run:
         outputs.write(f"{document.kind}.json", write_json, document)
         outputs.finish()
         self.show(document)
+
+    def note(self, text: str) -> None:
+        """Print a note of the document on stderr, unless the run is quiet."""
+        self.printed_notes.append(text)
+        self.say(text)
 
     def say(self, text: str) -> None:
         """Print one line on stderr, unless the run is quiet."""
@@ -213,6 +233,14 @@ class Command(TyperCommand):
                     verb(run)
         except KeyboardInterrupt:
             raise typer.Exit(130) from None
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As typer; errors that it raises without a context get this one, by which the help page is named."""
+        try:
+            return super().parse_args(ctx, args)
+        except UsageError as error:
+            error.ctx = error.ctx or ctx
+            raise
 
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:
         """Return the rows (argument or option, its help) of each panel, by title."""

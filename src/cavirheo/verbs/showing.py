@@ -13,6 +13,7 @@ from cavirheo.settings import argument, number, option
 from cavirheo.writing import digits, terminal
 
 _HOST = "address to listen on; 0.0.0.0 is open to the network, without a password"
+_NAME = 26  # most characters of the name of a shot
 _FILE = "a document, a folder of results, a measurement"
 
 
@@ -23,11 +24,9 @@ def show(
     um_per_px: settings.UmPerPx = None,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
-    from cavirheo.loading import documents_in, load, print_table
+    from cavirheo.loading import document_of, load, print_table
 
-    if file.suffix.lower() in (".html", ".htm"):
-        raise InputError(f"{file} is a report for a browser: give its folder, {file.parent}", "show.report")
-    is_document = file.suffix.lower() == ".json" or bool(documents_in(file))
+    is_document = file.suffix.lower() == ".json" or document_of(file) is not None
     measurement = {"shots": shots, "fps": fps, "um-per-px": um_per_px}
     given = [name for name, value in measurement.items() if value is not None]
     if given and is_document:
@@ -55,7 +54,8 @@ def _show_curves(path: Path, **keywords: Any) -> None:
     names = digits.distinct_names([curve.name for curve in curves])
     curves = [curve.labelled(name=name) for curve, name in zip(curves, names, strict=True)]
     terminal.write(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
-    terminal.print_table(heads, [[curve.name, *summary_cells(curve)] for curve in curves])
+    rows = zip(digits.short_names(names, _NAME), map(summary_cells, curves), strict=True)
+    terminal.print_table(heads, [[name, *cells] for name, cells in rows])
     terminal.print_remarks(curve_warnings(curves), most=2, mark="check input:")
     terminal.print_remarks(curves_by_note(curves), remarks)
     for problem in problems:
@@ -96,10 +96,10 @@ def laws() -> None:
     for kind, names in KINDS.items():
         terminal.write(f"{kind}:")
         for name in names:
-            terminal.write(f"  {usage(name)}\n      {summary(name)}")
+            terminal.print_text(usage(name), indent=2)
+            terminal.print_text(summary(name), indent=6)
         terminal.write("")
-    terminal.write("A material is one law, or a sum of one elastic part, one viscous part and any with memory:")
+    terminal.print_text("A material is one law, or a sum of one elastic part, one viscous part and any with memory:")
     terminal.write(f"  --material '{EXAMPLE}'")
-    terminal.write(
-        "Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out."
-    )
+    values = "those with a value here (= 0) may be left out."
+    terminal.print_text(f"Parameters by position or by name (shear_modulus=2e3); {values}")

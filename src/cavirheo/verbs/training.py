@@ -22,11 +22,10 @@ def models() -> None:
 def about_network(name: str, content: dict[str, Any]) -> list[str]:
     """Return lines on what a model answers, for which recordings, and how well, from its card."""
     training, data = content["training"], content["data"]
-    tested = f"{data['test']} test curves"
     if content["kind"] == "emulator":
         lines = [f"{name}: R(t) of a bubble, from which `infer` draws"]
         errors = ", ".join(f"{quantile} {error:.2%}" for quantile, error in content["errors"].items())
-        lines.append(f"  error of the frames over R_max: {errors} ({tested})")
+        lines.append(f"  error of the frames over R_max: {errors}")
     else:
         lines = [f"{name}: {content['material']}, one value each without an interval"]
         for output in content["outputs"]:
@@ -36,9 +35,9 @@ def about_network(name: str, content: dict[str, Any]) -> list[str]:
                 low, high = 10**low, 10**high
             values = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
             error = f"R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f}"
-            lines.append(f"  {values:40s} {error} ({output['scale']} scale, {tested})")
+            lines.append(f"  {values:31s} {error} ({output['scale']} scale)")
     minutes = f"{training['seconds'] / 60:.0f} min on {training['device']}"
-    return [*lines, f"  trained on {data['train']} simulated curves, {minutes}"]
+    return [*lines, f"  trained on {data['train']} simulated curves, tested on {data['test']}; {minutes}"]
 
 
 def generate(

@@ -23,13 +23,13 @@ class VerdictStyle(NamedTuple):
 
 
 SHORT_NAME = 16  # most characters of a name that is written in full everywhere
-VERDICT_STYLES = {
+VERDICT_STYLES = {  # from the best to the most serious
     "ok": VerdictStyle("ok", "#00694d", "green"),
     "bound": VerdictStyle("bound", "#1f5f8b", "cyan"),
+    "unverified": VerdictStyle("unverified", "#8a3068", "magenta"),
     "does_not_fit": VerdictStyle("does not fit", "#a34a00", "yellow"),
     "check_input": VerdictStyle("check input", "#7a5c00", "bright_yellow"),
     "failed": VerdictStyle("failed", "#b00020", "red"),
-    "unverified": VerdictStyle("unverified", "#8a3068", "magenta"),
 }
 MATERIAL_TITLES = {
     "auto": "a neo-Hookean spring that may stiffen, beside a dashpot, or a liquid that may thin",
@@ -46,6 +46,7 @@ BUBBLES = {"real": "real (vapour condenses slowly)", "field": "the field's (vapo
 SURE = "90 % sure"  # head of the ends between which a value lies with this probability
 MISSING = "–"
 NO_BREAK = "\u00a0"
+FILLER = "\0"
 _SIDES = {"upper": "below", "lower": "above"}  # by bound: on which side of the limit the value lies
 
 
@@ -181,12 +182,20 @@ def micrometres(value: float | None) -> str:
     return number(value, 1e6)
 
 
+def spaced(text: str) -> str:
+    """The text with a FILLER after each wide letter, as of Chinese: its length is its number of columns on a screen."""
+    from rich.cells import cell_len  # takes longer than a help page
+
+    return text if text.isascii() else "".join(letter + FILLER * (cell_len(letter) - 1) for letter in text)
+
+
 def elide(text: str, width: int) -> str:
-    """The text, shortened in the middle to `width`: the beginning names the material, and the end the shot."""
-    if len(text) <= width:
+    """The text, shortened in the middle to `width` columns: the beginning names the material, and the end the shot."""
+    letters = spaced(text)
+    if len(letters) <= width:
         return text
     tail = (width - 1) * 3 // 5
-    return text[: width - 1 - tail] + "…" + text[len(text) - tail :]
+    return (letters[: width - 1 - tail] + "…" + letters[len(letters) - tail :]).replace(FILLER, "")
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.writing.digits import NO_BREAK, elide, printable, together
+from cavirheo.writing.digits import FILLER, NO_BREAK, elide, printable, spaced, together
 
 MOST_REMARKS = 20  # of one kind below a table
 _LEAST_WORDS = 8  # characters of a column of words in a narrow terminal
@@ -79,7 +79,8 @@ def print_table(
         print_text(title, style="dim")
     grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     for head, column in zip(heads, zip(*rows, strict=True), strict=True):
-        look: Any = {"justify": "right", "no_wrap": True, "min_width": max(map(len, column))}
+        widest = max(len(line) for cell in (head, *column) for line in cell.splitlines())
+        look: Any = {"justify": "right", "no_wrap": True, "min_width": widest}
         if head in (heads[0], *left):
             look = {"min_width": _LEAST_WORDS}
         grid.add_column(head, overflow="fold", **look)
@@ -102,7 +103,8 @@ def names_by_text(texts: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
 def lines_of(text: str, width: int, most: int | None = None) -> list[str]:
     """The text in lines of `width`, `most` at most, broken between words, but not between a number and its unit."""
     how: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False, "placeholder": " …"}
-    return [line.replace(NO_BREAK, " ") for line in textwrap.wrap(together(text), width, max_lines=most, **how)]
+    lines = textwrap.wrap(spaced(together(text)), width, max_lines=most, **how)
+    return [line.replace(NO_BREAK, " ").replace(FILLER, "") for line in lines]
 
 
 def print_line(*parts: tuple[str, str]) -> None:
@@ -112,11 +114,12 @@ def print_line(*parts: tuple[str, str]) -> None:
     console().print(Text.assemble(*((printable(text), style) for text, style in parts)), soft_wrap=True)
 
 
-def print_text(text: str, *, first: str = "", look: str = "", style: str = "") -> None:
-    """Print a text, broken into lines by `lines_of`. first: its beginning, in the style `look`."""
-    for line in lines_of(printable(first + text), console().width):
+def print_text(text: str, *, first: str = "", look: str = "", style: str = "", indent: int = 0) -> None:
+    """Print a text, broken into lines by `lines_of`. first: its beginning, in the style `look`. indent: columns before
+    each line."""
+    for line in lines_of(printable(first + text), console().width - indent):
         head = line[: len(first)] if line.startswith(first) else ""
-        print_line((head, look), (line[len(head) :], style))
+        print_line((" " * indent + head, look), (line[len(head) :], style))
         first = ""
 
 
