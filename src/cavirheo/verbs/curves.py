@@ -51,11 +51,11 @@ class _AnsweringVerb(Verb, settings.Settings):
     @property
     def analysis(self) -> "Analysis":
         analysis = super().analysis
-        if analysis.method == "bdt":
-            values = ((field.name, getattr(self, field.name) != field.default) for field in fields(self))
-            for name in (name for name, given in values if given and name in _OF_DRAWS):
-                message = f"the model {analysis.model} gives one value each, on which --{name.replace('_', '-')}"
-                raise InputError(f"{message} has no effect: leave out the option or the model", "option.idle")
+        given = [field.name for field in fields(self) if getattr(self, field.name) != field.default]
+        idle = [f"--{name.replace('_', '-')}" for name in given if name in _OF_DRAWS]
+        if idle and analysis.method == "bdt":
+            message = f"the model {analysis.model} gives one value each, on which {' '.join(idle)}"
+            raise InputError(f"{message} has no effect: leave out the option or the model", "option.idle")
         return analysis
 
     @property
