@@ -66,7 +66,7 @@ generate nowhere.toml -o d
 generate recipe.toml -n 2 -o d --scheduler http://a:1
 generate recipe.toml -n 2 -o d --scheduler tcp://a:1 --slurm 2
 infer shot.csv --model nobody.onnx
-infer shot.csv --model bdt-viscoelastic --exact-law | --exact-law has no effect
+infer shot.csv --model bdt-viscoelastic --exact-law | do not depend on --exact-law
 infer shot.csv -o | see cavirheo infer --help
 measure film.mraw
 measure film.mraw --roi 0,0,99,99

@@ -54,8 +54,8 @@ class _AnsweringVerb(Verb, settings.Settings):
         given = [field.name for field in fields(self) if getattr(self, field.name) != field.default]
         idle = [f"--{name.replace('_', '-')}" for name in given if name in _OF_DRAWS]
         if idle and analysis.method == "bdt":
-            message = f"the model {analysis.model} gives one value each, on which {' '.join(idle)}"
-            raise InputError(f"{message} has no effect: leave out the option or the model", "option.idle")
+            message = f"the values of the model {analysis.model} do not depend on {', '.join(idle)}"
+            raise InputError(f"{message}: leave that out, or the model", "option.idle")
         return analysis
 
     @property
