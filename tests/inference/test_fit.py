@@ -41,9 +41,8 @@ def test_a_law_of_each_family_is_recovered(law, expected):
     assert answer.checks.rmse_over_rmax < 0.006
     assert holds(answer, 0.99, **expected)
     for parameter, value in expected.items():
-        assert answer.best[parameter] == pytest.approx(value, rel=0.25 if "qkv" in law else 0.15), (
-            parameter
-        )  # they trade
+        traded = 0.25 if "qkv" in law else 0.15
+        assert answer.best[parameter] == pytest.approx(value, rel=traded), parameter
 
 
 @pytest.mark.slow

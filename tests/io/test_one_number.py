@@ -81,9 +81,8 @@ SYMBOLS = {"exponent": "n", "viscosity": "µ", "reference_viscosity": "µ_ref", 
 @pytest.mark.parametrize("law", LAWS)
 def test_an_asked_for_law_shows_each_of_its_parameters_once(law, run):
     thins = law == "power-law"
-    truth = {"exponent": -0.4, "viscosity" if thins else "reference_viscosity": -1.7} | (
-        {} if thins else {"yield_stress": 1.0}
-    )
+    truth = {"exponent": -0.4, "viscosity" if thins else "reference_viscosity": -1.7}
+    truth |= {} if thins else {"yield_stress": 1.0}
     rng, pairs, names = np.random.default_rng(4), [], tuple(f"log10_{name}" for name in truth)
     ranges = dict.fromkeys(names, (-4.0, 3.0))
     for k in range(5):
@@ -107,7 +106,6 @@ def test_a_shot_alone_among_groups_has_one_interval_everywhere_and_its_answer_be
     assert [row.shear_modulus_Pa == answer.shear_modulus_Pa for answer, row in shown] == [False, True, True]
     _, interval = read.shown("shear_modulus").parts(shown[1][0].shear_modulus_Pa)
     assert interval in done(run("show", "out"))
-    article = (
-        Path("out/report.html").read_text("utf-8").partition('<article id="curve-3"')[2].partition("</article>")[0]
-    )
+    after = Path("out/report.html").read_text("utf-8").partition('<article id="curve-3"')[2]
+    article = after.partition("</article>")[0]
     assert f"90 % sure: {interval}" in spaced(" ".join(Page(f"<article{article}</article>").text))

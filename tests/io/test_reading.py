@@ -57,26 +57,21 @@ def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_pat
     assert [code_of(lambda curve=curve: curve.max_radius) for curve in curves[3:]] == codes
 
 
-def test_a_cell_that_is_no_shot_costs_the_others_nothing(tmp_path):
-    radii = files.cells(RADIUS, [], RADIUS[:90], 1.5 * RADIUS)
-    curves = read_curves(put(tmp_path / "a.mat", saved(R=radii, t=TIME)))
-    assert [curve.name for curve in curves] == [f"a[{k}]" for k in range(1, 5)]
-    assert [curve.max_radius for curve in curves[::3]] == pytest.approx([R_MAX, 1.5 * R_MAX], rel=0.01)
-    reasons = [str(error_of(lambda curve=curve: curve.max_radius)) for curve in curves[1:3]]
-    assert "R{2} is empty" in reasons[0]
-    assert "different lengths: 90 of R{3} and 180 of t" in reasons[1]
+SHOT = {"a/time": TIME, "a/radius": RADIUS, "b/time": TIME, "b/radius": RADIUS}
+BROKEN = {  # a file whose second shot is none, and why
+    "empty cell": (saved(R=files.cells(RADIUS, []), t=TIME), "R{2} is empty"),
+    "short cell": (saved(R=files.cells(RADIUS, RADIUS[:90]), t=TIME), "different lengths: 90 of R{2} and 180 of t"),
+    "short group": (hdf5(SHOT | {"b/radius": RADIUS[:90]}), "90 of b/radius"),
+    "two radii": (hdf5(SHOT | {"b/R": RADIUS}), "'b/R' and 'b/radius'"),
+}
 
 
-def test_a_group_that_is_no_shot_costs_the_others_nothing(tmp_path):
-    shot = {"a/time": TIME, "a/radius": RADIUS}
-    for name, more in {"short": {"b/time": TIME, "b/radius": RADIUS[:90]}, "two": {"b/R": RADIUS}}.items():
-        both = {**shot, "b/time": TIME, "b/radius": RADIUS, **more}
-        sound, broken = read_curves(put(tmp_path / f"{name}.h5", hdf5(both)))
-        assert (sound.name, broken.name) == (f"{name}[a]", f"{name}[b]")
-        assert sound.max_radius == pytest.approx(R_MAX, rel=0.01)
-        assert "b/radius" in str(error_of(lambda curve=broken: curve.max_radius))
-        alone = {path: data for path, data in both.items() if path[0] == "b"}
-        assert "b/radius" in str(error_of(read_curves, put(tmp_path / f"{name}_alone.h5", hdf5(alone))))
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_part_that_is_no_shot_costs_the_others_nothing(tmp_path, name):
+    content, why = BROKEN[name]
+    sound, broken = read_curves(put(tmp_path / "a.mat", content))
+    assert sound.max_radius == pytest.approx(R_MAX, rel=0.01)
+    assert why in str(error_of(lambda: broken.max_radius))
 
 
 def test_constants_that_a_file_states_or_shows(tmp_path):
@@ -156,7 +151,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
-    "HDF5 attributes": (hdf5({"t_us": US, "R_um": UM, "@time": "noon", "@_v": 1, "@rho": 1e3}), "@rho, @time"),
+    "HDF5 attributes": (hdf5({"t_us": US, "R_um": UM, "@time": "noon", "@_v": 1, "@fit": 1e3}), "@fit, @time"),
     "a simulation alone": (hdf5({"sim/t_us": US, "sim/R_um": UM, "G": 1e3}), "not used: G"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
     "arrays of numpy": (packed, "not used: about, read.me"),
@@ -229,9 +224,8 @@ def test_deviations_follow_the_unit_and_the_kind_of_the_radius(tmp_path):
     given = {"R_um,err_um": (1.0, 1.2), "R_px,sd": (1 / 3.2, 1.2 / 3.2), "D_um,dD_um": (2.0, 2.4)}
     given |= {"R_um,err_nm": (1.0, 1.2e3), "R_um,sd (%)": (1.0, np.nan), "Area (um^2),StdDev": (1.0, np.nan)}
     for titles, (factor, deviation) in given.items():
-        (curve,) = read_curves(
-            text_table(tmp_path / "a.csv", f"t_us,{titles}", US, factor * UM, 0 * UM + deviation), um_per_px=3.2
-        )
+        path = text_table(tmp_path / "a.csv", f"t_us,{titles}", US, factor * UM, 0 * UM + deviation)
+        (curve,) = read_curves(path, um_per_px=3.2)
         expected = np.nan if "%" in titles or "Area" in titles else 1.2e-6
         assert np.allclose(curve.radius_std, expected, equal_nan=True), titles
 
@@ -240,32 +234,20 @@ GROUPS = {"first/time": TIME, "first/radius": RADIUS, "unrelated": UM[:3]}
 GROUPS |= {"series/second/time_us": US, "series/second/radius_um": 1.5 * UM}
 RADII = lines(",", US, UM, 1.5 * UM)
 BLOCKS = lines(",", [0.0, -1000.0, *US, -1000.0, *US], [7e-310, -1000.0, *UM, -1000.0, *1.5 * UM])
+SIMULATED = hdf5(GROUPS | {"sim/time": TIME, "sim/radius": 1.1 * RADIUS, "sim/rho": 1060.0})
+STRUCTS = saved(data=np.array([[(RADIUS, TIME), (1.5 * RADIUS, TIME)]], [("R", "O"), ("t", "O")]), G=1.0)
+TABS = book(one=SHEET, notes=[["gel"]], two=[SHEET[0], *zip(US, 1.5 * UM, strict=True)])
 SEVERAL = {  # two curves, their names, and what each says
     "plain": (f"t_us,R1_um,R2_um\n{RADII}", "R1_um", "R2_um", "2 columns of radii"),
     "German": (f"Zeit_us,Schuss 1 [µm],Schuss 2 [µm]\n{RADII}", "Schuss 1", "Schuss 2", "2 columns of radii"),
     "from 0": (f"t_us,shot 0 (um),shot 1 (um)\n{RADII}", "shot 0", "shot 1", "2 columns of radii"),
-    "beside a simulation": (
-        hdf5(GROUPS | {"sim/time": TIME, "sim/radius": 1.1 * RADIUS, "sim/rho": 1060.0}),
-        "first",
-        "series/second",
-        "not used: sim/radius, sim/rho, sim/time, unrelated",
-    ),
+    "a simulation": (SIMULATED, "first", "series/second", "not used: sim/radius, sim/rho, sim/time, unrelated"),
     "rows above the labels": (labels(*[""] * N, *["B"] * N), "unlabelled", "B", "blank cells of 'shot' filled"),
     "unit row": (f"Time,shot 1,shot 2\nus,um,um\n{RADII}", "shot 1", "shot 2", "2 columns of radii"),
     "blocks": (BLOCKS, "1", "2", "rows with radius <= 0 left out"),
     "HDF5 groups": (hdf5(GROUPS | {"first/stretch": 7.0}), "first", "series/second", ""),
-    "sheets": (
-        book(one=SHEET, notes=[["gel"]], two=[SHEET[0], *zip(US, 1.5 * UM, strict=True)]),
-        "one",
-        "two",
-        "'notes'",
-    ),
-    "MATLAB array of structs": (
-        saved(data=np.array([[(RADIUS, TIME), (1.5 * RADIUS, TIME)]], [("R", "O"), ("t", "O")]), G=1.0),
-        "data(1)",
-        "data(2)",
-        "not used: G",
-    ),
+    "sheets": (TABS, "one", "two", "'notes'"),
+    "MATLAB array of structs": (STRUCTS, "data(1)", "data(2)", "not used: G"),
     "MATLAB numbers": (saved(R1=RADIUS, t1=TIME, R2=1.5 * RADIUS, t2=TIME, R0=1.0), "R1", "R2", "not used: R0"),
     "blank labels": (labels("A", *[""] * (N - 1), "B", *[""] * (N - 1)), "A", "B", "blank cells of 'shot' filled"),
 }
@@ -351,6 +333,7 @@ BAD = {  # content, or what writes it; code; what is named
     "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.number", "'Mean' is not a number"),
     "objects.npy": (array(np.array([{"a": 1}], object)), "tabular.array", "numbers"),
     "other.mat": (saved(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
+    "group.h5": (hdf5({"b/time": TIME, "b/radius": RADIUS[:90]}), "matlab.cells", "b/radius"),
     "BDT.mat": (saved(**{**bdt_variables(), "RmaxList": []}), "matlab.variables", "no RmaxList"),
     "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "reading.binary", "'-v7'"),
     "object.mat": (mat(OBJECT), "matlab.variables", "table2struct"),
@@ -429,13 +412,29 @@ def test_a_group_states_the_constants_of_its_shots(tmp_path):
     assert {"a/c", "gamma", "medium/rho"} == {*note.removeprefix("not used: ").split(", ")}
 
 
-def test_a_radius_at_rest_with_a_number_is_of_the_shot_of_that_number(tmp_path):
-    alone = read_curves(put(tmp_path / "one.mat", saved(t_exp=TIME, R1_exp=RADIUS, R1_eq=25e-6)))[0]
-    assert alone.stretch == pytest.approx(8.0, rel=0.01)
-    two = saved(t_exp=TIME, R1_exp=RADIUS, R2_exp=RADIUS, R1_eq=25e-6, R2_eq=50e-6)
-    assert [curve.stretch for curve in read_curves(put(tmp_path / "two.mat", two))] == pytest.approx([8, 4], rel=0.01)
-    unnumbered = saved(t=TIME, R=RADIUS, R1_eq=25e-6)
-    assert read_curves(put(tmp_path / "r.mat", unnumbered))[0].stretch == pytest.approx(8.0, rel=0.01)
+BOTH, DENSE = np.stack([RADIUS, 1.5 * RADIUS]), "time_us,radius_um,density (g/cm3)\n"
+OF_EACH = {  # what a file states of each of its shots; 0: what it gives is not used
+    "R1_eq of R1_exp": (saved(t_exp=TIME, R1_exp=RADIUS, R1_eq=25e-6), "stretch", [8.0]),
+    "R1_eq of R": (saved(t=TIME, R=RADIUS, R1_eq=25e-6), "stretch", [8.0]),
+    "numbered R_eq": (saved(t=TIME, R1=RADIUS, R2=RADIUS, R1_eq=25e-6, R2_eq=50e-6), "stretch", [8.0, 4.0]),
+    "array": (saved(t=TIME, R=BOTH, rmax_um=[210.0, 290.0]), "max_radius", [210e-6, 290e-6]),
+    "array for numbers": (saved(t=TIME, R1=RADIUS, R2=RADIUS, rho=[1e3, 1060.0]), "density", [1e3, 1060.0]),
+    "array of another length": (saved(t=TIME, R=BOTH, rho=[1e3, 1020.0, 1060.0]), "density", [0, 0]),
+    "column": (DENSE + lines(",", US, UM, 0.0 * UM + 1.06), "density", [1060.0]),
+    "column that changes": (DENSE + lines(",", US, UM, UM), "density", [0]),
+    "comment": ("# density 1.06 g/cm3\n" + HEAD + PLAIN, "density", [1060.0]),
+    "comment in unknown units": ("# density 62 lb/ft3\n" + HEAD + PLAIN, "density", [0]),
+    "attribute": (hdf5({"t_us": US, "R_um": UM, "@rho": 1060.0}), "density", [1060.0]),
+}
+
+
+@pytest.mark.parametrize("name", OF_EACH)
+def test_what_a_file_states_is_of_the_shot_that_it_is_said_of(tmp_path, name):
+    content, what, values = OF_EACH[name]
+    curves = read_curves(put(tmp_path / "a.mat", content))
+    found = [curve.medium.get(what, 0) if what == "density" else getattr(curve, what) for curve in curves]
+    assert found == pytest.approx(values, rel=0.01)
+    assert [curve.meta["ignored"] for curve in curves] == [[] if value else [what] for value in values]
 
 
 PUBLISHED = {  # curves in the file, smallest and largest R_max in um, unusable ones

@@ -85,9 +85,11 @@ def test_files_of_one_name_in_two_folders_are_told_apart(run):
 def test_a_recording_that_was_also_written_with_fewer_digits_counts_once(run, tmp_path):
     files = [tmp_path / f"{name}.csv" for name in ("one", "rounded", "other")]
     for file, radii in zip(files, (RADIUS, np.round(RADIUS, 8), 1.002 * RADIUS), strict=True):
-        text_table(file, "time_us,radius_um", 1e6 * TIME, 1e6 * radii)
+        text_table(file, "time_us,radius_um,density", 1e6 * TIME, 1e6 * radii, 1e9 + 1e9 * TIME)
     run("infer", *files, *BDT, "--no-pictures", "-o", "out")
     assert [one.name for one in load("out").curves] == ["one", "other"]
+    said = [one.text for one in load("out").groups[0].messages]
+    assert "density 998 kg/m3: assumed; what the file gives" in str(said)
     assert "rounded" in load("out").notes[0]
 
 

@@ -64,9 +64,8 @@ def test_every_tutorial_is_a_page_with_its_script_and_its_notebook(site):
 
 @pytest.mark.slow
 def test_the_reference_has_every_name_verb_and_field(site):
-    python, commands, result = (
-        (site / "reference" / f"{page}.html").read_text("utf-8") for page in ("python", "commands", "result")
-    )
+    pages = ("python", "commands", "result")
+    python, commands, result = ((site / "reference" / f"{page}.html").read_text("utf-8") for page in pages)
     assert [name for name in cavirheo.__all__ if f'id="cavirheo.{name}"' not in python] == []
     assert [verb.name for verb in app.registered_commands if f'id="{verb.name}"' not in commands] == []
     assert [name for name in Result.model_json_schema()["$defs"] if f'id="{name.lower()}"' not in result] == []

@@ -275,6 +275,7 @@ class Analysis:
         assumed = {name: getattr(medium, name) for name in ("density", "pressure") if name not in given}
         provenance = {"cavirheo": version("cavirheo"), **details, "source_sha256": curve.source_sha256}
         provenance["assumed"] = assumed
+        provenance["ignored"] = [name for name in curve.meta.get("ignored", ()) if name in assumed]
         draws = np.empty((0, len(names)))
         conditions: dict[str, Any] = {"bubble": self._bubble, "medium": medium}
         return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **conditions)

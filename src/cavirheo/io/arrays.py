@@ -25,7 +25,7 @@ from cavirheo.errors import InputError, listed
 from cavirheo.io import apart
 from cavirheo.io.curves import FORMS, Camera, read_each, read_table, stated
 from cavirheo.io.files import LARGEST_TEXT, MOST_CURVES, MOST_NUMBERS, Source, check_limit
-from cavirheo.io.names import CURVES, STATED
+from cavirheo.io.names import CURVES, PER_SHOT, STATED
 from cavirheo.io.tables import Name, Table
 from cavirheo.messages import Message
 
@@ -33,7 +33,7 @@ Arrays = dict[str, np.ndarray | str]  # by their paths: radius, group/radius, st
 _BDT = ("R_nondim_All", "t_nondim_All", "RmaxList")
 _ROWS = ("shift_normRnew", "Rmax", "t")
 _ESSENTIAL = {kind for form in FORMS for kind in form.kinds} | {"time"}  # kinds of arrays that a shot must have
-_OF_FRAMES = _ESSENTIAL | {"frame", "curve", "radius_std", "max_radius", "stretch", "stretch_std"}
+_OF_FRAMES = _ESSENTIAL | {"frame", "curve", "radius_std", *PER_SHOT}
 _LISTED = 12  # most names in a message
 _EXPERIMENT = re.compile(r"[_ ]?(exp|expt|experiment|experimental|data|meas|measured)(?=(_[a-z]+)?$)", re.I)
 _CELL = re.compile(r"\{(\d+)\}$")  # at the end of a path
@@ -165,7 +165,12 @@ def _hdf5_variables(source: Source) -> Arrays:
 
 def _attributes(place: str, item: Any) -> Arrays:
     names = [name for name in item.attrs if not _OF_LIBRARIES.match(name)]
-    return {f"{place}{_ATTRIBUTE}{name}": "an attribute of HDF5: save it as a dataset" for name in names}
+    advice = "an attribute of HDF5 that is no number: save it as a dataset"
+    values = {name: np.asarray(item.attrs[name]) for name in names}
+    return {
+        f"{place}{_ATTRIBUTE}{name}": value if value.dtype.kind in _REAL and value.size == 1 else advice
+        for name, value in values.items()
+    }
 
 
 def _parts(file: Any, path: str, item: Any, depth: int) -> Iterator[tuple[str, Any]]:
@@ -305,14 +310,16 @@ def _name(path: str, array: np.ndarray | str) -> Name:
     """Return what an array is: a single number states something of its group, several are of frames."""
     cell = _CELL.search(path)
     word = _CELL.sub("", path.rpartition("/")[2])
-    if word.startswith(_ATTRIBUTE):
+    if word.startswith(_ATTRIBUTE) and isinstance(array, str):
         return Name()
     if not _has_frames(path, array):
         number = _AT_REST.search(word)
-        kind, unit, _ = STATED.name(_AT_REST.sub("R", word))
+        kind, unit, _ = STATED.name(_AT_REST.sub("R", word.removeprefix(_ATTRIBUTE)))
         return Name(kind, unit, number[1] if number else "")
     kind, unit, shot = CURVES.name(_EXPERIMENT.sub("", word))
-    unusable = kind not in _ESSENTIAL if isinstance(array, str) else array.size <= 2 and not cell
+    unusable = (
+        kind not in _ESSENTIAL if isinstance(array, str) else array.size <= 2 and not cell and kind not in PER_SHOT
+    )
     if unusable or word.lower() == "curve":  # rather a fitted one than labels of shots
         return Name()
     return Name(kind, unit, f"{shot}[{cell[1]}]" if shot and cell else cell[1] if cell else shot)
@@ -333,12 +340,17 @@ def _table(group: str, names: dict[str, Name], of_frames: Container[str], arrays
     matrix = shapes.get(path_of_matrix)
     times = next((arrays[path] for path, name in names.items() if name.kind == "time"), None)
     in_rows = matrix is not None and _in_rows(path_of_matrix, matrix, times)
+    shots = len(radii) if matrix is None else matrix[0] if in_rows else matrix[1]
     columns: dict[str, tuple[Name, np.ndarray | str]] = {}  # by title
     for path, name in names.items():
         array = arrays[path]
-        if path in of_frames and name.kind not in _ESSENTIAL and _size(array) not in sizes:
+        if path in of_frames and name.kind not in (*_ESSENTIAL, *PER_SHOT) and _size(array) not in sizes:
             name = Name()
         shape = np.shape(array)
+        if name.kind in PER_SHOT and not isinstance(array, str) and 1 < shots == array.size:
+            each = {f"{path}{{{k}}}": (name._replace(number=str(k)), one) for k, one in enumerate(np.ravel(array), 1)}
+            columns |= each
+            continue
         if isinstance(array, str) or matrix is None or path not in of_frames or sorted(shape) != sorted(matrix):
             columns[path] = name, array
             continue

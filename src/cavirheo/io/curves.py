@@ -6,7 +6,7 @@ Layouts and titles: docs/how-to/your-shots.md. The notes name the columns that a
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -40,7 +40,10 @@ _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all befor
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _CAMERA_TOLERANCE = 0.01  # relative; a frame rate or scale that differs by more from the file's is a doubt
+_REMARK = re.compile(r"\W*([A-Za-z_][\w ]*?)(?:\s*[:=]\s*|\s+)(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*[\[(]?(.*?)[\])]?\s*$")
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
+_CONSTANTS = ("density", "pressure")  # of the medium, which a file may state
+_MOST_REMARKS = 1000  # that are looked through
 
 
 class Camera(NamedTuple):
@@ -79,14 +82,14 @@ class _Series(NamedTuple):
     clock: Column | None
     deviation: Column | None
     at_rest: Column | None
-    shot: Column | None
     max_radius: Column | None
-    stretches: list[Column]
+    shot: Column | None
+    stated: list[Column]
 
     @property
     def used(self) -> list[Column]:
         others = (self.clock, self.deviation, self.at_rest, self.shot, self.max_radius)
-        return [*self.radius, *self.stretches, *(column for column in others if column)]
+        return [*self.radius, *self.stated, *(column for column in others if column)]
 
 
 def read_text(source: Source, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
@@ -162,7 +165,7 @@ def _series(table: Table) -> list[_Series]:
     radii = list(zip(*map(table.all, form.kinds), strict=False))
     radii = [columns for columns in radii if columns[0].unit not in ("px", "px2")] or radii
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
-    shot, max_radius = table.find("curve"), table.find("max_radius")
+    shot = table.find("curve")
     firsts = [columns[0] for columns in radii]
     if shot and len(radii) > 1:
         both = f"a column {shot.title!r} and {len(radii)} columns of radii"
@@ -181,9 +184,17 @@ def _series(table: Table) -> list[_Series]:
     deviation_of = _of_each(firsts, deviations if form.deviation else []) or [None] * len(firsts)
     at_rest = table.all("radius at rest")
     at_rest_of = _of_each(firsts, at_rest) or [next(iter(at_rest), None)] * len(firsts)
-    stretches = [column for kind in ("stretch", "stretch_std") for column in table.all(kind)[:1]]
-    of_each = zip(radii, clock_of, deviation_of, at_rest_of, strict=True)
-    return [_Series(form, *columns, shot, max_radius, stretches) for columns in of_each]
+    maxima = table.all("max_radius")
+    max_radius_of = _of_each(firsts, maxima) or [table.at_most_one(maxima)] * len(firsts)
+    stated_of = list[Sequence[Column | None]]()
+    for columns in filter(None, map(table.all, ("stretch", "stretch_std", *_CONSTANTS))):
+        numbered = [column for column in columns if column.name.number]
+        stated_of.append(_of_each(firsts, numbered) or [columns[0]] * len(firsts))
+    of_each = zip(radii, clock_of, deviation_of, at_rest_of, max_radius_of, strict=True)
+    return [
+        _Series(form, *columns, shot, list(filter(None, (each[k] for each in stated_of))))
+        for k, columns in enumerate(of_each)
+    ]
 
 
 def _of_each(radii: Sequence[Column], columns: Sequence[Column]) -> Sequence[Column | None]:
@@ -196,12 +207,23 @@ def _of_each(radii: Sequence[Column], columns: Sequence[Column]) -> Sequence[Col
     return [numbers.get(radius.name.number, columns[k]) for k, radius in enumerate(radii)]
 
 
+def _of_all(table: Table) -> Iterator[Column]:
+    """Yield the columns of all shots: no array has a number for one alone; and what remarks such as "density 1060
+    kg/m3" state of the medium, as columns of one number."""
+    yield from (column for column in table.columns if not column.name.number)
+    for match in filter(None, (_REMARK.match(remark[:200]) for remark in table.remarks[:_MOST_REMARKS])):
+        word, number, unit = match.groups()
+        name = STATED.name(f"{word} [{unit}]" if unit else word)
+        if name.kind in _CONSTANTS:
+            yield Column(table, -1, word, name, np.array([float(number)]))
+
+
 def stated(table: Table) -> dict[str, tuple[Column, float]]:
     """Return what single numbers state of medium and camera, by quantity, in SI: the first of each that is possible."""
     facts: dict[str, tuple[Column, float]] = {}
-    for column in table.columns:
+    for column in _of_all(table):
         kind, unit, _ = column.name
-        if kind in facts or kind not in ("density", "pressure", *OF_CAMERA) or len(column.numbers) != 1:
+        if kind in facts or kind not in (*_CONSTANTS, *OF_CAMERA) or len(column.numbers) != 1:
             continue
         value = float(column.numbers[0]) * (STATED.terms[kind].units.get(unit, np.nan) if unit else 1.0)
         if 0.0 < value < np.inf:
@@ -214,9 +236,10 @@ def _facts(table: Table, camera: Camera) -> tuple[Camera, dict[str, Any], list[C
     the medium, and notes; the columns of all that is taken from the file; and a warning where both differ."""
     meta: dict[str, Any] = {"notes": [*table.notes]}
     used, warnings = [], list[Message]()
+    meta["ignored"] = {*_CONSTANTS} & {column.name.kind for column in (*table.columns, *_of_all(table))}
     camera = camera._replace(scale_alone=camera.um_per_px is not None)
     for kind, (column, value) in stated(table).items():
-        if kind in CONSTANTS:
+        if kind in _CONSTANTS:
             meta.setdefault("medium", {})[kind] = value
             unit = CONSTANTS[kind].unit
         else:
@@ -441,7 +464,7 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
 
 def _single(column: Column, rows: Indices) -> list[float]:
     """Return the distinct numbers of a column in some rows, or the one that is stated for all."""
-    numbers = column.numbers if len(column.numbers) == 1 else column.numbers[rows]
+    numbers = column.numbers[rows] if len(column.numbers) > np.max(rows, initial=1) else column.numbers
     return np.unique(numbers[np.isfinite(numbers)]).tolist()
 
 
@@ -451,11 +474,20 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
     if column := series.max_radius:
         curve = _scaled_to_column(curve, column, rows)
     meta: dict[str, Any] = {}
-    notes = []
-    for column in series.stretches:
+    medium, notes = {**curve.medium}, []
+    for column in series.stated:
+        kind, unit, _ = column.name
         values = _single(column, rows)
-        if len(values) == 1 and (column.name.kind == "stretch_std" or 1.0 <= values[0] <= 100.0):
-            meta[column.name.kind] = values[0]
+        if kind in _CONSTANTS:
+            factor = column.term.units.get(unit, np.nan) if unit else 1.0
+            if len(values) == 1 and 0.0 < (value := factor * values[0]) < np.inf:
+                if medium.get(kind) != value:
+                    notes.append(f"the file states the {kind}: {column.title} = {value:.6g} {CONSTANTS[kind].unit}")
+                medium[kind] = value
+            elif kind not in medium:
+                notes.append(f"{column.title!r} is not used: it is not one number above 0 in a known unit")
+        elif len(values) == 1 and (kind == "stretch_std" or 1.0 <= values[0] <= 100.0):
+            meta[kind] = values[0]
         elif values:
             notes.append(f"{column.title!r} is not used: it changes from frame to frame, or is no stretch")
     if "stretch" in meta:
@@ -470,7 +502,8 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
                 meta["stretch"] = stretch
                 notes.append(f"the file states the stretch {stretch:.4g}: R_max over {column.title}")
         notes += [] if meta else [f"{column.title!r} is not used: it gives no stretch"]
-    return curve.labelled(**meta).with_notes(*notes)
+    ignored = sorted({*curve.meta.get("ignored", ())} - medium.keys())
+    return curve.labelled(**meta, medium=medium, ignored=ignored).with_notes(*notes)
 
 
 def _scaled_to_column(curve: RadiusCurve, column: Column, rows: Indices) -> RadiusCurve:

@@ -35,6 +35,10 @@ def _shot_name(title: str) -> Name:
     return Name("radius", unit, number) if shot and (unit or not words) else Name()
 
 
+_CONSTANTS = {
+    "density": Term("rho density rho0 rhoinf rhol", {"kgm3": 1.0, "kgm-3": 1.0, "gcm3": 1e3}),
+    "pressure": Term("pinf pressure pambient patm", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5}),
+}
 CURVES = Vocabulary(
     {
         "time": Term(
@@ -76,6 +80,7 @@ CURVES = Vocabulary(
         "minor": Term("minor minoraxis minoraxislength minordiameter dminor", _UNITS),
         "area": Term("area bubblearea aire flache", {**_UNITS, **dict.fromkeys(AREA_UNITS, np.nan)}),
         "curve": Term("curve shot trackid"),
+        **_CONSTANTS,
     },
     HEADER_ADVICE,
     required=("time|frame", "radius|diameter|half_b|minor|area"),
@@ -86,8 +91,7 @@ CURVES = Vocabulary(
 WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:])
 STATED = Vocabulary(
     {
-        "density": Term("rho density rho0 rhoinf rhol", {"kgm3": 1.0, "kgm-3": 1.0, "gcm3": 1e3}),
-        "pressure": Term("pinf pressure pambient patm", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5}),
+        **_CONSTANTS,
         "radius at rest": Term("req rinf requilibrium equilibriumradius restradius", RADIUS_UNITS),
         "stretch": Term("stretch lambda lambdamax lambdamaxmean"),
         "stretch_std": Term("stretchstd lambdastd lambdamaxstd"),
@@ -99,6 +103,7 @@ STATED = Vocabulary(
     "",
     (),
 )
+PER_SHOT = ("max_radius", "stretch", "stretch_std", *_CONSTANTS)  # kinds of columns with one number for a shot
 OF_CAMERA: dict[str, tuple[str, str, Callable[[float], float]]] = {  # field of Camera; unit in the file; its value
     "frame interval": ("frame_rate", "s", lambda interval: 1.0 / interval),
     "frame rate": ("frame_rate", "per second", lambda rate: rate),

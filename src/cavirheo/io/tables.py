@@ -217,6 +217,7 @@ class Table:
     titles: list[str] = field(default_factory=list)  # as they are written, with units from the row below
     line: int = 1  # number of the line with the titles
     arrays: Sequence[tuple[Name, np.ndarray | str]] = ()  # of each title; then `rows` is empty
+    remarks: Sequence[str] = ()  # comments, and lines above the titles
 
     @cached_property
     def columns(self) -> list[Column]:
@@ -314,7 +315,8 @@ def _tables(sheet: Table) -> Iterator[Table]:
         if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
             message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
             raise vocabulary.error("width", f"{message}: is a comma decimal, or part of a text that needs quotes?")
-        yield Table(vocabulary, rows, notes, sheet.name, titles, sheet.rows[at].number)
+        remarks = [*sheet.remarks, *(" ".join(row.texts) for row in sheet.rows[:at])]
+        yield Table(vocabulary, rows, notes, sheet.name, titles, sheet.rows[at].number, remarks=remarks)
 
 
 def _begins_section(row: Row) -> bool:
@@ -434,7 +436,7 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     notes = [f"{invisible} control characters left out"] if invisible else []
     if comments := [line.strip() for line, used in zip(lines, data, strict=True) if line.strip() and not used]:
         notes.append(f"{counted(len(comments), 'comment')} left out, such as {comments[0][:40]!r}")
-    return Table(vocabulary, rows, notes)
+    return Table(vocabulary, rows, notes, remarks=comments)
 
 
 def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | None:

@@ -296,8 +296,11 @@ def _facts(members: Sequence[CurveRecord], population: PopulationRecord, systema
     if change is not None and abs(change) >= LEAST_CHANGE:
         messages.append(Message("group.scale", {"change": change}))
     assumed = [record.provenance.get("assumed", {}) for record in members if record.has_answer]
-    if values := {name: value for constants in assumed for name, value in constants.items()}:
-        messages.append(Message("group.not_given", {"values": values}))
+    values = {name: value for constants in assumed for name, value in constants.items()}
+    ignored = {name for record in members if record.has_answer for name in record.provenance.get("ignored", ())}
+    for code, used in (("group.not_given", False), ("group.not_used", True)):
+        if said := {name: value for name, value in values.items() if (name in ignored) is used}:
+            messages.append(Message(code, {"values": said}))
     if population.left_out:
         messages.append(Message("group.left_out", {"counts": population.left_out}))
     if population.outliers:
