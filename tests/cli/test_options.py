@@ -51,6 +51,9 @@ infer
 infer shot.csv --windo 3
 infer nowhere.csv
 which-law shot.csv --bubble real,field | '--bubble': 'real,field' is not one of
+design --noise-percent 60 | up to 49, got '60'
+fit shot.csv --window-us -5 | '--window-us': the value must be a number above 0, got '-5'
+infer missing.csv --rmax-um -5 | got '-5'
 fit shot.csv --free clock
 fit shot.csv --free none,t0 | got ('none', 't0')
 infer shot.csv --surface-tension 0,07 | use a decimal point

@@ -253,6 +253,7 @@ def test_every_place_of_a_search_is_simulated_or_refused_by_name(name):
     places = [low + (high - low) * rng.random(len(low)) for _ in range(24)]
     places += [np.where(rng.random(len(low)) < 0.5, low, high) for _ in range(12)]
     at_rate = posterior.viscosity_at_rate(name, dict(zip(family.parameters, 10.0 ** np.transpose(places), strict=True)))
+    assert (at_rate is None) == all(law not in name for law in ("carreau", "cross", "eyring", "herschel"))
     assert at_rate is None or at_rate.q05 <= at_rate.median <= at_rate.q95  # of draws of which some are no such law
     for place, bubble in zip(places, cycle([FIELD, Bubble("kinetic", 0.07)]), strict=False):
         stretch, top = 10.0 ** rng.uniform((0.1, -5.0), (1.2, -3.0))

@@ -250,7 +250,8 @@ def next_step(result: Result, group: GroupRecord, shots: Shots, out: Path) -> Li
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
         return advice("for G measure scale and frame rate better: --scale-error, --rate-error")
-    if group.verdict == "bound" and (group.n == 1 or group.population.has_material):
+    alone = sum(group.verdicts.values()) == 1
+    if group.verdict == "bound" and (alone or group.population.has_material):
         law = group.population.laws[0]
         law = "newtonian" if law == "auto" and liquid > 0.5 else law
         more = [] if law in ("auto", "nhkv") else ["--material", law]

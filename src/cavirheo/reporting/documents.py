@@ -290,7 +290,8 @@ def _facts(members: Sequence[CurveRecord], population: PopulationRecord, systema
     if late:
         messages.append(Message("group.late_start", {"count": late, "total": len(members)}))
     collapses = [record.window.collapses or 0 for record in members if record.trusted]
-    if collapses and max(collapses) < 2 and population.switches.get("liquid", 0.0) >= 0.5:
+    is_liquid = not population.shear_modulus_Pa.known or population.switches.get("liquid", 0.0) >= 0.5
+    if collapses and max(collapses) < 2 and is_liquid:
         messages.append(Message("group.one_collapse"))
     change = systematic.slopes.get("shear_modulus", {}).get("scale")
     if change is not None and abs(change) >= LEAST_CHANGE:
@@ -339,6 +340,8 @@ def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
     if not len(material.centre):
         return PopulationRecord(**fields), Systematic()
     values = {name: material.quantity(name) for name in material.quantities}
+    if material.viscosity_at_rate:
+        values[VISCOSITY_AT_RATE] = material.viscosity_at_rate
     fields |= PopulationRecord.fields_of(values)
     fields["spreads_decades"] = {name: Quantity.from_interval(*material.scatter(name)) for name in material.names}
     systematic = Systematic(errors=asdict(material.errors) if material.over_scale else {})

@@ -242,8 +242,8 @@ class PopulationRecord(ParameterValues):
         return relative_scatter(self.spreads_decades.get(name, Quantity()).median or 0.0)
 
     def has_no_one_value(self, name: str) -> bool:
-        """Whether the shots scatter too much for one value of a parameter, and are no two heaps."""
-        return name not in self.heaps and has_no_one_value(self.scatter(name), agree=self.agree)
+        """Whether the shots scatter too much for one value of G or µ, and are no two heaps."""
+        return has_no_one_value(self.wide_scatters.get(name, 0.0), agree=self.agree)
 
     @property
     def wide_scatters(self) -> dict[str, float]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; or a folder"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 # options that change draws alone, of which a network has none
-_OF_DRAWS = ("exposure_us", "exact_law", "scale_error", "rate_error", "density_error", "pressure_error")
+_OF_DRAWS = ("exact_law", "scale_error", "rate_error", "density_error", "pressure_error")
 _PICTURES = "draw pictures; --no-pictures is faster"
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"

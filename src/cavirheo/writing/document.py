@@ -99,8 +99,8 @@ class Quantity(Record):
     bound: Bound | None = None
     """What is known of the value if its interval reaches an end of the range of the prior or the search. "upper": it is
     below q95 (95 %); "lower": it is above q05 (95 %); "undetermined": nothing is known. "wide": the interval of G or of
-    a viscosity lies inside the range, but its ends are a factor of more than 10 apart. Null for a value, and for a
-    point answer."""
+    a viscosity lies inside the range, but its ends are a factor of more than 10 apart, or the shots of a group scatter
+    too much for one value. Null for a value, and for a point answer."""
 
     @classmethod
     def from_interval(

@@ -22,6 +22,7 @@ from cavirheo.errors import require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
 from cavirheo.messages import Message
 from cavirheo.parameters import (
+    DECIDING,
     VISCOSITY_AT_RATE,
     Bound,
     has_no_one_value,
@@ -131,20 +132,20 @@ class Population:
 
     @property
     def quantities(self) -> list[str]:
-        """The law's parameters, G where it has a limit alone, and the viscosity at 1e5 1/s of a law without its own."""
+        """The law's parameters, and G where it has a limit alone."""
         limited = ["shear_modulus"] if self.modulus_limit is not None else []
-        derived = [VISCOSITY_AT_RATE] if self._viscosity_at_rate else []
-        return [*dict.fromkeys([*limited, *derived, *self.names])]
+        return [*dict.fromkeys([*limited, *self.names])]
 
     @cached_property
-    def _viscosity_at_rate(self) -> Quantity | None:
-        """None, too, where the shots have no one value of a parameter."""
-        if any(map(self._has_no_one_value, self.names)):
+    def viscosity_at_rate(self) -> Quantity | None:
+        """The viscosity at 1e5 1/s, Pa s, of a law that has none of its own; None, too, where the shots disagree too
+        much in a parameter."""
+        if any(map(self._disagree_in, self.names)):
             return None
         return viscosity_at_rate(self.material, {name: self.draws(name) for name in self.names if len(self.centre)})
 
-    def _has_no_one_value(self, name: str) -> bool:
-        """Whether the shots disagree too much in a parameter."""
+    def _disagree_in(self, name: str) -> bool:
+        """Whether the shots are two heaps in a parameter, or scatter too much for one value."""
         scatter = relative_scatter(self.scatter(name)[1]) if len(self.centre) else 0.0
         return name in self.heaps or has_no_one_value(scatter, agree=self.agree)
 
@@ -172,17 +173,15 @@ class Population:
 
     def quantity(self, name: str) -> Quantity:
         """Median, 90 % interval and bound of a parameter, SI; where the shots disagree, the ends of all of them, and
-        where they scatter too much for one value no median. Raises InputError: as `draws`."""
-        if name == VISCOSITY_AT_RATE and self._viscosity_at_rate:
-            return self._viscosity_at_rate
+        where they scatter too much for one value of G or of a viscosity no median. Raises InputError: as `draws`."""
         low, high = self.interval(name)
         if self._limit_of(name) is not None:
             return Quantity(q05=low, q95=high, bound="upper")
         if heaps := self.heaps.get(self.names[self._column(name)]):
             top = heaps[1].high or max(high, heaps[1].low or 0.0)
             return Quantity(q05=heaps[0].low or 0.0, q95=top, bound="wide")
-        bound = self.bound(name)
-        if bound is None and self._has_no_one_value(self.names[self._column(name)]):
+        bound, known = self.bound(name), self.names[self._column(name)]
+        if bound is None and known in DECIDING and self._disagree_in(known):
             return Quantity(q05=low, q95=high, bound="wide")
         return Quantity(median=self.median(name), q05=low, q95=high, bound=bound)
 
@@ -221,7 +220,9 @@ class Population:
         another material'."""
         if not len(self.centre):
             return "no material: " + "; ".join(self.warnings)
-        values = ", ".join(map(self._value, self.quantities))
+        values = ", ".join(self._value(name, self.quantity(name)) for name in self.quantities)
+        if self.viscosity_at_rate:
+            values += f", {self._value(VISCOSITY_AT_RATE, self.viscosity_at_rate)}"
         count = digits.counted_shots(len(self.shots), len(self.shots) + sum(self.left_out.values()))
         if away := len(self.outliers):
             count += f", {away} of them {'seems' if away == 1 else 'seem'} to be of another material"
@@ -238,11 +239,10 @@ class Population:
         warnings = self.warnings if len(self.centre) else ()
         return [*(message.text for message in said), *warnings]
 
-    def _value(self, name: str) -> str:
-        value = self.quantity(name)
+    def _value(self, name: str, value: Quantity) -> str:
         at_rate = is_at_rate(self.material, self.names, self.switches.get("thinning", 0.0))
         shown = digits.shown(VISCOSITY_AT_RATE if at_rate and name == "viscosity" else name, value.largest)
-        if name in self.names and self._has_no_one_value(name):
+        if name in self.names and self._disagree_in(name):
             return f"no one value of {shown.symbol}"
         if value.bound:
             return shown.named(value)
