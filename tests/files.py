@@ -111,13 +111,14 @@ def saved73(**variables: object) -> Make:
 
 
 def hdf5(named: Mapping[str | bytes, object] | None = None, **data: object) -> Make:
-    """Data sets, and attributes of the file (`@name`); a dict is what h5py's create_dataset takes."""
+    """Data sets, and attributes of the file (`@name`) or of one (`t@unit`); a dict is what create_dataset takes."""
 
     def make(path: Path) -> None:
         with h5py.File(path, "w") as file:
             for name, values in {**(named or {}), **data}.items():
-                if str(name).startswith("@"):
-                    file.attrs[str(name)[1:]] = values
+                owner, at, attribute = str(name).partition("@")
+                if at:
+                    file[owner or "/"].attrs[attribute] = values
                 elif isinstance(values, dict):
                     file.create_dataset(name, **values)
                 elif isinstance(values, h5py.VirtualLayout):

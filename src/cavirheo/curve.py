@@ -39,11 +39,13 @@ class _MetaEntry(Generic[T]):
 
 
 def as_numbers(name: str, values: Any) -> Floats:
-    """The values as an array. Raises InputError: not numbers."""
+    """The values as an array, NaN where one is masked. Raises InputError: not real numbers."""
     try:
-        return np.array(values, dtype=np.float64)
+        if np.iscomplexobj(values):
+            raise TypeError
+        return np.ma.filled(np.ma.array(values, dtype=np.float64, copy=True), np.nan)
     except (TypeError, ValueError):
-        message = f"{name} must be a list or an array of numbers, got {type(values).__name__} {brief(values)}"
+        message = f"{name} must be a list or an array of real numbers, got {type(values).__name__} {brief(values)}"
         raise InputError(message, f"curve.{name}") from None
 
 

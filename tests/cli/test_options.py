@@ -99,9 +99,8 @@ def lab(run, tmp_path, monkeypatch):
     (tmp_path / "refs.csv").write_text("set,method,quantity,mean\nshot.csv,IMR,G_Pa,1000\n")
     (tmp_path / "recipe.toml").write_text((ROOT / "recipes" / "laptop.toml").read_text())
     (tmp_path / "times.csv").write_text((ROOT / "tests" / "cases" / "times.csv").read_text())
-    (tmp_path / "sweep.csv").write_text(
-        "strain (%),G' (Pa),G'' (Pa)\n0.1,100,10\n0.3,100,10\n1,100,10\n3,99,10\n10,80,10\n100,20,30\n"
-    )
+    sweep = "strain (%),G' (Pa),G'' (Pa)\n0.1,100,10\n0.3,100,10\n1,100,10\n3,99,10\n10,80,10\n100,20,30\n"
+    (tmp_path / "sweep.csv").write_text(sweep)
     return run
 
 

@@ -43,9 +43,8 @@ def stopped(*_: object, **__: object) -> None:
 def inputs(tmp_path, monkeypatch):
     """shot.csv; nothing may be computed."""
     write_curve(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
-    monkeypatch.setattr(
-        "cavirheo.physics.simulate.load_solver", lambda *_, **__: pytest.fail("the outputs were not tried before")
-    )
+    untried = "the outputs were not tried before"
+    monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_, **__: pytest.fail(untried))
     return tmp_path
 
 

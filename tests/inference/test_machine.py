@@ -163,11 +163,8 @@ def test_the_default_family_has_the_stated_probabilities_of_its_switches():
     """A third liquid, half of the gels without stiffening, a fifth with the field's bubble."""
     there = experiment(shot(), law="auto", bubble=REAL)
     prior = there.prior()
-    x = dict(
-        zip(
-            prior.names, prior.to_x(np.random.default_rng(0).standard_normal((20_000, len(prior.names)))).T, strict=True
-        )
-    )
+    normal = np.random.default_rng(0).standard_normal((20_000, len(prior.names)))
+    x = dict(zip(prior.names, prior.to_x(normal).T, strict=True))
     assert np.mean(np.isneginf(x["shear_modulus"])) == pytest.approx(1 / 3, abs=0.015)
     assert np.mean(np.isneginf(x["stiffening"])) == pytest.approx(1 / 2, abs=0.015)
     assert np.mean(np.isposinf(x["accommodation"])) == pytest.approx(1 / 5, abs=0.015)

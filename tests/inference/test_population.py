@@ -157,9 +157,8 @@ def test_bounds_multiply_as_on_a_grid(viscosity, error):
     one = np.exp(-0.5 * ((10.0 ** places[:, None] - measured) / np.broadcast_to(error, 12)) ** 2)
     density = np.zeros(len(logs))
     for spread in np.linspace(0.02, 1.0, 50):
-        inside, outside = (
-            norm.pdf(places, logs[:, None], width) @ one for width in (spread, np.hypot(spread, OUTLIER_STD))
-        )
+        widths = (spread, np.hypot(spread, OUTLIER_STD))
+        inside, outside = (norm.pdf(places, logs[:, None], width) @ one for width in widths)
         mixed = (1.0 - P_OUTLIER) * inside + P_OUTLIER * outside
         density += np.prod(mixed, axis=1) * norm.pdf(spread, 0.0, SPREAD_SCALE)
     exact = np.interp([0.5, 0.95], np.cumsum(density) / np.sum(density), logs)

@@ -152,6 +152,8 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
     "HDF5 attributes": (hdf5({"t_us": US, "R_um": UM, "@time": "noon", "@_v": 1, "@fit": 1e3}), "@fit, @time"),
+    "HDF5 units": (hdf5({"t": US, "R": UM, "t@units": "us", "R@unit": "micron", "t@of": 1}), "not used: t/@of"),
+    "times and radii in a matrix": (saved(Rt=np.c_[TIME, RADIUS]), "Rt is taken as times and radii"),
     "a simulation alone": (hdf5({"sim/t_us": US, "sim/R_um": UM, "G": 1e3}), "not used: G"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
     "arrays of numpy": (packed, "not used: about, read.me"),
@@ -208,6 +210,8 @@ DOUBTFUL = {  # a file, options, and codes of its warnings
     "another rate of MATLAB": (saved(R=RADIUS, t=TIME, fps=2 * RATE), {}, "rate_unused"),
     "a scale of no pixels": (HEAD + PLAIN, {"um_per_px": 3.2}, "scale_unused"),
     "its own scale": (saved(R_um=UM, t=TIME, deltax=3.2e-6), {"um_per_px": 3.2}, ""),
+    "one stretch twice": (saved(R=RADIUS, t=TIME, R_eq=25e-6, lambda_max=8.1), {}, ""),
+    "two stretches": (saved(R=RADIUS, t=TIME, R_eq=25e-6, lambda_max=6.0), {}, "stretches"),
     "another scale": (saved(R_px=UM / 3.0, t=TIME, deltax=3.2e-6), {"um_per_px": 3.0}, "camera_differs"),
 }
 
@@ -302,11 +306,13 @@ def test_wrong_units_are_recognised(tmp_path, said):
 
 
 def test_csv_round_trip(tmp_path):
-    curve = RadiusCurve(TIME, np.where(np.arange(len(TIME)) == 3, np.nan, RADIUS), np.linspace(1e-6, 2e-6, len(TIME)))
+    masked = np.ma.masked_array(RADIUS, np.arange(len(TIME)) == 3)
+    curve = RadiusCurve(TIME, masked, np.linspace(1e-6, 2e-6, len(TIME)))
     write_csv(tmp_path / "a.csv", curve, "simulation of a,=1+1;@b\n, +c")
     (back,) = read_curves(tmp_path / "a.csv")
     for name in ("time", "radius", "radius_std"):
         assert np.allclose(getattr(back, name), getattr(curve, name), rtol=1e-9, equal_nan=True)
+    assert np.flatnonzero(np.isnan(back.radius)).tolist() == [3]
     first, *_ = (tmp_path / "a.csv").read_text().splitlines()
     assert first == "# simulation of a =1+1 @b\\x0a  +c"
 
@@ -333,6 +339,9 @@ BAD = {  # content, or what writes it; code; what is named
     "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.number", "'Mean' is not a number"),
     "objects.npy": (array(np.array([{"a": 1}], object)), "tabular.array", "numbers"),
     "other.mat": (saved(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
+    "units.h5": (hdf5({"t_us": US, "R_um": UM, "R_um@units": "mm"}), "tabular.units", "'mm' as its attribute"),
+    "contradict.csv": ("t_us,R_um,D_um\n" + lines(",", US, UM, UM), "table.twice", "'D_um' is 1 times 'R_um'"),
+    "matrix.mat": (saved(Rt=np.c_[TIME, RADIUS, RADIUS]), "matlab.cells", "a column that always rises"),
     "group.h5": (hdf5({"b/time": TIME, "b/radius": RADIUS[:90]}), "matlab.cells", "b/radius"),
     "BDT.mat": (saved(**{**bdt_variables(), "RmaxList": []}), "matlab.variables", "no RmaxList"),
     "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "reading.binary", "'-v7'"),

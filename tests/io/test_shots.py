@@ -1,5 +1,6 @@
 """--shots: some of the shots of a file, by every verb that reads curves."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -84,13 +85,15 @@ def test_files_of_one_name_in_two_folders_are_told_apart(run):
 
 def test_a_recording_that_was_also_written_with_fewer_digits_counts_once(run, tmp_path):
     files = [tmp_path / f"{name}.csv" for name in ("one", "rounded", "other")]
-    for file, radii in zip(files, (RADIUS, np.round(RADIUS, 8), 1.002 * RADIUS), strict=True):
-        text_table(file, "time_us,radius_um,density", 1e6 * TIME, 1e6 * radii, 1e9 + 1e9 * TIME)
+    changes = 1e9 + 1e9 * TIME
+    columns = (RADIUS, changes), (np.round(RADIUS, 8), 1060.0 + 0.0 * TIME), (1.002 * RADIUS, changes)
+    for file, (radii, density) in zip(files, columns, strict=True):
+        text_table(file, "time_us,radius_um,density", 1e6 * TIME, 1e6 * radii, density)
     run("infer", *files, *BDT, "--no-pictures", "-o", "out")
     assert [one.name for one in load("out").curves] == ["one", "other"]
     said = [one.text for one in load("out").groups[0].messages]
     assert "density 998 kg/m3: assumed; what the file gives" in str(said)
-    assert "rounded" in load("out").notes[0]
+    assert re.search(r"rounded.*\(nothing\), not the former \(density 1060\)", load("out").notes[0])
 
 
 def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):

@@ -49,9 +49,8 @@ def test_imports_run_one_way():
 def test_types_are_where_the_page_says(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
     way = importlib.import_module("way")
-    modules = {
-        name: path.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name, path in way.types().items()
-    }
+    types = way.types().items()
+    modules = {name: path.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name, path in types}
     assert len(modules) > 6
     homes = {name: importlib.import_module(f"cavirheo.{module}") for name, module in modules.items()}
     assert [name for name, home in homes.items() if getattr(home, name).__module__ != home.__name__] == []

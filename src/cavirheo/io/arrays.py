@@ -26,7 +26,7 @@ from cavirheo.io import apart
 from cavirheo.io.curves import FORMS, Camera, read_each, read_table, stated
 from cavirheo.io.files import LARGEST_TEXT, MOST_CURVES, MOST_NUMBERS, Source, check_limit
 from cavirheo.io.names import CURVES, PER_SHOT, STATED
-from cavirheo.io.tables import Name, Table
+from cavirheo.io.tables import Name, Table, unit_beside
 from cavirheo.messages import Message
 
 Arrays = dict[str, np.ndarray | str]  # by their paths: radius, group/radius, structs(2)/R, cells{3}; or what they are
@@ -63,6 +63,7 @@ def read_arrays(source: Source, density: float, pressure: float, camera: Camera)
         return _bdt(arrays, density, pressure, camera)
     if names.issuperset(_ROWS):
         arrays = _with_radii_of_rows(arrays)
+    arrays, taken = _with_pairs_apart(arrays)
     shots, of_frames = _shots(arrays)
 
     def read(group: str) -> list[RadiusCurve]:
@@ -70,7 +71,7 @@ def read_arrays(source: Source, density: float, pressure: float, camera: Camera)
 
     curves = read_each([(group if len(shots) > 1 else "", group) for group in shots], read)
     note = f"an array of numpy: {', '.join(arrays)}"
-    return [curve.with_notes(note) for curve in curves] if source.kind == "numpy" else curves
+    return [curve.with_notes(*taken, *([note] if source.kind == "numpy" else [])) for curve in curves]
 
 
 def _matlab_variables(path: str) -> dict[str, Any]:
@@ -155,22 +156,44 @@ def _hdf5_variables(source: Source) -> Arrays:
             message = "a part of a training set, which `cavirheo generate` simulated for `train`: no measurement"
             raise InputError(message, "reading.training_set")
         for path, item in local_items(file).items():
+            unit, read = _unit(path, item)
             for part, value in _parts(file, path, item, 0) if not path.startswith(_HELD) else ():
-                found[part] = value if isinstance(value, str) else refusal(value, count) or _numbers(value)
-                count += np.size(found[part])
-            found |= _attributes(f"{path}/", item)
+                numbers = value if isinstance(value, str) else refusal(value, count) or _numbers(value)
+                count += np.size(numbers)
+                found[f"{part}{unit}"] = numbers
+            found |= _attributes(f"{path}/", item, read)
         found |= _attributes("", file)
     return found
 
 
-def _attributes(place: str, item: Any) -> Arrays:
-    names = [name for name in item.attrs if not _OF_LIBRARIES.match(name)]
+def _unit(path: str, item: Any) -> tuple[str, str]:
+    """Return ("_mm", "units") where an attribute names the unit of an array whose name has none, ("", "units") where
+    both name one, else ("", ""). Raises InputError: its name has another one."""
+    word = path.rpartition("/")[2]
+    vocabulary = CURVES if getattr(item, "size", 0) != 1 else STATED
+    for name in ("units", "unit"):
+        text = _attribute(item, name)
+        if isinstance(text, str) and (unit := unit_beside(vocabulary, word, text, "as its attribute")):
+            return f"_{unit}" if vocabulary.name(word).unit is None else "", name
+    return "", ""
+
+
+def _attributes(place: str, item: Any, read: str = "") -> Arrays:
+    names = [name for name in item.attrs if name != read and not _OF_LIBRARIES.match(name)]
     advice = "an attribute of HDF5 that is no number: save it as a dataset"
-    values = {name: np.asarray(item.attrs[name]) for name in names}
+    values = {name: _attribute(item, name) for name in names}
     return {
-        f"{place}{_ATTRIBUTE}{name}": value if value.dtype.kind in _REAL and value.size == 1 else advice
+        f"{place}{_ATTRIBUTE}{name}": np.asarray(value) if isinstance(value, int | float) else advice
         for name, value in values.items()
     }
+
+
+def _attribute(item: Any, name: str) -> Any:
+    """Return the only value of an attribute, decoded; None if there is none, or many."""
+    if name not in item.attrs or prod(item.attrs.get_id(name).shape or (1,)) != 1:
+        return None
+    value = np.asarray(item.attrs[name]).item()
+    return value.decode("latin-1") if isinstance(value, bytes) else value
 
 
 def _parts(file: Any, path: str, item: Any, depth: int) -> Iterator[tuple[str, Any]]:
@@ -276,6 +299,30 @@ def _shots(arrays: Arrays) -> tuple[dict[str, dict[str, Name]], Container[str]]:
                 here[path] = Name()
         shots[group] = here
     return shots, of_frames
+
+
+def _with_pairs_apart(arrays: Arrays) -> tuple[Arrays, list[str]]:
+    """Return the arrays with times and radii for each matrix [t R], if there are no other times, and notes. Raises
+    InputError: another matrix of radii has a column that always rises, as only times do."""
+    names = {path: _name(path, array) for path, array in arrays.items()}
+    if any(name.kind in ("time", "frame") for name in names.values()):
+        return arrays, []
+    parts: Arrays = {}
+    notes = []
+    for path, array in arrays.items():
+        rows = np.empty((0, 0)) if isinstance(array, str) or np.ndim(array) != 2 else array
+        rows = rows.T if rows.shape[0] > rows.shape[1] else rows
+        rising = [k for k, row in enumerate(rows) if np.all(np.diff(row) > 0.0)]
+        if names[path].kind != "radius" or min(rows.shape) < 2 or not rising:
+            parts[path] = array
+        elif len(rows) == 2 and len(rising) == 1 and names[path].unit is None:
+            place = path.rpartition("/")[0] + "/" if "/" in path else ""
+            parts |= {f"{place}time": rows[rising[0]], f"{place}radius": rows[1 - rising[0]]}
+            notes.append(f"{path} is taken as times and radii: one of its columns always rises")
+        else:
+            found = f"{path} has the shape {np.shape(array)}, and a column that always rises, as times do"
+            raise InputError(f"{found}: save times and radii as arrays of their own, t and R", "matlab.cells")
+    return parts, notes
 
 
 def _group(path: str) -> str:

@@ -40,6 +40,8 @@ _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all befor
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _CAMERA_TOLERANCE = 0.01  # relative; a frame rate or scale that differs by more from the file's is a doubt
+_DIAMETER_TOLERANCE = 0.1  # relative; diameters that differ by more from two radii are none of them
+_STRETCH_TOLERANCE = 0.05  # relative; a larger difference of two stretches of a file is a doubt
 _REMARK = re.compile(r"\W*([A-Za-z_][\w ]*?)(?:\s*[:=]\s*|\s+)(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*[\[(]?(.*?)[\])]?\s*$")
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 _CONSTANTS = ("density", "pressure")  # of the medium, which a file may state
@@ -162,6 +164,7 @@ def _series(table: Table) -> list[_Series]:
     form = next((form for form in FORMS if all(map(table.all, form.kinds))), None)
     if form is None:
         raise InputError(f"one of two axes among {table.titles}: expected both, as in a_um and b_um", "table.columns")
+    _check_diameters(table.all("radius"), table.all("diameter"))
     radii = list(zip(*map(table.all, form.kinds), strict=False))
     radii = [columns for columns in radii if columns[0].unit not in ("px", "px2")] or radii
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
@@ -195,6 +198,20 @@ def _series(table: Table) -> list[_Series]:
         _Series(form, *columns, shot, list(filter(None, (each[k] for each in stated_of))))
         for k, columns in enumerate(of_each)
     ]
+
+
+def _check_diameters(radii: Sequence[Column], diameters: Sequence[Column]) -> None:
+    """Raise InputError if the only diameters are not about twice the only radii."""
+    if not len(radii) == len(diameters) == 1 or len(radii[0].numbers) != len(diameters[0].numbers):
+        return
+    (radius,), (diameter,) = radii, diameters
+    if radius.unit != diameter.unit and not {radius.unit, diameter.unit} <= LENGTH_UNITS.keys():
+        return
+    factor = LENGTH_UNITS.get(diameter.unit or "", 1.0) / LENGTH_UNITS.get(radius.unit or "", 1.0)
+    ratio = factor * float(np.nanmedian(diameter.numbers / radius.numbers))
+    if abs(0.5 * ratio - 1.0) > _DIAMETER_TOLERANCE:
+        both = f"{diameter.title!r} is {ratio:.3g} times {radius.title!r}, and a diameter is twice a radius"
+        raise InputError(f"{both}: remove the column that is wrong", "table.twice")
 
 
 def _of_each(radii: Sequence[Column], columns: Sequence[Column]) -> Sequence[Column | None]:
@@ -493,17 +510,29 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
     if "stretch" in meta:
         deviation = f" +- {meta['stretch_std']:.2g}" if "stretch_std" in meta else ""
         notes.append(f"the file states the stretch {meta['stretch']:.4g}{deviation}")
-    elif column := series.at_rest:
-        per_number = float(np.nanmax(curve.radius, initial=0.0)) / largest if largest > 0.0 else np.nan
-        at_rest = float(column.numbers[0]) * LENGTH_UNITS.get(column.unit or "", per_number)  # m
-        with suppress(InputError):  # no scale, or no maximum
-            stretch = curve.max_radius / at_rest if at_rest > 0.0 else np.nan
-            if 1.0 < stretch < 100.0:
-                meta["stretch"] = stretch
-                notes.append(f"the file states the stretch {stretch:.4g}: R_max over {column.title}")
-        notes += [] if meta else [f"{column.title!r} is not used: it gives no stretch"]
+    if column := series.at_rest:
+        stretch = _stretch_at_rest(curve, column, largest)
+        if "stretch" in meta:
+            notes.append(f"{column.title!r} is not used: the file states the stretch, too")
+            if abs(stretch / meta["stretch"] - 1.0) > _STRETCH_TOLERANCE:
+                doubt = Message("check_input.stretches", {"stated": meta["stretch"], "at_rest": stretch})
+                curve = curve.labelled(warnings=(*curve.warnings, doubt))
+        elif 1.0 < stretch < 100.0:
+            meta["stretch"] = stretch
+            notes.append(f"the file states the stretch {stretch:.4g}: R_max over {column.title}")
+        else:
+            notes.append(f"{column.title!r} is not used: it gives no stretch")
     ignored = sorted({*curve.meta.get("ignored", ())} - medium.keys())
     return curve.labelled(**meta, medium=medium, ignored=ignored).with_notes(*notes)
+
+
+def _stretch_at_rest(curve: RadiusCurve, column: Column, largest: float) -> float:
+    """Return R_max over a radius at rest; NaN if one of them is not known. largest: as in `_with_stated`."""
+    per_number = float(np.nanmax(curve.radius, initial=0.0)) / largest if largest > 0.0 else np.nan
+    at_rest = float(column.numbers[0]) * LENGTH_UNITS.get(column.unit or "", per_number)  # m
+    with suppress(InputError):  # no scale, or no maximum
+        return curve.max_radius / at_rest if at_rest > 0.0 else np.nan
+    return np.nan
 
 
 def _scaled_to_column(curve: RadiusCurve, column: Column, rows: Indices) -> RadiusCurve:

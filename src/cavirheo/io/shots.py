@@ -234,11 +234,20 @@ def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], li
         near = (one for size, one in alike if abs(size - largest) <= ROUNDED * size)
         if earlier := next((one for one in near if _same_recording(one, curve)), None):
             copy, original = (f"{each.name} ({each.source})" for each in (curve, earlier))
-            remarks.append(f"{copy} is the same recording as {original}: it is counted once")
+            counted = f"{copy} is the same recording as {original}: it is counted once"
+            used, lost = map(_stated, (earlier, curve))
+            differ = f", with what the latter states ({used}), not the former ({lost})" if used != lost else ""
+            remarks.append(counted + differ)
         else:
             alike.append((largest, curve))
             unique.append(curve)
     return unique, remarks
+
+
+def _stated(curve: RadiusCurve) -> str:
+    """Return what its file states of medium and stretch."""
+    constants = {**curve.medium} | ({"stretch": curve.stretch} if curve.stretch else {})
+    return ", ".join(f"{name} {value:.4g}" for name, value in sorted(constants.items())) or "nothing"
 
 
 def _same_recording(first: RadiusCurve, second: RadiusCurve) -> bool:

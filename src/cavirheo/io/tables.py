@@ -336,13 +336,17 @@ def _titles_with_units(titles: list[str], rows: list[Row], vocabulary: Vocabular
         return titles, []
     for _, texts in below:
         for k, (title, cell) in enumerate(zip(titles, texts, strict=False)):
-            unit = unit_of(cell.strip("[]() "), vocabulary.term(title).units)
-            if unit and vocabulary.name(title).unit is None:
-                titles[k] = f"{title} ({unit})"
-            elif unit not in (None, vocabulary.name(title).unit):
-                both = f"the column {title!r} has a unit in its title, and {cell!r} in the row below"
-                raise vocabulary.error("units", both)
+            unit = unit_beside(vocabulary, title, cell, "in the row below")
+            titles[k] = f"{title} ({unit})" if unit and vocabulary.name(title).unit is None else title
     return titles, below
+
+
+def unit_beside(vocabulary: Vocabulary, title: str, text: str, place: str) -> str | None:
+    """Return the unit that a text at a place beside a title names, if any. Raises InputError: the title has another."""
+    unit = unit_of(text.strip("[]() "), vocabulary.term(title).units)
+    if unit and vocabulary.name(title).unit not in (None, unit):
+        raise vocabulary.error("units", f"the column {title!r} has a unit in its title, and {text!r} {place}")
+    return unit
 
 
 def _read_sheets(source: Source, vocabulary: Vocabulary) -> list[Table]:
