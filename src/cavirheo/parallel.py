@@ -28,13 +28,11 @@ Closing the flow drops jobs that have not begun."""
 # no modules from the current folder; loky restarts a process with so many bytes more than after its first job
 _ENVIRONMENT = {"PYTHONSAFEPATH": "1", "LOKY_MAX_MEMORY_LEAK_SIZE": "2e9"}
 IDLE = 30.0  # s after which a process without work ends
-_idle: list[tuple[int, Any]] = []  # (number of processes, pool) that wait for another `on_processes`
-_shared: list[Any] = []  # the pool of all calls of `run_on_any_core`
-_pool_lock = threading.Lock()
+_pools: dict[Any, str] = {}  # the living pools of this process, each "idle", "lent", or "shared" by threads
+_pool_lock = threading.RLock()  # a thread that holds it may have to close a flow that nobody uses any more
 _calling_thread_lock = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_idle.clear)  # a pool is of the process that started it
-    os.register_at_fork(after_in_child=_shared.clear)
+    os.register_at_fork(after_in_child=_pools.clear)  # a pool is of the process that started it
 
 
 def cores(workers: int | None = None) -> int:
@@ -102,25 +100,28 @@ def on_processes(function: Callable[[Job], Output], jobs: Sequence[Job], workers
     mostly run Python code, which threads would run one at a time. After its close or an exception, running jobs end at
     once. Threads do the work where no process can be started. Raises InputError: a process was ended from outside; and
     what `function` raises."""
-    size, pool = _lent_pool(max(min(cores(workers), len(jobs)), 1))
+    pool = _pool("lent", max(min(cores(workers), len(jobs)), 1))
     if pool is None:
         yield from on_threads(function, jobs, workers)
         return
-    complete = False
+    complete = not jobs
     try:
         indices = {pool.submit(function, job): index for index, job in enumerate(jobs)}
         for future in as_completed(list(indices)):
-            yield indices.pop(future), future.result()
-        complete = True
+            index, output = indices.pop(future), future.result()
+            complete = not indices
+            yield index, output
     except BrokenExecutor as error:
         message = "a process of this machine was ended from outside, for want of memory perhaps"
         mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
         raise InputError(f"{message}: {mending}", "parallel.ended") from error
     finally:
-        if complete:
-            _idle.append((size, pool))
-        else:
-            pool.shutdown(kill_workers=True)
+        with _pool_lock:
+            kept = complete and pool in _pools
+            if kept:
+                _pools[pool] = "idle"
+        if not kept:
+            _end(pool)
 
 
 @contextmanager
@@ -137,30 +138,41 @@ def _signals_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _lent_pool(count: int) -> tuple[int, Any]:
-    """(number of processes, pool) of `count` processes or more, which no other caller has; None if none can be
-    started."""
-    with _pool_lock:
-        while _idle:
-            size, pool = _idle.pop()
-            if size >= count:
-                return size, pool
-            pool.shutdown(wait=False)
-        return count, _new_pool(count)
-
-
-def _new_pool(count: int) -> Any:
-    """A pool of processes; None if none can be started, as in a sandbox without semaphores, or without enough memory or
-    files. Its processes end themselves when they have had no work for IDLE, or this one is killed, and leave Ctrl-C to
-    this one."""
+def _pool(use: str, count: int) -> Any:
+    """A pool of `count` processes or more for this use, an idle or a new one; None if none can be started, as in a
+    sandbox without semaphores, or without enough memory or files. Its processes end themselves when they have had no
+    work for IDLE, or this one is killed, and leave Ctrl-C to this one."""
     from loky import ProcessPoolExecutor
 
     tied = {"initializer": tie_to_parent, "initargs": (os.getpid(),)}
-    with suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, too many files
+    with _pool_lock, suppress(OSError, RuntimeError, NameError), _signals_blocked():  # NameError: of loky, many files
+        for pool in [pool for pool, its_use in _pools.items() if its_use == "idle"]:
+            if pool._max_workers >= count and _lives(pool):
+                _pools[pool] = use
+                return pool
+            _end(pool, wait=False)
         pool = ProcessPoolExecutor(count, timeout=IDLE, env=_ENVIRONMENT, **tied)
         pool.submit(int)  # starts the processes
+        _pools[pool] = use
         return pool
     return None
+
+
+def _lives(pool: Any) -> bool:
+    """Whether no process of an idle pool was ended from outside. Those that ended for want of work are started."""
+    alive = all(process.is_alive() for process in [*pool._processes.values()])
+    with suppress(BrokenExecutor):
+        pool.submit(int)
+        return alive
+    return False
+
+
+def _end(pool: Any, *, wait: bool = True) -> None:
+    """End a pool and its processes, even running ones, once."""
+    with _pool_lock:
+        living = _pools.pop(pool, None)
+    if living:
+        pool.shutdown(wait=wait, kill_workers=True)
 
 
 def tie_to_parent(parent: int) -> None:
@@ -177,10 +189,12 @@ def tie_to_parent(parent: int) -> None:
 
 
 def prepare_exit() -> None:
-    """End all processes that this one has started, and release what they shared. To be called before an exit that skips
-    the exit handlers."""
-    for pool in (*(pool for _, pool in _idle), *_shared):
-        pool.shutdown(kill_workers=True)
+    """End all processes that this one has started, even running ones, and release what they shared. To be called before
+    an exit that skips the exit handlers."""
+    with _pool_lock:
+        pools = [*_pools]
+    for pool in pools:
+        _end(pool)
     for thread in threading.enumerate():  # of loky: an exit while one of them releases a semaphore shows it as leaked
         if thread.name in ("ExecutorManagerThread", "QueueFeederThread"):
             thread.join(1.0)
@@ -220,13 +234,13 @@ def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
         finally:
             _calling_thread_lock.release()
     with _pool_lock:
-        if not _shared and cores() > 1:
-            _shared.extend(filter(None, [_new_pool(cores())]))
-        pool = next(iter(_shared), None)
+        pool = next((pool for pool, use in _pools.items() if use == "shared"), None)
+        if not pool and cores() > 1:
+            pool = _pool("shared", cores())
     if pool:
         try:
             output: Output = pool.submit(function, *arguments).result()
             return output
         except BrokenExecutor:  # ended from outside: the next call starts others
-            _shared.clear()
+            _end(pool)
     return function(*arguments)
