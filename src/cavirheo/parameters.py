@@ -142,7 +142,7 @@ _LETTERS = {"α": "alpha", "β": "beta", "ζ": "zeta", "λ": "lambda", "μ": "mu
 DECIDING = ("shear_modulus", "viscosity", "reference_viscosity")  # parameters that make a verdict
 MOST_WIDTH = 10.0  # factor between the ends of the interval of a value; a wider one is no value
 NO_ONE_VALUE = 1.0  # scatter of the shots of a group over its value, from which on no one value stands for them
-UNLIKELY = 0.05  # probability of what does not count: a switch of a group, bubbles that the emulator hardly knows
+UNLIKELY = 0.05  # probability up to which a group has settled that a switch is off
 END_SHARE = 0.25  # of an interval's width: nearer to an end of the range, an end is due to the range
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.special import betainc, ndtr
+from scipy.special import betainc
 
 from cavirheo.arrays import LN10, Bools, Floats, weighted_covariance
 from cavirheo.errors import SolverError
@@ -19,7 +19,7 @@ from cavirheo.inference.sample import DIFFERENCE, EMULATED, SIMULATED, climb, ef
 from cavirheo.inference.weigh import Model, Weighed, posterior
 from cavirheo.messages import Message, message_of_bound
 from cavirheo.parallel import run_jobs
-from cavirheo.parameters import CAMERA, DECIDING, LOG10, UNLIKELY, Bound, bound_of, units
+from cavirheo.parameters import CAMERA, DECIDING, LOG10, Bound, bound_of, units
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.physics.bubble import ZERO_BY_DEFAULT
 from cavirheo.physics.laws import NeoHookean
@@ -27,8 +27,9 @@ from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict
 from cavirheo.prior import INSIDE, Prior, State
 
 REPLICATES = 2000  # of the predicted frames
-REJECTED = 0.01  # probability under a right law, or under its prior, at which a misfit or a nuisance is unusual
+REJECTED = 0.01  # probability under a right law at which the predictive check rejects it
 SEEN_MISFIT = 5e-4  # a misfit over R_max that is smaller is not stated
+PRIOR_END = 2.3  # a nuisance so far from the middle of its prior has 1 % of it beyond
 OPEN_ENDS: dict[str, Bound] = {
     "stretch": "lower",
     "accommodation": "upper",
@@ -55,7 +56,7 @@ SWITCHES: dict[str, tuple[str, Callable[[Floats], Bools]]] = {
     "accommodation": ("field_bubble", np.isposinf),
 }
 """The switch of a parameter, and at which values it is on."""
-AT_THE_END = 0.8  # of the pull that the emulator knows
+AT_THE_END, LIKELY = 0.8, 0.1  # of the pull that the emulator knows; and a probability that it is larger
 
 
 class ResidualSource:
@@ -63,13 +64,13 @@ class ResidualSource:
     the bubble (`unknown` says why; `untrained` why it may not serve); and by default simulations. states: of the
     switches. simulations, failures: how many there have been."""
 
-    def __init__(self, shot: Experiment, workers: int | None = 1) -> None:
+    def __init__(self, shot: Experiment, workers: int | None = 1, *, unknown_because: str = "") -> None:
         self.shot, self.prior, self.workers = shot, shot.prior(), workers
         self.states: list[State] = self.prior.states(DEPENDENT)
         self.measured = shot.measured[shot.counted]
         self.simulations, self.failures = 0, 0
         usual = shot.family.material(np.mean(shot.family.bounds(started=True), axis=1))
-        self.unknown: str = unknown(usual, shot.options.bubble, shot.max_radius)
+        self.unknown: str = unknown_because or unknown(usual, shot.options.bubble, shot.max_radius)
         self.untrained: str = untrained(shot.options.bubble, shot.medium, shot.max_radius)
 
     def quick(self, x: Floats) -> Floats:
@@ -99,7 +100,7 @@ class ResidualSource:
     def too_stiff(self, weighed: Weighed) -> bool:
         """Whether likely bubbles are at the end of what the emulator was trained for."""
         pulled = self._pull(weighed.x) > AT_THE_END * LARGEST_PULL
-        return bool(weighed.weights @ pulled > UNLIKELY)
+        return bool(weighed.weights @ pulled > LIKELY)
 
     def state(self, x: Floats) -> State:
         """The state of the switches at x (d,)."""
@@ -182,8 +183,10 @@ def _drawn(shot: Experiment, noise: Noise, workers: int | None, seed: int) -> tu
     target = ResidualSource(shot, workers)
     drawn = posterior(target.models(noise), seed, SIMULATED if target.unknown else EMULATED)
     if drawn.effective < ENOUGH and target.untrained and not target.unknown:
-        target.unknown = target.untrained
+        tried, target = target, ResidualSource(shot, workers, unknown_because=target.untrained)
         drawn = posterior(target.models(noise), seed, SIMULATED)
+        target.simulations += tried.simulations
+        target.failures += tried.failures
     solved = drawn.solved
     if not len(solved.x):
         raise SolverError(f"{shot.curve.name}: none of {len(drawn.x)} likely bubbles can be simulated")
@@ -297,7 +300,7 @@ def _at_prior_ends(shot: Experiment, prior: Prior, weighed: Weighed) -> dict[str
     weight, u = weighed.weights, prior.to_u(weighed.x, INSIDE)
     ends: dict[str, str] = {}
     for name, values in zip(prior.names, u.T, strict=True):
-        for end, beyond in (("lower", ndtr(values) < REJECTED), ("upper", ndtr(-values) < REJECTED)):
+        for end, beyond in (("lower", values < -PRIOR_END), ("upper", values > PRIOR_END)):
             usual = name in ZERO_BY_DEFAULT and end == "lower"
             if name in (*shot.free, *shot.walls) and not usual and weight @ beyond > 0.5:
                 ends[name] = end

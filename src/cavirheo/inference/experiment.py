@@ -49,6 +49,7 @@ BOUND_SIGMAS = 3.0  # standard deviations from the middle to the bound of radius
 CLEAN_DEVIATION = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
 MISFIT = 0.03  # RMSE/R_max above which the model does not fit (docs/method/verdicts.md)
 DRAWN = 800  # points of a simulated curve
+CLEAN_MISFIT = 1e-3  # RMSE/R_max above which the simulation of a curve that is no measurement does not fit
 STATED_DEVIATION = 0.1  # least standard deviation of a stretch that the file states, over the stretch
 
 
@@ -315,7 +316,7 @@ class Experiment:
         """`checks_of` the simulation at x (d,)."""
         natural = self.natural(x)
         material, bubble = self.family.material(x[: self.law_size]), self.bubble_with(natural)
-        return self.checks_of(material, bubble, natural, verdict, messages, SOLVER_ERROR if self.clean else MISFIT)
+        return self.checks_of(material, bubble, natural, verdict, messages, CLEAN_MISFIT if self.clean else MISFIT)
 
     def checks_of(
         self, material: Material, bubble: Bubble, natural: Mapping[str, Any], verdict: Verdict,

@@ -27,7 +27,7 @@ MOST_FRAMES = 180  # a recording with more frames is averaged
 LONGEST_MEAN = 0.05  # longest time of a mean over that of the first collapse
 LEAST_BIAS, LARGEST_BIAS = 1e-3, 2.0  # smallest and largest share b
 BISECTIONS = 12  # that find b
-SOLVER_ERROR = 1e-3  # of R_max, of the solver: smaller noise counts as this
+SOLVER_ERROR = 1e-3  # of R_max, the error of the solver: smaller noise counts as this
 
 
 class ComparedFrames(NamedTuple):

@@ -52,6 +52,7 @@ PERIODS = 6.0  # length of the comparison, first collapse times
 SMOOTHED_FRAMES = (3, 5, 7, 9)  # frames over which radii may be smoothed
 SMOOTHED_SHARE = 0.85  # share of the residual's power that smoothing leaves unexplained, below which there is a warning
 SMOOTHED_SIZE = (0.6, 2.0)  # of what smoothing explains, over what it should
+FELT_INERTIA = 0.05  # least lower end of the interval of the inertia of walls that tells of one
 # of a stated stretch, and of its standard deviation: a stretch so far from the late plateau contradicts it
 CONTRADICTION, CONTRADICTION_SIGMAS = 0.4, 4.0
 
@@ -95,11 +96,9 @@ def answer_warnings(shot: Experiment, found: Posterior) -> list[Message]:
 
 
 def felt_wall_warnings(shot: Experiment, found: Posterior) -> list[Message]:
-    """A message if the answer needs a wall closer than vessels have: an inertia that is clearly beyond the scale of its
-    prior."""
-    scale = shot.walls.get("confinement_inertia")
-    ends = found.interval("confinement_inertia") if scale else None
-    if not scale or not ends or ends[0] <= scale:
+    """A message if the answer needs a wall closer than vessels have."""
+    ends = found.interval("confinement_inertia") if "confinement_inertia" in found.parameters else None
+    if not ends or ends[0] <= FELT_INERTIA:
         return []
     inertia = found.median("confinement_inertia") or 1.0
     return [Message("check_input.walls", {"distance": 0.5 * shot.max_radius / inertia})]
