@@ -15,6 +15,7 @@ from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
 from stat import S_ISDIR, S_ISREG
+from types import UnionType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def require(condition: bool, message: str, code: str = "input", where: str = "")
         raise InputError(message, code, where)
 
 
-def expect(value: object, kind: type, expected: str) -> None:
+def expect(value: object, kind: type | UnionType, expected: str) -> None:
     """Raise InputError unless the value is of this kind; `expected` says what was expected, and how to get it."""
     if not isinstance(value, kind):  # brief(value) may take long, so only an error computes it
         raise InputError(f"expected {expected}; got {type(value).__name__} {brief(value)}", "input.type")

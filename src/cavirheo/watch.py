@@ -65,7 +65,7 @@ class Watch:
         batch = self._waiting[: 2 * cores()]
         self._waiting = self._waiting[len(batch) :]
         for index, answer in analyse(batch, self.analysis, self.store):
-            if batch[index].unusable not in self.unreadable:  # of which a line tells already
+            if batch[index].source not in self.unreadable:  # of which a line tells already
                 self.show(batch[index], answer)
         if complete or batch:
             self.write()
@@ -79,8 +79,8 @@ class Watch:
 
     @property
     def unreadable(self) -> list[str]:
-        """Why files cannot be read."""
-        return [problem for _, content in self._files.values() for problem in content.problems]
+        """The files that cannot be read, as the sources of their curves."""
+        return [content.curves[0].source for _, content in self._files.values() if content.problems]
 
     def _answer(self, curve: RadiusCurve) -> Posterior | None:
         return self.store.get(self.analysis.key(curve))

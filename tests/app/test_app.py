@@ -209,8 +209,8 @@ def test_answers_are_of_their_settings_and_files(session):
     words = "cavirheo infer soft_gel.csv --model bdt-viscoelastic --bubble field (1 of 5 shots)"
     assert first.document.command == words
     session.apply_settings(PageSettings(window=2))
-    for asked in (lambda: session.export(), lambda: session.find_answer("soft_gel[2]")):
-        with refused("app.no_answer"):
+    for asked in (session.export, lambda: session.find_answer("soft_gel[2]"), lambda: session.find_answer(None)):
+        with refused("app.no_answer", "no answer yet"):
             asked()
     session.apply_settings(QUICK)
     again = session.infer(["soft_gel[2]"])

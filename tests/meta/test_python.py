@@ -92,7 +92,7 @@ def test_a_constant_in_another_unit_is_refused_and_can_be_insisted_on(name, give
     with refused(f"physics.unusual_{name}", meant, "unusual=True"):
         Medium(**{name: given})
     if name not in ("temperature", "pressure", "vapour_reference_temperature"):  # the liquid would boil
-        assert getattr(Medium(unusual=True, **{name: given}), name) == given
+        assert getattr(Medium(unusual=np.True_, **{name: given}), name) == given
 
 
 def test_a_parameter_is_named_by_symbol_natural_name_or_column():

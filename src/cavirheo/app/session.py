@@ -162,8 +162,8 @@ class Session:
         shutil.rmtree(self.uploads, ignore_errors=True)
         self.uploads.mkdir()
         self.files: list[Path] = []
-        # the curve of each recording and its camera, or why there is none
-        self.measured: dict[Any, tuple[list[RadiusCurve], list[str]]] = {}
+        # of each recording its latest camera, and its curve or why there is none
+        self.measured: dict[Path, tuple[dict[str, Any], tuple[list[RadiusCurve], list[str]]]] = {}
         self.curves: list[RadiusCurve] = []  # of all files, read with the settings
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
@@ -215,10 +215,10 @@ class Session:
         contents: list[str | RadiusCurve] = [path.name for path in files if not is_video(path)]
         failed = list[str]()
         camera = settings.camera
-        for key in ((path, *camera.values()) for path in recordings):
-            if key not in self.measured:
-                self.measured[key] = self.visitors.measurer.read(self.uploads, [key[0].name], **camera)
-            curves, problems = self.measured[key]
+        for path in recordings:
+            if path not in self.measured or self.measured[path][0] != camera:
+                self.measured[path] = camera, self.visitors.measurer.read(self.uploads, [path.name], **camera)
+            curves, problems = self.measured[path][1]
             contents += curves
             failed += [] if curves else problems
         options = settings.read_options | {"exclude": None if recordings else settings.exclude}  # a table refuses it
@@ -263,7 +263,8 @@ class Session:
             for pair, record in zip(answers.pairs, answers.document.rows, strict=True):
                 if record.name == name:
                     return answers, *pair, record
-        raise InputError(f"{name} has no answer: infer first (step 3)", "app.no_answer")
+        missing = f"{name} has no answer" if name and self.answers else "no answer yet"
+        raise InputError(f"{missing}: infer first (step 3)", "app.no_answer")
 
     def infer(self, names: Sequence[str]) -> Answers:
         """Return the answers of the chosen shots, and keep them; after a stop no further shot is waited for. Raises

@@ -83,7 +83,7 @@ class Medium:
 
     def __post_init__(self, unusual: bool) -> None:
         check(self)
-        expect(unusual, bool, "True or False as unusual")
+        expect(unusual, bool | np.bool_, "True or False as unusual")
         for name, plausible in {} if unusual else CONSTANTS.items():
             if (value := getattr(self, name)) != inf:  # an incompressible liquid
                 plausible.check(name, value, f"physics.unusual_{name}", _IF_MEANT)

@@ -26,6 +26,8 @@ def show(
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
     from cavirheo.loading import document_of, load, print_table
 
+    if file.suffix.lower() in (".html", ".htm") and document_of(file) is None:
+        raise InputError(f"{file} is a report for a browser: give its folder, {file.parent}", "show.report")
     is_document = file.suffix.lower() == ".json" or document_of(file) is not None
     measurement = {"shots": shots, "fps": fps, "um-per-px": um_per_px}
     given = [name for name, value in measurement.items() if value is not None]
