@@ -467,15 +467,14 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
     if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
         notes.append(f"times in {clock.title!r} have too few digits: {rate:.6g} frames per second are used instead")
         return np.arange(len(time)) / rate, "s"
-    if counts and len(steps) >= _FEWEST_FRAMES:
-        message = (
-            f"{clock.title!r} counts by one and has no unit: are these numbers of frames, or times? give the frame "
-        )
-        raise InputError(
-            f"{message}rate (--fps 1e6), or write a unit into the title, as in time_us", "table.frame_rate"
-        )
     if rate is not None:
         notes.append("the frame rate is not used: the file has times")
+    elif (
+        clock.unit is None and len(steps) >= _FEWEST_FRAMES and np.mean(steps == 1.0) > 0.5 and not np.any(steps % 1.0)
+    ):
+        message = f"{clock.title!r} counts by one and has no unit: are these numbers of frames, or times? "
+        message += "give the frame rate (--fps 1e6), or write a unit into the title, as in time_us"
+        raise InputError(message, "table.frame_rate")
     return time, clock.unit
 
 

@@ -247,7 +247,7 @@ def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], li
 def _stated(curve: RadiusCurve) -> str:
     """Return what its file states of medium and stretch."""
     constants = {**curve.medium} | ({"stretch": curve.stretch} if curve.stretch else {})
-    return ", ".join(f"{name} {value:.4g}" for name, value in sorted(constants.items())) or "nothing"
+    return ", ".join(f"{name} {value:.6g}" for name, value in sorted(constants.items())) or "nothing"
 
 
 def _same_recording(first: RadiusCurve, second: RadiusCurve) -> bool:

@@ -345,7 +345,7 @@ def unit_beside(vocabulary: Vocabulary, title: str, text: str, place: str) -> st
     """Return the unit that a text at a place beside a title names, if any. Raises InputError: the title has another."""
     unit = unit_of(text.strip("[]() "), vocabulary.term(title).units)
     if unit and vocabulary.name(title).unit not in (None, unit):
-        raise vocabulary.error("units", f"the column {title!r} has a unit in its title, and {text!r} {place}")
+        raise vocabulary.error("units", f"the column {title!r} has a unit in its title, and {text!r} {place}: mend one")
     return unit
 
 
