@@ -333,8 +333,9 @@ def _group(path: str) -> str:
 def _with_outer(group: str) -> Iterator[str]:
     """Yield the group, then those around it, to the outermost one."""
     yield group
-    if group:
-        yield from _with_outer(_group(group))
+    while group:
+        group = _group(group)
+        yield group
 
 
 def _group_with_times(group: str, kinds: Mapping[str, set[str]], with_radii: Iterable[str]) -> str | None:

@@ -171,8 +171,8 @@ def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
     if (numbers := shot_numbers(shots)) is None:
         return list(items)
     if missing := ", ".join(str(number) for number in numbers if number > len(items)):
-        held = "one shot" if len(items) == 1 else f"{len(items)} shots"
-        message = f"shot {missing} is asked for, and this file has {held}: ask for others, or give the file by itself"
+        advice = f"give numbers from 1 to {len(items)}, or this file in a command of its own"
+        message = f"shot {missing} is asked for, and the file has {len(items)}: {advice}"
         raise InputError(message, "reading.shots")
     return [items[number - 1] for number in numbers]
 
