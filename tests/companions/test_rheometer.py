@@ -149,8 +149,7 @@ def test_every_sheet_of_a_workbook(tmp_path):
 
 @pytest.mark.parametrize("first", ["strain", "frequency"])
 def test_a_table_of_two_sweeps_is_split(tmp_path, first):
-    """The frequency stays in a strain sweep. Where strain and frequency change together, it is a sweep at constant
-    stress, or the table is refused."""
+    """The frequency stays in a strain sweep; where both change it is a sweep at constant stress, or is refused."""
     sweeps = {
         "strain": [(10.0, 100 * g, softening(g), 50.0) for g in STRAIN],
         "frequency": [(w, 1.0 + k % 2 / 100, 1e3 + w, 5 * w) for k, w in enumerate(OMEGA)],

@@ -102,8 +102,7 @@ def test_of_a_liquid_the_modulus_is_bounded_from_above(answers):
 
 
 def test_a_switch_that_is_off_leaves_its_parameters_at_nothing(answers):
-    """A liquid has no stiffening, a gel does not thin; the field's bubble has no damping, and vapour that meets no
-    resistance."""
+    """A liquid has no stiffening, a gel does not thin; the field's bubble has neither damping nor slow vapour."""
     columns = {name: dict(zip(one.names, one.theta.T, strict=True)) for name, one in answers.items()}
     for by_name in columns.values():
         liquid = np.isneginf(by_name["log10_shear_modulus"])

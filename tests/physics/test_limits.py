@@ -106,10 +106,7 @@ def exact_wave(H, force, span, n=2**14):
 
 
 def wave_error(material, radius, medium, bubble, accuracy):
-    """Largest error of the whole curve after a pulse of 2 t_c from rest, over the largest e.
-
-    The curve is the mean of pulses of both signs, so that what is even in the amplitude cancels.
-    """
+    """Largest error, over the largest e, of the curve after a pulse of 2 t_c: the mean of pulses of both signs."""
     t_c = medium.time_scale(radius)
     pulse = Pulse(1e-3 * medium.pressure, 1 / (2 * t_c), t_c)
     H = compliance(material, medium, radius, bubble)
@@ -141,10 +138,7 @@ RINGING = [
 
 @pytest.mark.parametrize(("shot", "motion", "c"), thinned(RINGING, MOTIONS, (1484.0, 100.0)))
 def test_response_to_a_pulse(shot, motion, c):
-    """The curve during and after a pulse, with the far-field pressure and its rate; measured 1e-5 of its largest.
-
-    At a sound speed of 100 m/s the terms in 1/c are 2 to 60 % of the others.
-    """
+    """During and after a pulse; measured 1e-5. At a speed of 100 m/s terms in 1/c are 2 to 60 % of the others."""
     liquid = replace(WATER, sound_speed=c, unusual=True)
     within(3e-5, error=wave_error(*shot, liquid, Bubble(motion=motion, exponent=1.4), to(1e-9)))
 
