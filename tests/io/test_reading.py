@@ -150,7 +150,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "MATLAB micrometres": (saved(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (saved(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
     "HDF5 deviation": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "'radius_std_um'"),
-    "HDF5 attributes": (hdf5({"t": US, "R_um": UM, "t@unit": "us", "@time": "noon", "@_v": 1, "@fit": 1}), "used: @fit, @time"),
+    "attributes": (hdf5({"t": US, "R_um": UM, "t@unit": "us", "@time": "noon", "@_v": 1, "@fit": 1}), "@fit, @time"),
     "times and radii in a matrix": (saved(Rt=np.c_[TIME, RADIUS]), "Rt is taken as times and radii"),
     "a simulation alone": (hdf5({"sim/t_us": US, "sim/R_um": UM, "G": 1e3}), "not used: G"),
     "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
