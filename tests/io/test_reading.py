@@ -29,6 +29,7 @@ from scipy.io import loadmat, savemat
 from cavirheo import RadiusCurve, read_curves
 from cavirheo.io import write_csv
 from cavirheo.io.files import expand
+from cavirheo.io.shots import read_shots
 
 US, UM = TIME * 1e6, RADIUS * 1e6
 FRAMES = np.arange(1.0, 1.0 + len(TIME))
@@ -220,6 +221,8 @@ def test_what_contradicts_is_a_doubt_and_changes_no_times(tmp_path, name):
     (curve,) = read_curves(put(tmp_path / "a.csv", content), **options)
     assert [warning.code for warning in curve.warnings] == [f"check_input.{code}"] * bool(code)
     assert np.allclose(curve.time[: len(TIME)], TIME)
+    beside = read_shots([tmp_path / "a.csv", "film.mp4"], **options).curves[0]  # of which the options are then
+    assert beside.warnings == (() if options and "unused" in code else curve.warnings)
 
 
 def test_deviations_follow_the_unit_and_the_kind_of_the_radius(tmp_path):

@@ -215,6 +215,9 @@ def read_shots(
             curves += [path] if isinstance(path, RadiusCurve) else read_curves(path, **options)
         except InputError as error:
             problems.append(str(error))
+    if any(is_video(Path(path)) for path in files if isinstance(path, str | Path)):
+        given = [options.get("frame_rate_hz"), options.get("um_per_px")]  # of the recordings, and not of the tables
+        curves = [_without_doubts(curve, given) for curve in curves]
     curves, remarks = _unique_recordings(curves)
     curves = _grouped(_with_unique_names(curves), group)
     remarks += dict.fromkeys(hint for curve in curves for hint in curve.hints)
@@ -222,6 +225,13 @@ def read_shots(
         curves, scale_remarks = _scaled(curves, max_radius)
         remarks += scale_remarks
     return CurveSet(curves, problems, remarks)
+
+
+def _without_doubts(curve: RadiusCurve, given: Sequence[float | None]) -> RadiusCurve:
+    """Return the curve without the warnings that its file contradicts these numbers."""
+    codes = ("check_input.rate_unused", "check_input.scale_unused")
+    kept = [one for one in curve.warnings if one.code not in codes or one.parameters["given"] not in given]
+    return curve.labelled(warnings=tuple(kept))
 
 
 def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
