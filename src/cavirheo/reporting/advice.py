@@ -249,7 +249,7 @@ def next_step(result: Result, group: GroupRecord, shots: Shots, out: Path) -> Li
     limited = _is_liquid(group) and not group.population.viscosity_Pa_s.bound
     change = group.systematic.slopes.get("shear_modulus", {}).get("scale", 0.0)
     if group.systematic.errors and (limited or abs(change) >= _LARGE_CHANGE):
-        return advice("for G measure scale and frame rate better: --scale-error, --rate-error")
+        return advice("for G: measure scale and rate better, then give --scale-error, --rate-error")
     alone = sum(group.verdicts.values()) == 1
     if group.verdict == "bound" and (alone or group.population.has_material):
         law = group.population.laws[0]
