@@ -17,6 +17,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of
 from cavirheo.writing import digits
 
+CAMERA_TOLERANCE = 0.01  # relative; a frame rate or scale that differs by more from that of the file is a doubt
 _MOST_NAMES = 10  # letters of the names of shots in a sentence, from which on they are counted
 Ends = tuple[float, float, float]  # 5 %, 50 %, 95 %
 
@@ -59,6 +60,14 @@ def message_of_bound(name: str, bound: str, interval: Ends) -> Message:
     """The message that the range of a parameter, not the recording, limits its interval (5 %, 50 %, 95 %), SI."""
     low, median, high = interval
     return Message(f"bound.{name}.{bound}", {"name": name, "bound": bound, "median": median, "q05": low, "q95": high})
+
+
+def camera_warnings(given: float, found: float, what: str, origin: str) -> tuple[Message, ...]:
+    """A warning if a number of the user contradicts that of the file or its camera, which comes from `origin`."""
+    if abs(given / found - 1.0) <= CAMERA_TOLERANCE:
+        return ()
+    values = {"given": given, "what": what, "origin": origin, "value": found}
+    return (Message("check_input.camera_differs", values),)
 
 
 def message_of_error(error: Exception) -> Message:

@@ -64,8 +64,9 @@ class Watch:
             self._waiting = [curve for curve in self._curves()[0] if not self._answer(curve)]
         batch = self._waiting[: 2 * cores()]
         self._waiting = self._waiting[len(batch) :]
+        unreadable = self.unreadable  # a line tells of them already
         for index, answer in analyse(batch, self.analysis, self.store):
-            if batch[index].source not in self.unreadable:  # of which a line tells already
+            if batch[index].source not in unreadable:
                 self.show(batch[index], answer)
         if complete or batch:
             self.write()

@@ -21,7 +21,7 @@ from cavirheo.errors import InputError, listed
 from cavirheo.io.files import MOST_CURVES, Source, check_limit
 from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
-from cavirheo.messages import Message
+from cavirheo.messages import CAMERA_TOLERANCE, Message, camera_warnings
 from cavirheo.parameters import LENGTH_UNITS, RADIUS, TIME_UNITS
 from cavirheo.physics.media import CONSTANTS
 from cavirheo.writing.document import write_rows
@@ -39,7 +39,6 @@ _LATEST_START = 0.25  # of the duration of the first shot: where shots below it 
 _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all before it may part two shots
 _ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
-_CAMERA_TOLERANCE = 0.01  # relative; a frame rate or scale that differs by more from the file's is a doubt
 _DIAMETER_TOLERANCE = 0.1  # relative; diameters that differ by more from two radii are none of them
 _STRETCH_TOLERANCE = 0.05  # relative; a larger difference of two stretches of a file is a doubt
 _REMARK = re.compile(r"\W*([A-Za-z_][\w ]*?)(?:\s*[:=]\s*|\s+)(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*[\[(]?(.*?)[\])]?\s*$")
@@ -264,9 +263,7 @@ def _facts(table: Table, camera: Camera) -> tuple[Camera, dict[str, Any], list[C
             known, found = getattr(camera, field), of_camera(value)
             if known is not None:
                 what = "um per pixel" if field == "um_per_px" else "frames per second"
-                if abs(known / found - 1.0) > _CAMERA_TOLERANCE:
-                    differ = {"given": known, "what": what, "origin": column.title, "value": found}
-                    warnings.append(Message("check_input.camera_differs", differ))
+                warnings += camera_warnings(known, found, what, column.title)
                 camera = camera._replace(scale_alone=camera.scale_alone and field != "um_per_px")
                 continue
             changes: Any = {field: found}
@@ -417,7 +414,7 @@ def _other_rate(curve: RadiusCurve, camera: Camera) -> tuple[Message, ...]:
     if camera.frame_rate is None or not steps.size:
         return ()
     rate = float(np.sum(np.round(steps / np.median(steps))) / np.sum(steps))  # gaps and rounded times count whole
-    differs = abs(camera.frame_rate / rate - 1.0) > _CAMERA_TOLERANCE
+    differs = abs(camera.frame_rate / rate - 1.0) > CAMERA_TOLERANCE
     return (Message("check_input.rate_unused", {"given": camera.frame_rate, "rate": rate}),) if differs else ()
 
 
@@ -469,9 +466,9 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
         return np.arange(len(time)) / rate, "s"
     if rate is not None:
         notes.append("the frame rate is not used: the file has times")
-    elif (
-        clock.unit is None and len(steps) >= _FEWEST_FRAMES and np.mean(steps == 1.0) > 0.5 and not np.any(steps % 1.0)
-    ):
+        return time, clock.unit
+    counts_mostly = len(steps) >= _FEWEST_FRAMES and np.mean(steps == 1.0) > 0.5 and not np.any(steps % 1.0)
+    if clock.unit is None and counts_mostly:
         message = f"{clock.title!r} counts by one and has no unit: are these numbers of frames, or times? "
         message += "give the frame rate (--fps 1e6), or write a unit into the title, as in time_us"
         raise InputError(message, "table.frame_rate")

@@ -18,7 +18,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number_list, require
-from cavirheo.messages import Message
+from cavirheo.messages import Message, camera_warnings
 from cavirheo.parameters import FRAME_RATE
 from cavirheo.video import formats
 from cavirheo.video.formats import Footage
@@ -43,7 +43,6 @@ _SHEET_WIDTH, _LABEL_HEIGHT, _GAP = 1600, 13, 4  # px, of the contact sheet
 _FRAME_SIZE = (190, 150)  # px, largest width and height of a frame in the sheet
 _MOST_FRAMES = 400  # most frames in the sheet
 _PIXEL = 1e-6  # m, placeholder for the size of a pixel until the scale is known
-_TOLERANCE = 0.01  # relative; if the user's number differs by more from the file's, a warning says so
 _TWIN_SHARE = 0.2  # share of the measured frames; a second bubble in so many gives a warning
 _LEAST_ARC = 0.9  # share of the outline at R_max; if less is visible, a note says so
 _SATURATED_SHARE = 0.3  # share of the background at the brightest value, above which a warning is given
@@ -191,9 +190,7 @@ def _stated(
     """The number of the user, else that of the camera, which comes from `origin`; and a warning if they differ."""
     if by_user is None:
         return StatedNumber(value=value, origin=origin) if value else StatedNumber(), ()
-    differ = {"given": by_user, "what": what, "origin": origin, "value": value}
-    differs = value and abs(by_user / value - 1.0) > _TOLERANCE
-    warnings = (Message("check_input.camera_differs", differ),) if differs else ()
+    warnings = camera_warnings(by_user, value, what, origin) if value else ()
     return StatedNumber(value=by_user, origin="the user"), warnings
 
 
