@@ -54,6 +54,7 @@ BINS = (0.0, 0.2, 0.5, 0.8, 1.0)  # of the probability that is said of a switch
 SWITCHES = ("liquid", "stiffening", "thinning", "field_bubble")
 SETTINGS = {f"{way}_{kind}": (kind, way) for way in WAYS for kind in KINDS if way == "infer" or kind not in OF_DEFAULT}
 SHOTS = 50, 300  # of a setting, in a quick and a full run
+FROM_PRIOR = 900  # in a full run: a switch is rarely said to be 80 to 100 % probable
 SHOWN = {"G": "shear_modulus", "mu": "viscosity", "stretch": "stretch"}
 FRAMES, EXPOSURE, NOISE, BOUND = 100, 0.3, 0.01, 0.015
 FEWEST = 20  # draws of an interval
@@ -256,9 +257,10 @@ def of_setting(setting: str, rows: list[dict[str, Any]]) -> Iterator[Number]:
 
 def measure(run: Run) -> Iterator[Number]:
     """How often central 50 and 90 % intervals hold the truth, their width in decades, and the switches."""
-    count = run.count(*SHOTS)
     for setting in [run.part] if run.part else SETTINGS:
         kind, way = SETTINGS[setting]
+        quick, full = SHOTS
+        count = run.count(quick, FROM_PRIOR if kind == "prior" else full)
         rows = run.rows("calibration", one, [(seed, kind, way) for seed in range(FIRST, FIRST + count)])
         yield from of_setting(setting, rows)
         if kind == "prior":
