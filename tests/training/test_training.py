@@ -94,7 +94,6 @@ class TestTorch:
     @pytest.fixture(autouse=True)
     def _torch(self):
         self.torch = pytest.importorskip("torch")
-        pytest.importorskip("safetensors")
         self.training, self.networks = (import_module(f"cavirheo.training.{name}") for name in ("train", "networks"))
         self.train = self.training.train
 

@@ -3,8 +3,8 @@
 All random numbers follow from (seed, epoch): a run that is interrupted and continued ends with the same weights.
 
 Files in the run's folder, each written completely or not at all:
-    checkpoint.safetensors  weights (also the best ones) and optimiser at the last epoch; settings and history as JSON
-    NAME.npz, NAME.json     at the end: the best weights, and their card (inference/network_files.py)
+    checkpoint.state     weights (also the best ones) and optimiser at the last epoch; settings and history as JSON
+    NAME.npz, NAME.json  at the end: the best weights, and their card (inference/network_files.py)
 """
 
 from __future__ import annotations
@@ -25,8 +25,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from pydantic_core import to_json
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
 from cavirheo.errors import InputError
@@ -39,7 +37,7 @@ from cavirheo.writing.terminal import progress_bar
 
 AVERAGE_DECAY = 0.998
 LARGEST_GRADIENT = 1.0  # norm, in the training of an emulator
-NOTE_KEY = "cavirheo"
+NOTE = "note"  # array of a checkpoint with the bytes of its settings and history
 MOST_COMPARED = 1000  # curves of the test part on which the exported network is compared with the trained one
 # Largest difference between the exported network and the trained one: rounding to single precision alone moves an
 # answer by up to 1e-4 of a decade
@@ -93,7 +91,7 @@ def train(
 
 def fit(task: Task, table: TrainingTable, folder: Path, identity: Mapping[str, Any], progress: bool) -> Progress:
     """Train to the last epoch, with a checkpoint after each. Raises InputError: the folder holds another run."""
-    path = folder / "checkpoint.safetensors"
+    path = folder / "checkpoint.state"
     done = resumed(path, task, identity)
     batches = -(-task.count // table.batch)
     with progress_bar("training", table.epochs * batches, visible=progress, unit="steps") as advance:
@@ -146,13 +144,10 @@ def save(path: Path, task: Task, identity: Mapping[str, Any], done: Progress) ->
     for k, optimiser in enumerate(task.optimisers):
         for index, moments in optimiser.state_dict()["state"].items():
             tensors |= {f"moments.{k}.{index}.{name}": tensor for name, tensor in moments.items()}
-    content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    note = {"identity": identity, "history": done.history}
-    with atomic_file(path) as temporary:
-        try:
-            save_file(content, temporary, metadata={NOTE_KEY: as_json(note)})
-        except SafetensorError as error:  # a full disk
-            raise OSError(str(error)) from error
+    content: dict[str, Any] = {name: tensor.detach().cpu().numpy() for name, tensor in tensors.items()}
+    content[NOTE] = np.frombuffer(as_json({"identity": identity, "history": done.history}).encode(), np.uint8)
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **content)
 
 
 def resumed(path: Path, task: Task, identity: Mapping[str, Any]) -> Progress:
@@ -162,9 +157,9 @@ def resumed(path: Path, task: Task, identity: Mapping[str, Any]) -> Progress:
     try:
         if not path.is_file():  # reading a pipe would wait for ever
             raise OSError("no file")
-        with safe_open(path, framework="pt") as file:
-            note: dict[str, Any] = json.loads(file.metadata()[NOTE_KEY])
-            networks: dict[str, Tensor] = {name: file.get_tensor(name) for name in list(file.keys())}
+        with np.load(path, allow_pickle=False) as file:
+            note: dict[str, Any] = json.loads(file[NOTE].tobytes())
+            networks = {name: torch.from_numpy(file[name]) for name in file.files if name != NOTE}
         if changed := difference(note["identity"], identity):
             hint = "use another folder, or the recipe and data that it was begun with"
             raise InputError(f"{path.parent} holds another run ({changed}): {hint}", "training.another_run")

@@ -26,7 +26,7 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
 )
 _EXTRAS = {  # libraries that a part of the program needs, and the extra that installs them
     "gradio": "app",
-    **dict.fromkeys(("torch", "safetensors"), "train"),
+    "torch": "train",
     **dict.fromkeys(("distributed", "dask", "dask_jobqueue", "cryptography"), "cluster"),
 }
 app = typer.Typer(
