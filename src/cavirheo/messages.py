@@ -19,7 +19,6 @@ from cavirheo.writing import digits
 
 CAMERA_TOLERANCE = 0.01  # relative; a frame rate or scale that differs by more from that of the file is a doubt
 _MOST_NAMES = 10  # letters of the names of shots in a sentence, from which on they are counted
-Ends = tuple[float, float, float]  # 5 %, 50 %, 95 %
 
 
 @dataclass(frozen=True)
@@ -54,12 +53,6 @@ def _sentences() -> dict[str, str]:
 def is_input_warning(code: str) -> bool:
     """Whether the message concerns the recording or its settings: no answer is ok unless the user confirms these."""
     return code.startswith("check_input.")
-
-
-def message_of_bound(name: str, bound: str, interval: Ends) -> Message:
-    """The message that the range of a parameter, not the recording, limits its interval (5 %, 50 %, 95 %), SI."""
-    low, median, high = interval
-    return Message(f"bound.{name}.{bound}", {"name": name, "bound": bound, "median": median, "q05": low, "q95": high})
 
 
 def camera_warnings(given: float, found: float, what: str, origin: str) -> tuple[Message, ...]:
@@ -131,18 +124,14 @@ def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
     return f"{head}: {which}: {advice}; {collapse}"
 
 
-def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
+def _bound(name: str, bound: str, **_: Any) -> str:
     symbol = parameter_of(name).symbol
-    if bound == "undetermined":
-        return f"the recording does not determine {symbol}: values all over the range that is searched follow it"
-    shown = digits.shown(name, q05 if bound == "lower" else q95)
-    low, high = (digits.number(end, shown.factor, 2) for end in (q05, q95))
-    what, limits = {
-        "upper": (f"only an upper limit of {symbol}", f"below {high}"),
-        "lower": (f"only a lower limit of {symbol}", f"above {low}"),
-        "wide": (f"{symbol} only to a factor of more than 10", f"from {low} to {high}"),
+    return {
+        "undetermined": f"the recording does not determine {symbol}: values all over the searched range follow it",
+        "upper": f"the recording gives only an upper limit of {symbol}: smaller values follow it as well",
+        "lower": f"the recording gives only a lower limit of {symbol}: larger values follow it as well",
+        "wide": f"the recording gives {symbol} only to a factor of more than 10",
     }[bound]
-    return f"the recording gives {what}: any value {limits}{f' {shown.unit}'.rstrip()} follows it as well"
 
 
 def _systematic(excess: float, detectable: float, exact: bool, limit: float, p_value: float) -> str:

@@ -61,7 +61,7 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     (lambda: ANSWER.median("E"), "G (shear_modulus), µ (viscosity)"),
     (lambda: cavirheo.design(ranges={"E": (1e3, 1e4)}), "'E'"),
-    (lambda: cavirheo.predict_radius(ANSWER, TIME), "draws"),
+    (lambda: cavirheo.predict_radius(ANSWER, TIME), "no curve"),
     (lambda: cavirheo.predict_radius(KNOWN, 1e6 * TIME), "(99 us)"),
     (lambda: cavirheo.predict_radius(KNOWN, ["soon"]), "soon"),
     (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),

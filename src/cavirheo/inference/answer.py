@@ -17,7 +17,7 @@ from cavirheo.inference.experiment import MISFIT, Experiment
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.sample import DIFFERENCE, EMULATED, SIMULATED, climb, effective_size
 from cavirheo.inference.weigh import Model, Weighed, posterior
-from cavirheo.messages import Message, message_of_bound
+from cavirheo.messages import Message
 from cavirheo.parallel import run_jobs
 from cavirheo.parameters import CAMERA, DECIDING, LOG10, Bound, bound_of, units
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
@@ -242,9 +242,9 @@ def _bounds(answer: Posterior, family: Family) -> tuple[Verdict, list[Message]]:
     for name in (*_parameters_with_bounds(family), "stretch"):
         bound = answer.bound(name) if name in answer.parameters else None
         ends = answer.interval(name) if bound else None
-        if not bound or not ends or ends[1] == 0.0:
+        if ends is None or ends[1] == 0.0:
             continue
-        messages.append(message_of_bound(name, bound, (ends[0], answer.median(name) or 0.0, ends[1])))
+        messages.append(Message(f"bound.{name}.{bound}", {"name": name, "bound": bound}))
         if name in DECIDING:
             verdict = "bound"
     return verdict, messages

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, as_numbers
@@ -22,6 +23,7 @@ from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior, check_level
 
 DRAWS = 100  # draws of a posterior that are simulated
+_NORMAL = ndtri((np.arange(20) + 0.5) / 20)  # equally likely normal numbers: the noise of a frame of each draw
 WIDEST_SCALE = 0.19  # half-width about 1 of a range that contains every inferred radius scale
 
 
@@ -57,8 +59,9 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
     require(fine, f"times must be one row of finite numbers, got {brief(time.tolist())}", "curve.time")
     curve, medium = posterior.curve, posterior.medium
     if curve is None or medium is None or len(posterior.theta) < 2:
-        message = f"a prediction needs an answer with its curve and draws; that of {posterior.method} has "
-        raise InputError(f"{message}{len(posterior.theta)} draws", "predict.draws", posterior.name)
+        lacking = "curve" if curve is None else "interval"
+        message = f"a prediction needs an answer with draws and its curve, as infer gives it: this one has no {lacking}"
+        raise InputError(message, "predict.draws", posterior.name)
     check_level(level)
     expect_whole(draws, "draws", 2)
     since = time - curve.time_of_max
@@ -82,7 +85,7 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
         velocity = (after - before) / (2.0 * step)
         deviation = noise.predicted_deviations(shot.difference(x), velocity, since <= end, rng)
         radii.append(radius * curve.max_radius)
-        frames.append((radius + deviation * rng.standard_normal(len(time))) * curve.max_radius)
+        frames += [(radius + deviation * number) * curve.max_radius for number in _NORMAL]
     if 2 * len(radii) < draws:
         many = f"only {len(radii)} of {draws} draws can be simulated until {1e6 * np.max(time):.4g} us"
         raise SolverError(f"{many}; times are in s, on the clock of the recording")

@@ -112,11 +112,13 @@ class Bubble:
         """Raises InputError for a value that is "free"; the message says what to give instead."""
         usual = {"accommodation": ACCOMMODATION} if self.contents == "kinetic" else {}
         usual |= dict.fromkeys(ZERO_BY_DEFAULT, 0.0)
-        free = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
-        if self.damage == "strain":
-            free.append("damage=Damage(0.5, 1.5)")
-        if free:
-            message = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(free)}"
+        free = {name: value for name, value in usual.items() if isinstance(getattr(self, name), str)}
+        options = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in free.items())
+        fields = [f"{name}={value}" for name, value in free.items()]
+        fields += ["damage=Damage(0.5, 1.5)"] if self.damage == "strain" else []
+        if fields:
+            given = " or ".join(filter(None, [options, f"in Python {', '.join(fields)}"]))
+            message = f"simulate needs a bubble whose values are known: give numbers, such as {given}"
             raise InputError(message, "physics.free_bubble")
 
     def inertia(self, max_radius: float) -> float:

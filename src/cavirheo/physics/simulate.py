@@ -285,6 +285,11 @@ def _solve(
     start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
     args = (times / t_c, float(relative_error) * (KINETIC if numbers.condensation_rate < np.inf else 1.0), most, False)
     code = solver.integrate(numbers, grid, RODAS5P, start, *args, out, shells, stats)
+    lost = np.flatnonzero(out[:, 0] <= 0.0)  # the polynomial of a step at rest that is many t_c long
+    if len(lost):
+        out[lost[0] :] = np.nan
+        at = times[lost[0]]
+        return f"no radius above 0 at t = {at * 1e6:.4g} us, {at / t_c:.2g} times t_c: simulate a shorter time"
     if code == solver.OK:
         return ""
     low, high = numbers.elastic[[0, -1], 0]

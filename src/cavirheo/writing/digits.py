@@ -102,9 +102,10 @@ def value_parts(value: Quantity, factor: float = 1.0) -> tuple[str, str]:
     count = min(max(ceil(-log10(min(relative, 1.0))) + 1, 2), 4) if relative > 0 else 4
     middle = number(value.median, factor, count)
     high, places = value.q95 * factor, len(middle.partition(".")[2])
-    is_far = "e" in middle or high > 100.0 * abs(value.median * factor)
+    is_far = not places or "e" in middle or high > 100.0 * abs(value.median * factor)
     above = number(high, count=count) if is_far else f"{high:.{places}f}"
-    return middle, f"{number(value.q05, factor, count)} to {above}"
+    below = f"{value.q05 * factor:.{places}f}" if value.q05 < 0.0 and not is_far else number(value.q05, factor, count)
+    return middle, f"{below} to {above}"
 
 
 def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
