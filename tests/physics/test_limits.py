@@ -410,10 +410,8 @@ def test_growth_leaves_what_an_impulse_leaves(G, mu, tau):
     ids=str,
 )
 def test_a_failed_solve_says_so(material, said, begun):
-    tiny = simulate(
-        NeoHookeanKelvinVoigt(8e3, 0.05), max_radius=1e-8, stretch=6.0, time=np.linspace(0.0, 1e-4, 101), throw=False
-    )
-    assert not tiny.ok and np.nanmin(tiny.radius) > 0.0  # its last step is many thousand times t_c long
+    tiny = simulate(GEL, max_radius=1e-8, stretch=6.0, time=np.linspace(0.0, 1e-4, 101), throw=False)
+    assert (tiny.ok, np.nanmin(tiny.radius) > 0.0) == (False, True)  # its last step is many thousand times t_c long
     way = dict(time=[0, 0.03], bubble=Bubble(motion="rayleigh-plesset", exponent=1.4), **COLLAPSE)
     with pytest.raises(SolverError, match=said) as error:
         simulate(material, **way)
