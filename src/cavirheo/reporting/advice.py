@@ -5,6 +5,7 @@ beside values of other methods."""
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -281,7 +282,10 @@ def shots_table(result: Result, shots: Shots, names: Sequence[str]) -> tuple[lis
         size, rmse = digits.micrometres(shot.max_radius_m), digits.number(shot.rmse_over_rmax, 100.0)
         parts = [part for head, values in shown for part in head.parts(values[k])]
         rows.append([name, size, ratio, *parts, rmse, "" if shot.verdict == "ok" else shot.verdict_in_words])
-    heads = [text for head, _ in shown for text in (f"{head.symbol} {head.unit}", digits.SURE)]
+    sizes = Counter((row.group, row.group_source) for row in result.curves)
+    in_groups = any(sizes[shot.group, shot.group_source] > 1 for shot in shots)
+    ends = digits.OWN if in_groups else digits.SURE
+    heads = [text for head, _ in shown for text in (f"{head.symbol} {head.unit}", ends)]
     return ["shot", "R_max µm", "λ", *heads, "RMSE %", "verdict"], rows
 
 

@@ -44,6 +44,7 @@ METHODS = {  # how a method answers, and what its simulation is called
 }
 BUBBLES = {"real": "real (vapour condenses slowly)", "field": "the field's (vapour condenses at once)"}
 SURE = "90 % sure"  # head of the ends between which a value lies with this probability
+OWN = "own 90 %"  # the same of a shot in a group, as if what all its shots share were exact: scale, rate, density
 MISSING = "–"
 NO_BREAK = "\u00a0"
 FILLER = "\0"
