@@ -125,7 +125,7 @@ def _print_rows(result: Result, shots: advice.Shots, outliers: Collection[str], 
     if len(visible) < len(shots):
         hidden = [shot for shot in shots if shot not in visible]
         verdicts = Counter(shot.verdict_in_words for shot in hidden).most_common()
-        words = ", ".join(f"{count} {verdict}" for verdict, count in verdicts)
+        words = "; ".join(f"{count} {verdict}" for verdict, count in verdicts)
         _say("", f"{digits.counted(len(hidden), 'more shot')}: {words} (--all shows them)", most=2)
         ranges = []
         for name in MAIN_FIELDS:
