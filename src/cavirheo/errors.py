@@ -91,7 +91,7 @@ def expect(value: object, kind: type | UnionType, expected: str) -> None:
 
 def expect_whole(value: object, name: str, least: int, code: str = "input.whole") -> None:
     """Raise InputError unless the value is a whole number, `least` or more."""
-    if not isinstance(value, Integral) or int(value) < least:
+    if not isinstance(value, Integral) or isinstance(value, bool) or int(value) < least:
         raise InputError(f"{name} must be a whole number from {least} up, got {brief(value)}", code)
 
 

@@ -57,7 +57,7 @@ class PlausibleRange(NamedTuple):
 
     def check(self, name: str, value: float, code: str, advice: str = "") -> None:
         """Raises InputError for a value out of range; the message names the unit that may be meant."""
-        if not isinstance(value, Real):
+        if not isinstance(value, Real) or isinstance(value, bool):
             raise InputError(f"{name} must be a number ({self.unit}), got {brief(value)}", code)
         if self.low <= value <= self.high:
             return
@@ -73,7 +73,8 @@ _SECONDS = {"us": (1e-6, 0.0), "ms": (1e-3, 0.0), "ns": (1e-9, 0.0)}
 RADIUS = PlausibleRange(1e-8, 0.05, 2.5e-4, "m", {"um": (1e-6, 0.0), "mm": (1e-3, 0.0)})  # of a bubble
 INTERVAL = PlausibleRange(1e-12, 2e-3, 1e-6, "s", _SECONDS)  # between frames
 FRAME_RATE = PlausibleRange(1000.0, 1e10, 1e6, "frames per second", {"kHz": (1e3, 0.0), "MHz": (1e6, 0.0)})
-DURATION = PlausibleRange(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
+DURATION = PlausibleRange(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation, or after R_max
+DISTANCE = PlausibleRange(0.0, 1.0, 1e-3, "m", RADIUS.mistaken_units)  # of a wall
 STRETCH_RANGE = (1.05, 40.0)  # searched range of R_max/R_0
 USUAL_STRETCH = 6.5, 2.0  # R_max/R_0 of bubbles in gels and liquids: middle, and factor of one standard deviation
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -303,6 +304,11 @@ POSITIVE = domain("finite and positive", lambda x: 0 < x < inf)
 POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
 
 
+def optional(words: str, holds: Callable[[Any], bool]) -> Domain:
+    """The domain of values for which `holds` is true, and of None, a value that is left out."""
+    return domain(f"{words}, or left out", lambda x: x is None or holds(x))
+
+
 def check_domain(allowed: Mapping[str, Any], name: str, value: float | Floats) -> None:
     """Raises InputError for a value, or a value in an array, outside a domain, which must be an interval; the code is
     `physics.` and the first word of `name`. NaN in an array: of many materials there is no such one."""
@@ -312,7 +318,7 @@ def check_domain(allowed: Mapping[str, Any], name: str, value: float | Floats) -
             numbers = value[~np.isnan(value)]
             fine = not numbers.size or (holds(float(np.min(numbers))) and holds(float(np.max(numbers))))
         else:
-            fine = holds(value)
+            fine = holds(value) and not isinstance(value, bool | np.bool_)
     except (TypeError, ValueError):  # text, or several numbers
         fine, words = False, f"a number, {words}"
     if not fine:

@@ -107,15 +107,15 @@ SOFT = NeoHookeanKelvinVoigt(5e3, 0.01)
 QUICKLY = dict(trust_input=True, material="nhkv")
 
 
-def bubble(noise=0.004, accommodation=ACCOMMODATION, **within):
+def bubble(noise=0.004, **within):
     """A shot of the soft gel in which the bubble is of this model."""
-    return shot(SOFT, 6.0, seed=0, noise=noise, frames=90, within=Bubble(accommodation=accommodation, **within))
+    return shot(SOFT, 6.0, seed=0, noise=noise, frames=90, within=Bubble(**within))
 
 
 @pytest.mark.parametrize(
     ("true", "fitted"),
     [
-        slow(dict(contents="kinetic"), Bubble("kinetic")),
+        slow(dict(contents="kinetic", accommodation=ACCOMMODATION), Bubble("kinetic")),
         slow(dict(confinement_inertia=0.2), Bubble(confinement_inertia="free")),
         slow(dict(confinement_damping=0.3), Bubble(confinement_damping="free")),
         slow(dict(vapour_excess=3e3), Bubble(vapour_excess="free")),
@@ -135,7 +135,8 @@ def test_a_fit_finds_what_was_simulated(true, fitted):
 
 
 def test_what_is_given_is_not_inferred():
-    answer = fit(bubble(contents="kinetic"), bubble=Bubble("kinetic", 0.05, confinement_damping=0.1), **QUICKLY)
+    given = Bubble("kinetic", 0.05, confinement_damping=0.1)
+    answer = fit(bubble(contents="kinetic", accommodation=ACCOMMODATION), bubble=given, **QUICKLY)
     assert not {"accommodation", "confinement_damping"} & set(answer.parameters)
     assert (answer.best["accommodation"], answer.best["confinement_damping"]) == (0.05, 0.1)
 
@@ -149,7 +150,6 @@ def test_a_wall_at_a_distance_adds_the_inertia_of_its_image():
 @pytest.mark.parametrize(
     ("way", "code"),
     [
-        (dict(bubble=Bubble(accommodation=0.07)), "option.idle"),
         (dict(bubble=Bubble(damage=Damage(0.5))), "option.damage"),
         (dict(material="newtonian", bubble=Bubble(damage="strain")), "physics.damage_without_elasticity"),
         (dict(bubble="dry"), "option.bubble"),

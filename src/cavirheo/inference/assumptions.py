@@ -11,7 +11,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
-from cavirheo.parameters import PARAMETERS, parameter_of
+from cavirheo.parameters import DURATION, PARAMETERS, parameter_of
 from cavirheo.physics.bubble import FIELD, ZERO_BY_DEFAULT, Bubble
 from cavirheo.physics.laws import PowerLaw
 from cavirheo.physics.materials import LAWS, Material, combine, from_inferred
@@ -56,13 +56,13 @@ class Options:
                 fine = False
             require(fine, f"{name} must be {expected}; got {value!r}", f"option.{name}")
         object.__setattr__(self, "free", tuple(self.free))
+        if self.end is not None:
+            DURATION.check("end", self.end, "option.end")
         if not isinstance(self.stretch, str):
             check_stretch(self.stretch)
         bubble = self.bubble
         message = f"the factors of damage are inferred: give its name instead of {bubble.damage!r}"
         require(isinstance(bubble.damage, str), message, "option.damage")
-        idle = "an accommodation changes nothing without kinetic contents: give those too"
-        require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
 
 
 def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:

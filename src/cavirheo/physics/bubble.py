@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 
 from cavirheo.errors import InputError, brief
-from cavirheo.parameters import NOT_NEGATIVE, Domain, check, domain
+from cavirheo.parameters import DISTANCE, NOT_NEGATIVE, POSITIVE_OR_INFINITE, Domain, check, domain, optional
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
@@ -87,13 +87,13 @@ class Bubble:
     confinement_inertia: float | str = field(
         default=0.0, metadata=_or_free("above -0.5 and at most 3", lambda x: -0.5 < x <= 3)
     )
-    wall_distance: float | None = field(
-        default=None, metadata=domain("positive, or left out", lambda distance: distance is None or distance > 0)
-    )
+    wall_distance: float | None = field(default=None, metadata=optional(*POSITIVE_OR_INFINITE["domain"]))
     vapour_excess: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
     confinement_damping: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
     motion: str = field(default="keller-miksis", metadata=_one_of(MOTIONS))
-    exponent: float | None = None
+    exponent: float | None = field(
+        default=None, metadata=optional("from 1 to 10 (--polytropic), such as 1.4", lambda n: 1 <= n < 10)
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -101,9 +101,11 @@ class Bubble:
             raise InputError(f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}", "option.damage")
         if self.wall_distance is not None and self.confinement_inertia != 0:
             raise InputError("give either confinement_inertia or wall_distance, not both", "physics.two_walls")
-        if self.exponent is not None and not (isinstance(self.exponent, Real) and 1 <= self.exponent < 10):
-            message = "the exponent of the gas (--polytropic; in Python exponent=) must be from 1 to 10"
-            raise InputError(f"{message}, such as 1 (isothermal) or 1.4, got {self.exponent!r}", "physics.exponent")
+        if self.wall_distance is not None:
+            DISTANCE.check("wall_distance", self.wall_distance, "physics.wall_distance")
+        if self.accommodation != FREE and self.contents != "kinetic":
+            idle = "an accommodation changes nothing without kinetic contents (--contents kinetic): give both"
+            raise InputError(idle, "option.idle")
         if self.exponent is not None and (self.contents != "equilibrium" or self.vapour_excess != 0):
             message = "with an exponent of the gas (--polytropic) no vapour condenses: leave it out, or "
             raise InputError(f"{message}kinetic contents and vapour_excess", "physics.contents_twice")

@@ -204,7 +204,7 @@ def simulate(
     Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006."""
     times = _checked_times(time)
     medium = medium_of(medium)
-    _check_types(material, bubble, accuracy, driving, fields)
+    _check_types(material, bubble, accuracy, driving, relaxed=relaxed, fields=fields, throw=throw, unusual=unusual)
     _check_size(material, max_radius, stretch, times, unusual=unusual)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
@@ -226,14 +226,18 @@ def simulate(
     )
 
 
-def _check_types(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driving | None, fields: bool) -> None:
+def _check_types(
+    material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driving | None, **switches: bool
+) -> None:
     """Raises InputError for arguments of `simulate` of a wrong type, or that exclude each other."""
     expect(material, Material, f"a material such as {_EXAMPLE}")
     expect(bubble, Bubble, "a Bubble such as Bubble(contents='kinetic', accommodation=0.07)")
     expect(accuracy, Accuracy, "an Accuracy such as Accuracy(shells=128, relative_error=2e-4)")
+    for name, value in switches.items():
+        expect(value, bool | np.bool_, f"True or False as {name}")
     if driving is not None and not hasattr(driving, "table"):
         raise InputError(f"driving must be a Pulse or a Trace, got {brief(driving)}", "physics.driving")
-    if fields and bubble.exponent is not None:
+    if switches["fields"] and bubble.exponent is not None:
         message = "a gas with an exponent has no fields: leave out fields, or the exponent of the bubble"
         raise InputError(message, "physics.no_fields")
 

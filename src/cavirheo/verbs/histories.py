@@ -137,8 +137,6 @@ class Simulate(Verb, settings.Liquid, settings.BubbleOptions):
 
         base = bubble_of(self.bubble or "field")
         kinetic = (self.contents or base.contents) == "kinetic"
-        if self.accommodation is not None and not kinetic:
-            raise InputError("--accommodation changes nothing without --contents kinetic: give both", "simulate.idle")
         values = ({"accommodation": ACCOMMODATION} if kinetic else {}) | self.bubble_values
         damage = Damage(*self.damage) if self.damage else "none"
         return replace(base, **{**values, "exponent": self.polytropic, "damage": damage})

@@ -71,6 +71,7 @@ def population(
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
     require(bool(own), "a population needs answers of shots, got none", "population.none")
     expect_whole(seed, "seed", 0, "option.seed")
+    expect(only_trusted, bool | np.bool_, "True or False as only_trusted")
     errors = CommonErrors() if errors is None else errors
     expect(errors, CommonErrors, "CommonErrors(scale=0.02), or none")
     shots = _shot_names(own) if names is None else list(names)
