@@ -8,19 +8,18 @@ from copy import copy
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import log, sqrt
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
 from cavirheo import landmarks
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, brief, expect, printable
+from cavirheo.errors import InputError, brief, expect, expect_whole, printable
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.messages import Message
-from cavirheo.parameters import INTERVAL, RADIUS
-
-if TYPE_CHECKING:
-    from cavirheo.physics.media import Medium
+from cavirheo.parameters import DURATION, INTERVAL, RADIUS
+from cavirheo.physics.media import Medium
+from cavirheo.physics.media import medium as medium_of
 
 T = TypeVar("T")
 _FEWEST_FRAMES = 5  # with fewer measured frames no maximum is fitted
@@ -133,9 +132,12 @@ class RadiusCurve:
             RADIUS.check("radius", float(np.nanmedian(radius)), "curve.radius_unit")
         if len(time) > 1:
             INTERVAL.check("the time between frames", float(np.median(np.diff(time))), "curve.time_unit")
-        for array in (time, radius, std):
+        self.__setstate__({"time": time, "radius": radius, "radius_std": std, "meta": _labels(self.meta)})
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state)
+        for array in (self.time, self.radius, self.radius_std):
             array.setflags(write=False)
-        vars(self).update(time=time, radius=radius, radius_std=std, meta=_labels(self.meta))
 
     def __repr__(self) -> str:
         rate, top = f" at {self.frame_rate:.4g}/s" if self.frame_rate else "", "no R_max"
@@ -238,8 +240,9 @@ class RadiusCurve:
         parts |= {"maximum": (start, float(max_radius)), "stated_time_of_max": None}
         return replace(self.with_notes(note), **parts, unscaled="")
 
-    def normalised(self, medium: Medium) -> tuple[Floats, Floats]:
+    def normalised(self, medium: Medium | str) -> tuple[Floats, Floats]:
         """(m,) t* = (t - t_max)/t_c and (m,) R* = R/R_max of the measured frames, growth (t* < 0) included."""
+        medium = medium_of(medium)
         time, radius = self._measured
         return (time - self.time_of_max) / medium.time_scale(self.max_radius), radius / self.max_radius
 
@@ -247,10 +250,12 @@ class RadiusCurve:
         """(count,) m: the radius at time_of_max + step*arange(count), `step` in s; the first is max_radius.
 
         Shape-preserving piecewise cubic Hermite (PCHIP) through the fitted maximum and the measured samples after it;
-        the values beyond the last measured sample are NaN. Raises InputError: there is no maximum.
+        the values beyond the last measured sample are NaN. Raises InputError: there is no maximum, or no such step.
         """
         from scipy.interpolate import PchipInterpolator
 
+        INTERVAL.check("step", step, "curve.step")
+        expect_whole(count, "count", 1, "curve.count")
         top = self.max_radius
         time, radius = self._after_max
         times = step * np.arange(count)
@@ -281,10 +286,14 @@ class RadiusCurve:
         """
         start, top = self.time_of_max, self.max_radius
         time, radius = self._after_max
-        stop = time[-1] if end is None else start + end
+        stop = time[-1]
+        if end is not None:
+            DURATION.check("end", end, "curve.window")
+            stop = start + end
         if collapses is not None:
+            expect_whole(collapses, "collapses", 1, "curve.collapses")
             minima, maxima = self._turning_points
-            if not 1 <= collapses <= len(minima):
+            if collapses > len(minima):
                 message = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
                 raise self._error(message, "collapses")
             times, tops = self.collapse_times(), [top, *radius[maxima]]

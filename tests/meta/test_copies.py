@@ -49,7 +49,7 @@ def test_copies_are_the_same(held, way):
     assert [name for name, one in held.items() if not same(one, WAYS[way](one))] == []
     assert WAYS[way](held["curve"]).with_max_radius(1e-4).max_radius == 1e-4
     with pytest.raises(ValueError, match="read-only"):
-        held["curve"].radius[0] = 1.0
+        WAYS[way](held["curve"]).radius[0] = 1.0
     assert not same(held["curve"], held["curve"].with_notes("another"))  # `same` sees a difference
     kinds = {one for one in (getattr(cavirheo, name) for name in cavirheo.__all__) if inspect.isclass(one)}
     assert kinds | {*LAWS.values()} <= {type(one) for one in held.values()}  # every exported class is tried
