@@ -115,7 +115,7 @@ SHOT = (R, 7.0, 1.8e-5)
 REFUSED = [
     ("shot", (R, 0.9, 1e-5), {}),
     ("shot", (R, 7.0, np.nan), {}),
-    ("shot", (R, 7.0, 1e-2), {}),
+    ("shot", (200.0, 7.0, 18.0), {}),  # um and us, taken as m and s
     ("material", SHOT, {"material": "gent"}),
     ("not_of_the_material", SHOT, {"material": "nh", "viscosity": 0.1}),
     ("out_of_range", SHOT, {"shear_modulus": -1.0}),
@@ -183,7 +183,7 @@ def test_unusable_rows_keep_their_reason_at_status_1_and_an_unreadable_file_is_2
     path.write_text(f"shot,{HEAD}\nA,200,7,18\nB,nan,7,18\nC,200,7,18000\n")
     group = read_table(path)
     assert [shot.name for shot in group.usable] == ["A"]
-    assert group.shots[1].message.startswith("R_max")
+    assert group.shots[1].message.startswith("R_max must be 1e-08 to 0.05 m, got nan")
     assert group.shots[2].message.startswith("t_1 = 1.8e+04 us")
     assert run("collapse-time", path)[0] == 1
     refusal(run("collapse-time", path, "missing.csv", "--quiet", "--replace"), "missing.csv")

@@ -24,8 +24,8 @@ from scipy.special import stdtrit
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import as_numbers
-from cavirheo.errors import SolverError, require
-from cavirheo.parameters import MOST_WIDTH, Bound
+from cavirheo.errors import InputError, SolverError, require
+from cavirheo.parameters import DURATION, MOST_WIDTH, RADIUS, Bound
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as medium_of
@@ -70,9 +70,13 @@ class CollapseEstimate(Record):
 
 def unusable(max_radius: float, stretch: float, time: float) -> str:
     """The reason why a shot with these values cannot be used; empty if it can."""
-    for name, value, least in (("R_max", max_radius, 0.0), ("t_1", time, 0.0), ("lambda = R_max/R_0", stretch, 1.0)):
-        if not least < value < np.inf:
-            return f"{name} must be finite and above {least:g}, got {value:.4g}"
+    try:
+        RADIUS.check("R_max", max_radius, "collapse_time.shot")
+        DURATION.check("t_1", time, "collapse_time.shot")
+    except InputError as error:
+        return error.message
+    if not 1 < stretch < np.inf:
+        return f"lambda = R_max/R_0 must be finite and above 1, got {stretch:.4g}"
     ratio = time / float(rayleigh_time(max_radius))
     if not 0.1 < ratio < 10:
         return f"t_1 = {time * 1e6:.4g} us is {ratio:.2g} Rayleigh times of R_max = {max_radius * 1e6:.4g} um (units?)"
