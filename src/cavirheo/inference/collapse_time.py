@@ -127,7 +127,7 @@ def estimate(
         require(not given[none], f"material {material!r} has no {none}", "collapse_time.not_of_the_material")
         given[none] = 0.0
     for (name, value), most in zip(given.items(), LARGEST, strict=True):
-        expected = f"the {name} must lie between 0 and {most:g} (Pa, Pa s)"
+        expected = f"the {name} must lie between 0 and {most:g} {'Pa' if name == 'shear modulus' else 'Pa s'}"
         require(value is None or 0 <= value <= most, f"{expected}, got {value!r}", "collapse_time.out_of_range")
     both = "nothing to fit: shear modulus and viscosity are both given"
     require(None in given.values(), both, "collapse_time.all_given")
