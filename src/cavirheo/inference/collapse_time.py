@@ -213,7 +213,11 @@ def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
     half = np.zeros(2)
     half[estimated] = np.sqrt(np.diag(covariance))
     ends = np.clip([values - half, values + half], 0.0, LARGEST)
-    G, mu = (_quantity(values[i], ends[:, i], LARGEST[i], estimated[i], free > 0) for i in (0, 1))
+    G, mu = (_quantity(values[i], ends[:, i], LARGEST[i], estimated[i]) for i in (0, 1))
+    if free <= 0:  # no intervals; G trades with mu: what is fitted is known together or not at all
+        known = (None not in (G.median, mu.median)) | ~estimated
+        open_ = Quantity(bound="undetermined")
+        G, mu = (Quantity(median=values[i]) if known[i] else open_ for i in (0, 1))
     model = problem.time(values) / rayleigh_time(problem.max_radius, problem.medium)
     found = CollapseEstimate(shear_modulus_Pa=G, viscosity_Pa_s=mu, scatter=scatter, model=list(model))
     if estimated[0] and G.median is not None:
@@ -222,7 +226,9 @@ def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
         why = "one collapse time is one relation between G and µ: add shots of other R_max, or give --viscosity"
         messages.append(why if n == 1 else "the shots are too alike (R_max, lambda) to tell G from µ: give --viscosity")
     elif None in (G.median, mu.median):
-        messages.append(f"of {'G' if G.median is None else 'µ'} only bounds are known: add shots of other R_max")
+        name, one = ("G", G) if G.median is None else ("µ", mu)
+        what = "nothing is" if one.bound == "undetermined" else "only bounds are"
+        messages.append(f"of {name} {what} known: add shots of other R_max")
     if free == 0:
         messages.append("as many shots as unknowns: no interval")
     if scatter is not None and scatter > _MAX_SCATTER:
@@ -233,9 +239,8 @@ def _answer(problem: _Problem, messages: list[str]) -> CollapseEstimate:
     return found
 
 
-def _quantity(value: float, ends: Floats, most: float, fitted: bool, interval: bool) -> Quantity:
-    """A value with its interval, which is a bound where its ends are far apart or at the end of the range; without an
-    interval the ends of equally good values count."""
+def _quantity(value: float, ends: Floats, most: float, fitted: bool) -> Quantity:
+    """A value with its interval, which is a bound where its ends are far apart or at the end of the range."""
     if not fitted:
         return Quantity(median=value)
     low, high = ends.tolist()
@@ -244,8 +249,6 @@ def _quantity(value: float, ends: Floats, most: float, fitted: bool, interval: b
         bound = "wide" if low > 0.0 else "upper"
     if high >= most:
         bound = "undetermined" if bound else "lower"
-    if not interval:
-        return Quantity(bound="undetermined") if bound else Quantity(median=value)
     return Quantity(median=value, q05=low, q95=high, bound=bound)
 
 
