@@ -181,9 +181,10 @@ def test_a_failed_simulation_leaves_the_analytic_answer(run, tmp_path, monkeypat
 
 def test_unusable_rows_keep_their_reason_at_status_1_and_an_unreadable_file_is_2(run, tmp_path):
     path = tmp_path / "gel.csv"
-    path.write_text(f"shot,{HEAD}\nA,200,7,18\nB,nan,7,18\nC,200,7,18000\n")
+    path.write_text(f"shot,{HEAD}\nA,200,7,18\nB,nan,7,18\nC,200,7,18000\nD,200,7,18\n")
     group = read_table(path)
-    assert [shot.name for shot in group.usable] == ["A"]
+    assert [shot.name for shot in group.usable] == ["A", "D"]
+    assert "earlier shot: D; copies" in group.notes[0]
     assert group.shots[1].message.startswith("R_max must be 1e-08 to 0.05 m, got nan")
     assert group.shots[2].message.startswith("t_1 = 1.8e+04 us")
     assert run("collapse-time", path)[0] == 1

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, SolverError, printable
+from cavirheo.errors import InputError, SolverError, listed, printable
 from cavirheo.inference.collapse_time import CollapseEstimate, estimate, unusable
 from cavirheo.io.files import guarded
 from cavirheo.io.shots import Chosen, selected
@@ -141,7 +141,13 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
             for text, (R, ratio, t) in zip(texts, rows, strict=True)
         ]
         head: Any = {"source": printable(str(path)), "source_sha256": source.sha256, "notes": notes}
-        return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
+        group = CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
+        first = dict[Any, CollapseShot]()
+        numbers = ((one, (one.max_radius_m, one.stretch, one.collapse_time_s)) for one in group.usable)
+        if again := [one.name for one, key in numbers if first.setdefault(key, one) is not one]:
+            said = f"with the numbers of an earlier shot: {listed(again)}"
+            group.notes.append(f"{said}; copies narrow the interval, leave them out with --shots")
+        return group
 
 
 def write_csv(path: Path, document: CollapseTimes) -> None:
