@@ -44,6 +44,8 @@ class Compare(Verb):
         head = run.document_fields | {"notes": [*run.notes, *answers.notes]}
         head["command"] = f"{answers.command}; {run.command}"  # `cite` quotes what made the answers, too
         document = Result(**vars(answers) | head)
+        for note in document.notes[len(head["notes"]) :]:
+            run.note(note)
         document.add_published(by_group([group.name for group in document.groups], sets))
         write_documents(outputs, [], document, draw=False)
         run.show(document, print_comparison)
