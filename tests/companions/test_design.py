@@ -40,6 +40,7 @@ def test_a_film_shows_the_bubble_that_is_asked_for_and_tells_more_with_less_nois
     assert np.all(quiet.half_width < loud.half_width)
     assert np.all(good.half_width < slow.half_width)
     assert np.linalg.det(good.information) > np.linalg.det(loud.information)
+    assert one().films(design.Setting(400e-6, 1e6, 4e-6, frames=10)) == [None]  # it ends before R_max
 
 
 ABOUT = np.diag([100.0, 400.0])

@@ -32,6 +32,7 @@ STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
 SIZES = 5  # number of R_max that are tried
 DRAWS = 12  # from what is known, at each setting
 EVEN = np.array([-1.0, 1.0]) * np.sqrt(3.0)  # ends of an even distribution, in standard deviations
+UNREADABLE = "no recording of these settings can be read: give more frames, another frame rate or another R_max"
 STRETCH_MARGIN = 0.02  # decades beyond the stretches of the shots
 
 
@@ -224,7 +225,7 @@ def design(
     for setting, expected in zip(settings, shots.expectations(settings, done), strict=True):
         needed = shots_wanted(expected, covariance, scatter, np.log10(1.0 + wanted))
         rows.append(_row(setting, expected, family.parameters, needed))
-    require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
+    require(any(row.readable for row in rows), UNREADABLE, "design.unreadable")
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
         command="cavirheo.design",

@@ -86,7 +86,12 @@ class Draws:
         time = np.arange(setting.frames) / setting.frame_rate - begin
         meta = {"name": "designed", "frame_rate_hz": setting.frame_rate}
         frames = RadiusCurve(time, np.full(len(time), top), meta=meta, maximum=(0.0, top))
-        stage = self.experiment(frames)
+        try:
+            stage = self.experiment(frames)
+        except InputError as error:
+            if error.code != "curve.window":
+                raise
+            return [None] * k  # it ends at R_max
         prior = replace(stage.prior(), zero=np.array(0.0), infinite=np.array(0.0))
         x = prior.to_x(rng.standard_normal((k, len(prior.names))))
         x[:, : stage.law_size], x[:, prior.names.index("stretch")] = self.law, np.log10(self.stretch)
