@@ -125,7 +125,8 @@ RIGS = (
     {"material": "jelly"}, {"material": "auto"}, {"medium": "honey"}, {"bubble": "auto"},
 )  # fmt: skip
 OPTIONS = ({"ranges": {"shear_modulus": (2e3, 1e3)}}, {"ranges": {"nothing": (1, 2)}}, {"wanted": 0.0})
-OPTIONS += ({"ranges": [1]}, {"wanted": "a tenth"})
+OPTIONS += ({"ranges": [1]}, {"wanted": "a tenth"}, {"group": "a group of no result"})
+OPTIONS += tuple({"ranges": wrong} for wrong in ({"G": (1, 2)}, {"mu": (0.1, 20)}, {**RANGES, "G": (1e3, 1e4)}))
 
 
 @pytest.mark.parametrize(("rig", "wrong"), [*((rig, {}) for rig in RIGS), *(({}, wrong) for wrong in OPTIONS)])

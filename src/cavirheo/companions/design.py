@@ -21,7 +21,7 @@ from cavirheo.curve import as_numbers
 from cavirheo.errors import InputError, as_path, expect, expect_whole, listed, require
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.design import MOST_SHOTS, Draws, Expectation, Setting, shots_wanted
-from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, STRETCH_RANGE, require_name
+from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, parameter_of, require_name
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
 from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.reporting.record import Result, StoredMedium
@@ -264,15 +264,16 @@ def _effort(row: DesignedSetting) -> tuple[float, float]:
 
 
 def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[str, Floats]:
-    """log10 of the ends of ranges, by name. Raises InputError: no such parameter, or an impossible range."""
+    """log10 of the ends of ranges, by name. Raises InputError: no such parameter, or a range that is not searched."""
     expect(ranges, Mapping, "ranges by parameter, such as {'G': [1e3, 1e4]}")
     ends = {}
     for text, pair in ranges.items():
         name = require_name(text, (*family.parameters, "stretch"), family.name, "design.range")
-        low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
+        require(name not in ends, f"the range of {name} is given twice", "design.range")
+        low, high = np.round(10.0 ** np.array(parameter_of(name).search_range), 12)
         values = as_numbers("ranges", pair)
-        if values.shape != (2,) or not low < values[0] < values[1] < high:
-            expected = f"must be [low, high] with {low:g} < low < high < {high:g}"
+        if values.shape != (2,) or not low <= values[0] < values[1] <= high:
+            expected = f"must be [low, high] with {low:g} <= low < high <= {high:g}, where `infer` searches"
             raise InputError(f"the range of {name} {expected}, got {pair}", "design.range")
         ends[name] = np.log10(values)
     return ends
