@@ -300,6 +300,8 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
     if of_law := [name for name in given if name != "stretch"]:
         message = f"a result and a range of {listed(of_law)}: give one of them; both say what is known"
         raise InputError(message, "design.range")
+        message = "group names one of a result: give the result.json, or leave out group (--group)"
+        require(group is None, message, "design.group")
     if not isinstance(known, Result):
         path = as_path(known)
         known = read_json(path / "result.json" if path.is_dir() else path, lambda _: Result)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cavirheo import settings
-from cavirheo.errors import InputError
 from cavirheo.settings import argument, number, option
 from cavirheo.verbs.run import REFERENCES, Out, Run, Verb, has_problems, numbers
 from cavirheo.writing import digits
@@ -136,9 +135,6 @@ class Design(Verb, settings.Liquid, settings.BubbleOptions):
         from cavirheo.loading import load
         from cavirheo.reporting.record import Result
 
-        if self.group is not None and self.result is None:
-            message = "--group names a group of a result.json: give the file, or leave out --group"
-            raise InputError(message, "design.group")
         rig = Rig(
             max_radius=[1e-6 * end for end in self.rmax_um],
             frame_rate=numbers("--fps", self.fps, float, ",", "numbers with commas"),
