@@ -105,6 +105,9 @@ def test_what_is_known_is_the_answer_of_the_group(quick):
     for pairs in ([(curve, with_verdict(gel, "does_not_fit"))], [(curve, gel)] * 2):  # two shots are no population
         with refused("design.no_answer", "give ranges"):
             cavirheo.design(document_of(pairs))
+    dense = document_of([(curve, replace(gel, medium=cavirheo.Medium(density=1050)))])
+    assert cavirheo.design(dense).medium.density == 1050
+    assert "density" in cavirheo.design(dense, Rig(medium="water")).notes[-1]
     usual = document_of([(curve, replace(gel, material="auto"))])  # what infer answers by default
     assert cavirheo.design(usual).known == made.known
     usual.groups[0].population.model = "nhkv or newtonian, real"  # as of a liquid that may thin

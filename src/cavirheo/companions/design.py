@@ -23,7 +23,7 @@ from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.design import MOST_SHOTS, Draws, Expectation, Setting, shots_wanted
 from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, parameter_of, require_name
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
-from cavirheo.physics.media import WATER, Medium, medium
+from cavirheo.physics.media import CONSTANTS, WATER, Medium, medium
 from cavirheo.reporting.record import Result, StoredMedium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, read_json
@@ -46,7 +46,7 @@ class Rig:
         frames: number of frames that it records.
         noise: standard deviation of the radius of a frame over R_max.
         material: a law of `cavirheo laws`.
-        medium: constants of the liquid or gel, or the name of a set of constants.
+        medium: constants of the liquid or gel, or the name of a set of constants; None: those of the shots, or water.
         bubble: "real", "field" or a `Bubble`, whose free parameters are drawn at random.
 
     Raises:
@@ -58,14 +58,14 @@ class Rig:
     frames: int = 128
     noise: float = 0.01
     material: str = "nhkv"
-    medium: Medium | str = WATER
+    medium: Medium | str | None = None
     bubble: Requested = "real"
 
     def __post_init__(self) -> None:
         laws = "design needs one law, such as nhkv, newtonian, power-law or fung + newtonian: auto chooses among these"
         require(self.material != AUTO, laws, "design.auto")
         Family(self.material)
-        medium(self.medium)
+        medium(WATER if self.medium is None else self.medium)
         Options(bubble=bubble_of(self.bubble))
         radii, rates = as_numbers("max_radius", self.max_radius), as_numbers("frame_rate", self.frame_rate)
         require(radii.shape == (2,), f"R_max must be (low, high) in m, got {self.max_radius}", "design.max_radius")
@@ -219,7 +219,10 @@ def design(
     low, high = np.transpose(list(before.ends.values()))
     logs = low + (high - low) * Halton(len(low), seed=seed).random(DRAWS)  # few of its points cover the ranges
     bubble = bubble_of(rig.bubble)
-    shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], medium(rig.medium), bubble, seed)
+    liquid, notes = medium(rig.medium or (before.media or [WATER])[0]), [*before.doubts]
+    if other := [name for name in CONSTANTS for one in before.media if getattr(one, name) != getattr(liquid, name)]:
+        notes.append(f"the medium of this design differs from that of the shots in {listed(other)}")
+    shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], liquid, bubble, seed)
     covariance, scatter = np.diag((high - low)[:-1] ** 2 / 12.0), np.diag(before.spreads**2)
     settings, rows = rig.settings(), []
     for setting, expected in zip(settings, shots.expectations(settings, done), strict=True):
@@ -229,10 +232,10 @@ def design(
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
         command="cavirheo.design",
-        notes=list(before.doubts),
+        notes=notes,
         material=rig.material,
         bubble=bubble,
-        medium=medium(rig.medium),
+        medium=liquid,
         wanted_percent=100.0 * wanted,
         spreads_decades=dict(zip(family.parameters, before.spreads.tolist(), strict=True)),
         known={name: Quantity.from_interval(*three) for name, three in zip(before.ends, quantiles.T, strict=True)},
@@ -282,12 +285,13 @@ def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[s
 class Known(NamedTuple):
     """What is known of a material. ends: log10 of the ends of an even distribution of each parameter of the law, then
     of the stretch. spreads: (l,) standard deviation of the shots about the material, decades. shots: on which this is
-    based. doubts: why this is doubtful."""
+    based. doubts: why this is doubtful. media: of the shots."""
 
     ends: dict[str, Floats]
     spreads: Floats
     shots: int
     doubts: Sequence[str] = ()
+    media: Sequence[Medium] = ()
 
 
 def _known(known: Result | str | Path | None, group: str | None, family: Family, given: dict[str, Floats]) -> Known:
@@ -296,12 +300,12 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
     parameters of the law; or several have."""
     usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
     if known is None:
+        message = "group names one of a result: give the result.json, or leave out group (--group)"
+        require(group is None, message, "design.group")
         return Known(usual | {"stretch": np.log10(STRETCHES)} | given, np.zeros(len(usual)), 0)
     if of_law := [name for name in given if name != "stretch"]:
         message = f"a result and a range of {listed(of_law)}: give one of them; both say what is known"
         raise InputError(message, "design.range")
-        message = "group names one of a result: give the result.json, or leave out group (--group)"
-        require(group is None, message, "design.group")
     if not isinstance(known, Result):
         path = as_path(known)
         known = read_json(path / "result.json" if path.is_dir() else path, lambda _: Result)
@@ -315,7 +319,8 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
             ends["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])
             spreads = np.array([answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in usual])
             doubts = [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
-            usable.append((record.name, Known(ends | given, spreads, answer.n - len(answer.outliers), doubts)))
+            media = [row.medium for row in rows if row.medium]
+            usable.append((record.name, Known(ends | given, spreads, answer.n - len(answer.outliers), doubts, media)))
     chosen = [one for name, one in usable if group in (None, name)]
     if len(chosen) == 1:
         return chosen[0]

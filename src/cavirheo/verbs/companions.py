@@ -43,9 +43,9 @@ class Compare(Verb):
         head = run.document_fields | {"notes": [*run.notes, *answers.notes]}
         head["command"] = f"{answers.command}; {run.command}"  # `cite` quotes what made the answers, too
         document = Result(**vars(answers) | head)
+        document.add_published(by_group([group.name for group in document.groups], sets))
         for note in document.notes[len(head["notes"]) :]:
             run.note(note)
-        document.add_published(by_group([group.name for group in document.groups], sets))
         write_documents(outputs, [], document, draw=False)
         run.show(document, print_comparison)
         counts = f"{digits.counted(len(document.groups), 'group')}, {digits.counted(len(document.curves), 'shot')}"
@@ -141,7 +141,7 @@ class Design(Verb, settings.Liquid, settings.BubbleOptions):
             frames=self.frames,
             noise=0.01 * self.noise_percent,
             material=self.material,
-            medium=self.liquid,
+            medium=self.liquid if self.given else None,
             bubble=self.full_bubble or "real",
         )
         ranges = {name: ends for name in ("shear_modulus", "viscosity", "stretch") if (ends := getattr(self, name))}
