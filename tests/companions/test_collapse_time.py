@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import WATER, code_of, done, refusal
-from files import text_table
+from files import put, text_table
 from scipy.stats import t as student
 
-from cavirheo import Bubble, SolverError
+from cavirheo import Bubble, SolverError, load
 from cavirheo.companions.collapse_times import read_table
 from cavirheo.inference.collapse_time import CollapseEstimate, estimate
 from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
@@ -115,7 +115,6 @@ def test_one_shot_is_one_relation():
 SHOT = (R, 7.0, 1.8e-5)
 REFUSED = [
     ("shot", (R, 0.9, 1e-5), {}),
-    ("shot", (R, 7.0, np.nan), {}),
     ("shot", (200.0, 7.0, 18.0), {}),  # um and us, taken as m and s
     ("material", SHOT, {"material": "gent"}),
     ("not_of_the_material", SHOT, {"material": "nh", "viscosity": 0.1}),
@@ -151,8 +150,7 @@ BAD = {  # what is no table at all, test_reading.py refuses by the same reader
 
 @pytest.mark.parametrize("text", BAD)
 def test_files_that_cannot_be_used(tmp_path, text):
-    (tmp_path / "a.csv").write_text(text)
-    assert code_of(read_table, tmp_path / "a.csv") == BAD[text]
+    assert code_of(read_table, put(tmp_path / "a.csv", text)) == BAD[text]
 
 
 def test_the_command(run, tmp_path):
@@ -164,8 +162,7 @@ def test_the_command(run, tmp_path):
     assert group["estimate"]["shear_modulus_Pa"]["median"] == pytest.approx(1e4, rel=0.05)
     assert len((tmp_path / "result" / "shots.csv").read_text().splitlines()) == 31
     done(run("collapse-time", "gel.csv", "--exact", "-o", "exact"))
-    document = json.loads((tmp_path / "exact" / "collapse-time.json").read_text())
-    assert document["groups"][0]["model"] == "exact"
+    assert load(tmp_path / "exact").groups[0].model == "exact"
 
 
 def test_a_failed_simulation_leaves_the_analytic_answer(run, tmp_path, monkeypatch):
