@@ -32,7 +32,7 @@ from cavirheo.io.files import expand
 from cavirheo.io.shots import read_shots
 
 US, UM = TIME * 1e6, RADIUS * 1e6
-FRAMES = np.arange(1.0, 1.0 + len(TIME))
+FRAMES, RATE = np.arange(1.0, 1.0 + len(TIME)), 1.0 / (TIME[1] - TIME[0])
 PLAIN, GERMAN = lines(",", US, UM), lines(";", US, UM, comma=True)
 
 
@@ -154,7 +154,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "attributes": (hdf5({"t": US, "R_um": UM, "t@unit": "us", "@time": "noon", "@_v": 1, "@fit": 1}), "@fit, @time"),
     "times and radii in a matrix": (saved(Rt=np.c_[TIME, RADIUS]), "Rt is taken as times and radii"),
     "a simulation alone": (hdf5({"sim/t_us": US, "sim/R_um": UM, "G": 1e3}), "not used: G"),
-    "HDF5 without units": (hdf5({"t": US, "R": UM, "other": UM[:3]}), "not used: other"),
+    "stated": (f"# fps: {RATE}\nframe,R_px,um_per_px\n" + lines(",", FRAMES, UM / 3.2, 0 * UM + 3.2), "um per pixel"),
     "arrays of numpy": (packed, "not used: about, read.me"),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
     "no time": (within("inf,100"), "1 of 181 frames without a time"),
@@ -199,7 +199,6 @@ def test_frames_and_pixels_ask_for_the_camera(tmp_path, name):
     assert said in "\n".join(curve.notes)
 
 
-RATE = 1.0 / (TIME[1] - TIME[0])
 DOUBTFUL = {  # a file, options, and codes of its warnings
     "a second shot after a pause": (HEAD + lines(",", np.r_[US, US + 500], np.r_[UM, 1.5 * UM]), {}, "time_gap"),
     "an ellipse": ("t_us,a_um,b_um\n" + lines(",", US, 1.06 * UM, UM), {}, "aspherical"),
@@ -212,6 +211,7 @@ DOUBTFUL = {  # a file, options, and codes of its warnings
     "one stretch twice": (saved(R=RADIUS, t=TIME, R_eq=25e-6, lambda_max=8.1), {}, ""),
     "two stretches": (saved(R=RADIUS, t=TIME, R_eq=25e-6, lambda_max=6.0), {}, "stretches"),
     "another scale": (saved(R_px=UM / 3.0, t=TIME, deltax=3.2e-6), {"um_per_px": 3.0}, "camera_differs"),
+    "one of a comment": ("# um_per_px: 3.2\nt_us,R_px\n" + PLAIN, {"um_per_px": 3.0}, "camera_differs"),
 }
 
 
@@ -423,7 +423,7 @@ def test_a_group_states_the_constants_of_its_shots(tmp_path):
 
 BOTH, DENSE = np.stack([RADIUS, 1.5 * RADIUS]), "time_us,radius_um,density (g/cm3)\n"
 OF_EACH = {  # what a file states of each of its shots; 0: what it gives is not used
-    "R1_eq of R1_exp": (saved(t_exp=TIME, R1_exp=RADIUS, R1_eq=25e-6), "stretch", [8.0]),
+    "column of R_eq": ("t_us,R_um,R_eq_um\n" + lines(",", US, UM, 0.0 * UM + 25), "stretch", [8.0]),
     "R1_eq of R": (saved(t=TIME, R=RADIUS, R1_eq=25e-6), "stretch", [8.0]),
     "numbered R_eq": (saved(t=TIME, R1=RADIUS, R2=RADIUS, R1_eq=25e-6, R2_eq=50e-6), "stretch", [8.0, 4.0]),
     "array": (saved(t=TIME, R=BOTH, rmax_um=[210.0, 290.0]), "max_radius", [210e-6, 290e-6]),

@@ -164,10 +164,14 @@ def _series(table: Table) -> list[_Series]:
     if form is None:
         raise InputError(f"one of two axes among {table.titles}: expected both, as in a_um and b_um", "table.columns")
     _check_diameters(table.all("radius"), table.all("diameter"))
+    shot = table.find("curve")
+    shots = len({*shot.text}) if shot else 1
     radii = list(zip(*map(table.all, form.kinds), strict=False))
+    rests = [columns[0] for columns in radii if STATED.name(columns[0].title).kind == "radius at rest"]
+    rests = [column for column in rests if len(radii) > 1 and len(_distinct(column.numbers)) <= shots]
+    radii = [columns for columns in radii if columns[0] not in rests]
     radii = [columns for columns in radii if columns[0].unit not in ("px", "px2")] or radii
     clocks = table.all("time") or [column for column in table.all("frame") if len({*column.text}) > 1]
-    shot = table.find("curve")
     firsts = [columns[0] for columns in radii]
     if shot and len(radii) > 1:
         both = f"a column {shot.title!r} and {len(radii)} columns of radii"
@@ -184,7 +188,7 @@ def _series(table: Table) -> list[_Series]:
     clock_of = _of_each(firsts, clocks) or [table.at_most_one(clocks)] * len(firsts)
     deviations = [column for column in table.all("radius_std") if column.unit in (None, *RADIUS_UNITS)]
     deviation_of = _of_each(firsts, deviations if form.deviation else []) or [None] * len(firsts)
-    at_rest = table.all("radius at rest")
+    at_rest = [*rests, *table.all("radius at rest")]
     at_rest_of = _of_each(firsts, at_rest) or [next(iter(at_rest), None)] * len(firsts)
     maxima = table.all("max_radius")
     max_radius_of = _of_each(firsts, maxima) or [table.at_most_one(maxima)] * len(firsts)
@@ -225,23 +229,24 @@ def _of_each(radii: Sequence[Column], columns: Sequence[Column]) -> Sequence[Col
 
 def _of_all(table: Table) -> Iterator[Column]:
     """Yield the columns of all shots: no array has a number for one alone; and what remarks such as "density 1060
-    kg/m3" state of the medium, as columns of one number."""
+    kg/m3" state of medium and camera, as columns of one number."""
     yield from (column for column in table.columns if not column.name.number)
     for match in filter(None, (_REMARK.match(remark[:200]) for remark in table.remarks[:_MOST_REMARKS])):
         word, number, unit = match.groups()
-        name = STATED.name(f"{word} [{unit}]" if unit else word)
-        if name.kind in _CONSTANTS:
+        name = CURVES.name(f"{word} [{unit}]" if unit else word)
+        if name.kind in (*_CONSTANTS, *OF_CAMERA):
             yield Column(table, -1, word, name, np.array([float(number)]))
 
 
 def stated(table: Table) -> dict[str, tuple[Column, float]]:
-    """Return what single numbers state of medium and camera, by quantity, in SI: the first of each that is possible."""
+    """Return what single numbers, and columns of one number, state of medium and camera, by quantity, in SI: the first
+    of each that is possible."""
     facts: dict[str, tuple[Column, float]] = {}
     for column in _of_all(table):
         kind, unit, _ = column.name
-        if kind in facts or kind not in (*_CONSTANTS, *OF_CAMERA) or len(column.numbers) != 1:
+        if kind in facts or kind not in (*_CONSTANTS, *OF_CAMERA) or len(values := _distinct(column.numbers)) != 1:
             continue
-        value = float(column.numbers[0]) * (STATED.terms[kind].units.get(unit, np.nan) if unit else 1.0)
+        value = values[0] * (STATED.terms[kind].units.get(unit, np.nan) if unit else 1.0)
         if 0.0 < value < np.inf:
             facts[kind] = column, value
     return facts
@@ -477,7 +482,10 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
 
 def _single(column: Column, rows: Indices) -> list[float]:
     """Return the distinct numbers of a column in some rows, or the one that is stated for all."""
-    numbers = column.numbers[rows] if len(column.numbers) > np.max(rows, initial=1) else column.numbers
+    return _distinct(column.numbers[rows] if len(column.numbers) > np.max(rows, initial=1) else column.numbers)
+
+
+def _distinct(numbers: Floats) -> list[float]:
     return np.unique(numbers[np.isfinite(numbers)]).tolist()
 
 
@@ -507,7 +515,7 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
         deviation = f" +- {meta['stretch_std']:.2g}" if "stretch_std" in meta else ""
         notes.append(f"the file states the stretch {meta['stretch']:.4g}{deviation}")
     if column := series.at_rest:
-        stretch = _stretch_at_rest(curve, column, largest)
+        stretch = _stretch_at_rest(curve, column, rows, largest)
         if "stretch" in meta:
             notes.append(f"{column.title!r} is not used: the file states the stretch, too")
             if abs(stretch / meta["stretch"] - 1.0) > _STRETCH_TOLERANCE:
@@ -522,10 +530,12 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
     return curve.labelled(**meta, medium=medium, ignored=ignored).with_notes(*notes)
 
 
-def _stretch_at_rest(curve: RadiusCurve, column: Column, largest: float) -> float:
-    """Return R_max over a radius at rest; NaN if one of them is not known. largest: as in `_with_stated`."""
+def _stretch_at_rest(curve: RadiusCurve, column: Column, rows: Indices, largest: float) -> float:
+    """Return R_max over the radius at rest in these rows; NaN if one of them is not known. largest: as in
+    `_with_stated`."""
     per_number = float(np.nanmax(curve.radius, initial=0.0)) / largest if largest > 0.0 else np.nan
-    at_rest = float(column.numbers[0]) * LENGTH_UNITS.get(column.unit or "", per_number)  # m
+    values = _single(column, rows)
+    at_rest = (values[0] if len(values) == 1 else np.nan) * LENGTH_UNITS.get(column.unit or "", per_number)  # m
     with suppress(InputError):  # no scale, or no maximum
         return curve.max_radius / at_rest if at_rest > 0.0 else np.nan
     return np.nan

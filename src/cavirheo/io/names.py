@@ -39,8 +39,15 @@ _CONSTANTS = {
     "density": Term("rho density rho0 rhoinf rhol", {"kgm3": 1.0, "kgm-3": 1.0, "gcm3": 1e3}),
     "pressure": Term("pinf pressure pambient patm", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5}),
 }
+_OF_SHOT = {
+    **_CONSTANTS,
+    "radius at rest": Term("req rinf requilibrium equilibriumradius restradius", RADIUS_UNITS),
+    "frame rate": Term("fps framerate framespersecond", {"Hz": 1.0, "fps": 1.0, "kHz": 1e3, "MHz": 1e6}),
+    "um per pixel": Term("umperpx umperpixel micronsperpixel micronperpixel", {"umpx": 1.0}),
+}
 CURVES = Vocabulary(
     {
+        **_OF_SHOT,  # an R_eq that changes is a radius, as below
         "time": Term(
             "t time elapsedtime reltime relativetime timestamp positiont xvalue tnondimall zeit temps tiempo "
             "tempo 時間 时间",
@@ -80,7 +87,6 @@ CURVES = Vocabulary(
         "minor": Term("minor minoraxis minoraxislength minordiameter dminor", _UNITS),
         "area": Term("area bubblearea aire flache", {**_UNITS, **dict.fromkeys(AREA_UNITS, np.nan)}),
         "curve": Term("curve shot trackid"),
-        **_CONSTANTS,
     },
     HEADER_ADVICE,
     required=("time|frame", "radius|diameter|half_b|minor|area"),
@@ -91,14 +97,11 @@ CURVES = Vocabulary(
 WITHOUT_TIMES = replace(CURVES, required=CURVES.required[1:])
 STATED = Vocabulary(
     {
-        **_CONSTANTS,
-        "radius at rest": Term("req rinf requilibrium equilibriumradius restradius", RADIUS_UNITS),
-        "stretch": Term("stretch lambda lambdamax lambdamaxmean"),
-        "stretch_std": Term("stretchstd lambdastd lambdamaxstd"),
-        "frame rate": Term("fps framerate framespersecond", {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}),
+        **_OF_SHOT,
         "frame interval": Term("deltat dt frameinterval", TIME_UNITS),
         "size of a pixel": Term("deltax", RADIUS_UNITS),
-        "um per pixel": Term("umperpx umperpixel micronsperpixel micronperpixel"),
+        "stretch": Term("stretch lambda lambdamax lambdamaxmean"),
+        "stretch_std": Term("stretchstd lambdastd lambdamaxstd"),
     },
     "",
     (),
