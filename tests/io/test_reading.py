@@ -209,6 +209,7 @@ DOUBTFUL = {  # a file, options, and codes of its warnings
     "a scale of no pixels": (HEAD + PLAIN, {"um_per_px": 3.2}, "scale_unused"),
     "its own scale": (saved(R_um=UM, t=TIME, deltax=3.2e-6), {"um_per_px": 3.2}, ""),
     "one stretch twice": (saved(R=RADIUS, t=TIME, R_eq=25e-6, lambda_max=8.1), {}, ""),
+    "a radius at rest above R_max": (saved(R=RADIUS, t=TIME, R_eq=3e-4), {}, "at_rest"),
     "two stretches": (saved(R=RADIUS, t=TIME, R_eq=25e-6, lambda_max=6.0), {}, "stretches"),
     "another scale": (saved(R_px=UM / 3.0, t=TIME, deltax=3.2e-6), {"um_per_px": 3.0}, "camera_differs"),
     "one of a comment": ("# um_per_px: 3.2\nt_us,R_px\n" + PLAIN, {"um_per_px": 3.0}, "camera_differs"),
@@ -244,8 +245,7 @@ STRUCTS = saved(data=np.array([[(RADIUS, TIME), (1.5 * RADIUS, TIME)]], [("R", "
 TABS = book(one=SHEET, notes=[["gel"]], two=[SHEET[0], *zip(US, 1.5 * UM, strict=True)])
 SEVERAL = {  # two curves, their names, and what each says
     "plain": (f"t_us,R1_um,R2_um\n{RADII}", "R1_um", "R2_um", "2 columns of radii"),
-    "German": (f"Zeit_us,Schuss 1 [µm],Schuss 2 [µm]\n{RADII}", "Schuss 1", "Schuss 2", "2 columns of radii"),
-    "from 0": (f"t_us,shot 0 (um),shot 1 (um)\n{RADII}", "shot 0", "shot 1", "2 columns of radii"),
+    "German": (f"Zeit_us,Schuss 0 [µm],Schuss 1 [µm]\n{RADII}", "Schuss 0", "Schuss 1", "2 columns of radii"),
     "a simulation": (SIMULATED, "first", "series/second", "not used: sim/radius, sim/rho, sim/time, unrelated"),
     "rows above the labels": (labels(*[""] * N, *["B"] * N), "unlabelled", "B", "blank cells of 'shot' filled"),
     "unit row": (f"Time,shot 1,shot 2\nus,um,um\n{RADII}", "shot 1", "shot 2", "2 columns of radii"),

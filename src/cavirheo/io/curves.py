@@ -526,6 +526,8 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
             notes.append(f"the file states the stretch {stretch:.4g}: R_max over {column.title}")
         else:
             notes.append(f"{column.title!r} is not used: it gives no stretch")
+            doubt = Message("check_input.at_rest", {"ratio": stretch, "title": column.title})
+            curve = curve.labelled(warnings=(*curve.warnings, *([] if np.isnan(stretch) else [doubt])))
     ignored = sorted({*curve.meta.get("ignored", ())} - medium.keys())
     return curve.labelled(**meta, medium=medium, ignored=ignored).with_notes(*notes)
 
