@@ -60,7 +60,8 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
 
     def kind_of(name: str) -> type[Document]:
         if name not in KINDS:
-            raise InputError(f"{path}: no document of cavirheo ({', '.join(NAMES)})", "document.other")
+            message = f"{path}: no document of cavirheo ({', '.join(NAMES)}); curves are not read from JSON: save a CSV"
+            raise InputError(message, "document.other")
         return resolve_name(KINDS[name][0])
 
     loaded = read_json(path, kind_of)

@@ -334,7 +334,9 @@ BAD = {  # content, or what writes it; code; what is named
     "prose.mat": (b"Dear reader,\nthis is a letter.\n", "table.columns", "'letter.'"),
     "words.csv": (b"time_us,radius_um\n1,2\n2,three\n", "tabular.number", "row 3, column 'radius_um': 'three'"),
     "commas.csv": (b"time_us,radius_um\n1,5,200,3\n", "tabular.width", "row 2 has 4 cells"),
-    "twice.csv": (b"time_us,radius_um,radius_um\n1,2,3\n", "table.twice", "radius"),
+    "camera.csv": (f"Camera\nFrame,118\nt (s),L (mm),N\n{TWO}", "table.columns", "among 't (s)', 'L (mm)', 'N'"),
+    "chinese.csv": (f"时间(us),半径(um)\n{PLAIN}".encode("gbk"), "table.columns", "save it as CSV UTF-8"),
+    "rows.json": ('[{"time_us": 0.0, "radius_um": 195.9},\n', "table.columns", "JSON is not read: save a CSV"),
     "swapped.csv": (b"time_um,radius_us\n1,2\n", "table.units", "time in um and radius in us"),
     "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.number", "'Mean' is not a number"),
     "objects.npy": (array(np.array([{"a": 1}], object)), "tabular.array", "numbers"),
@@ -354,7 +356,6 @@ BAD = {  # content, or what writes it; code; what is named
     "packed.csv.gz": (gzip.compress((HEAD + PLAIN).encode()), "reading.binary", "unpack what is packed"),
     "formulas.xlsx": (book(a=WITHOUT_TIMES), "table.empty", "formulas"),
     "hidden.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "R_um"]]), "table.columns", "raw (hidden)"),
-    "missing.mat": (lambda path: None, "reading.missing", ""),
     "folder": (Path.mkdir, "reading.folder", ""),
 }
 

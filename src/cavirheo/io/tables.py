@@ -265,7 +265,7 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
         tables = [table for table in tables if vocabulary.of_shots and table.titles == tables[0].titles] or tables[:1]
         _note_sheets(tables, sheets)
     if not tables:
-        raise _no_titles(sheets, vocabulary)
+        raise _no_titles(sheets, vocabulary, source)
     if not any(table.rows for table in tables):
         message = f"a header in row {tables[0].line} but no rows of numbers below it; {vocabulary.expected}"
         raise vocabulary.error("rows", message)
@@ -282,16 +282,25 @@ def _note_sheets(tables: list[Table], sheets: list[Table]) -> None:
             table.notes.insert(0, note + (f"; not read: {left}" if left else ""))
 
 
-def _no_titles(sheets: list[Table], vocabulary: Vocabulary) -> InputError:
-    """Return the error that no row is a header, with the closest row, and what is missing in it."""
+def _no_titles(sheets: list[Table], vocabulary: Vocabulary, source: Source) -> InputError:
+    """Return the error that no row is a header, with the closest row of as many words as there are numbers below it, if
+    there is one, and what is missing in it."""
     rows = [row.texts for sheet in sheets for row in sheet.rows]
     if not rows:
         return vocabulary.error("empty", f"no rows of data; {vocabulary.expected}")
-    closest = max(rows, key=lambda row: len({vocabulary.name(cell).kind for cell in row} - {""}))
+    if re.match(rb'\s*[\[{]\s*["\[{]', source.head):
+        return vocabulary.error("columns", f"JSON is not read: save a CSV; {vocabulary.expected}")
+    width = max((len(row) for row in rows if all(map(is_number, row))), default=0)
+    above = takewhile(lambda row: len(row) < width or not all(map(is_number, row)), rows)
+    words = [row for row in above if len(row) >= width > 0 and not any(map(is_number, row))]
+    closest = max(words[::-1] or rows, key=lambda row: len({vocabulary.name(cell).kind for cell in row} - {""}))
     titles = ", ".join(repr(title[:30]) for title in closest[:_LISTED])
     missing = [kind.split("|")[0] for kind in vocabulary.missing(closest)]
     names = " and ".join(vocabulary.terms[kind].label or kind for kind in missing)
     hidden = "".join(f"; not read: {sheet.name}" for sheet in sheets if not sheet.rows)
+    as_latin_1 = source.kind == "text" and _decoded(source.content).encode("latin-1", "replace") == source.content
+    if as_latin_1 and not titles.replace("µ", "u").isascii():
+        hidden = "; the text is not UTF-8: save it as CSV UTF-8"
     return vocabulary.error("columns", f"no column for {names} among {titles}{hidden}; {vocabulary.expected}")
 
 
@@ -420,8 +429,8 @@ def _decoded(content: bytes) -> str:
 
 def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     """Split a text into rows by the first separator that makes one row a header, else by the first one that all of the
-    first twenty lines contain. Comments above the numbers are rows (without # or %) only if no other line is a
-    header."""
+    first twenty lines of numbers (or lines, without any) contain. Comments above the numbers are rows (without # or %)
+    only if no other line is a header."""
     text, invisible = without_invisible(text)
     lines = text.splitlines()
     check_limit(len(lines), files.MOST_ROWS, "lines")
@@ -434,8 +443,8 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
         if rows := _rows_with_header(with_titles, vocabulary):
             data = with_titles
     if rows is None:
-        sample = [line for line in data if line.strip()][:20]
-        separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
+        sample = list(filter(_BEGINS_AS_NUMBER.match, data)) or list(filter(str.strip, data))
+        separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample[:20]))
         rows = list(_split(data, separator))
     notes = [f"{invisible} control characters left out"] if invisible else []
     if comments := [line.strip() for line, used in zip(lines, data, strict=True) if line.strip() and not used]:
