@@ -38,6 +38,12 @@ _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
 AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growth
 
 
+def median_where_large(radius: Floats, values: Floats) -> float:
+    """The median of the values at radii above half of the largest one; 0 without any."""
+    large = radius > 0.5 * np.nanmax(radius, initial=0.0)
+    return float(np.median(values[large])) if large.any() else 0.0
+
+
 def _median_of_three(values: Floats) -> Floats:
     """Running median of three samples, mirrored at the ends: removes a single bad frame."""
     padded = np.pad(values, 1, mode="reflect")

@@ -18,6 +18,7 @@ from cavirheo.parameters import parameter_of
 from cavirheo.writing import digits
 
 CAMERA_TOLERANCE = 0.01  # relative; a frame rate or scale that differs by more from that of the file is a doubt
+_ASPHERICAL = 0.05  # of the larger half-axis: a larger difference of both is a doubt
 _MOST_NAMES = 10  # letters of the names of shots in a sentence, from which on they are counted
 
 
@@ -61,6 +62,11 @@ def camera_warnings(given: float, found: float, what: str, origin: str) -> tuple
         return ()
     values = {"given": given, "what": what, "origin": origin, "value": found}
     return (Message("check_input.camera_differs", values),)
+
+
+def aspherical_warnings(share: float) -> tuple[Message, ...]:
+    """A warning if the half-axes of a large bubble differ by too large a share of the larger one."""
+    return (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
 
 
 def message_of_error(error: Exception) -> Message:

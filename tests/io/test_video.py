@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from conftest import code_of, done, error_of, refused, rows_of
+from conftest import code_of, done, refused, rows_of
 from PIL import Image
 from recordings import FRAMES, RATE, SCALE, film, write_cine, write_mraw
 from scipy.io import loadmat
@@ -101,11 +101,14 @@ def test_small_bubbles_are_measured_by_their_light():
     assert made.radius[small].max() < 4.5
 
 
-def test_shape_and_centre_show_in_the_outline():
+def test_shape_and_centre_show_in_the_outline(tmp_path):
     made = film(modes=((2, 0.06, 0.0),), drift=(0.2, 0.0))
     found = track(made, 0.3)
     assert np.abs(found.x - made.centre[:, 0])[found.flags == "ok"].max() < 0.1
     assert np.nanmedian(found.asphericity) == pytest.approx(0.06, abs=0.005)
+    tifffile.imwrite(tmp_path / "a.tif", made.frames)
+    (warning,) = measure(tmp_path / "a.tif", **HOW).warnings
+    assert (warning.code, warning.parameters["share"]) == ("check_input.aspherical", pytest.approx(0.113, abs=0.01))
 
 
 def test_nothing_is_invented_where_no_outline_is_seen():
@@ -117,10 +120,6 @@ def test_nothing_is_invented_where_no_outline_is_seen():
     assert not np.any(np.isfinite(track(made).radius) & (made.radius > 28))
     one, other = (film(centre=(x, 36.0), top=16.0) for x in (22.0, 64.0))
     assert track(replace(one, frames=np.minimum(one.frames, other.frames))).twins > 5
-
-
-def test_polarity_is_obeyed():
-    error_of(track, film(), polarity="bright")
 
 
 def test_flags_say_what_is_used_and_spoilt_frames_are_told_apart():
@@ -308,6 +307,7 @@ WRONG = {
     "video.roi": [{"roi": (0, 0, 500, 20)}],
     "video.frames": [{"span": (5, 500)}],
     "video.polarity": [{"polarity": "grey"}],
+    "video.no_bubble": [{"polarity": "bright"}],
     "video.exclude": [{"exclude": "4-"}, {"exclude": [99]}, {"exclude": "1-34"}],
 }
 

@@ -21,7 +21,8 @@ from cavirheo.errors import InputError, listed
 from cavirheo.io.files import MOST_CURVES, Source, check_limit
 from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
-from cavirheo.messages import CAMERA_TOLERANCE, Message, camera_warnings
+from cavirheo.landmarks import median_where_large
+from cavirheo.messages import CAMERA_TOLERANCE, Message, aspherical_warnings, camera_warnings
 from cavirheo.parameters import LENGTH_UNITS, RADIUS, TIME_UNITS
 from cavirheo.physics.media import CONSTANTS
 from cavirheo.writing.document import write_rows
@@ -37,7 +38,6 @@ _ROUNDED_SHARE, _COARSE = 0.2, 0.1  # least part of the shorter or longer interv
 _FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier times are out of order
 _LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
 _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all before it may part two shots
-_ASPHERICAL = 0.05  # of the radius: a larger difference of the half-axes is a doubt
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _DIAMETER_TOLERANCE = 0.1  # relative; diameters that differ by more from two radii are none of them
 _STRETCH_TOLERANCE = 0.05  # relative; a larger difference of two stretches of a file is a doubt
@@ -408,9 +408,7 @@ def _aspherical(columns: Sequence[Column], radius: Floats, rows: Indices) -> tup
     if len(columns) == 1:
         return ()
     a, b = (column.numbers[rows] for column in columns)
-    large = radius[rows] > 0.5 * np.nanmax(radius[rows], initial=0.0)
-    share = float(np.median(np.abs(a - b)[large] / np.maximum(a, b)[large])) if large.any() else 0.0
-    return (Message("check_input.aspherical", {"share": share}),) if share > _ASPHERICAL else ()
+    return aspherical_warnings(median_where_large(radius[rows], np.abs(a - b) / np.maximum(a, b)))
 
 
 def _other_rate(curve: RadiusCurve, camera: Camera) -> tuple[Message, ...]:

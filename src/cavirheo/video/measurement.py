@@ -18,7 +18,8 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, parse_number_list, require
-from cavirheo.messages import Message, camera_warnings
+from cavirheo.landmarks import median_where_large
+from cavirheo.messages import Message, aspherical_warnings, camera_warnings
 from cavirheo.parameters import FRAME_RATE
 from cavirheo.video import formats
 from cavirheo.video.formats import Footage
@@ -178,6 +179,8 @@ def measure(path: Path, **options: Unpack[MeasureOptions]) -> Measurement:
     measured = int(np.isfinite(track.radius).sum())
     if track.twins >= _TWIN_SHARE * measured:
         warnings.append(Message("check_input.two_bubbles", {"frames": track.twins, "measured": measured}))
+    shape = np.nan_to_num(track.asphericity)  # 0 where too little of the outline is seen
+    warnings += aspherical_warnings(median_where_large(track.radius, 2.0 * shape / (1.0 + shape)))
     if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _SATURATED_SHARE:
         warnings.append(Message("check_input.overexposed"))
     time, corner = time[first - 1 : last], region[:2]
