@@ -158,7 +158,8 @@ def check_file(path: Path, max_bytes: int, *, folder: bool = False) -> None:
     try:
         status = path.stat()
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name with a zero byte
-        raise InputError(f"{name} does not exist", "reading.missing") from None
+        link = f" is a link to {printable(str(path.readlink()))}, which" if path.is_symlink() else ""
+        raise InputError(f"{name}{link} does not exist", "reading.missing") from None
     except OSError as error:
         raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
     if S_ISDIR(status.st_mode):

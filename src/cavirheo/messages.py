@@ -206,7 +206,9 @@ _FORMS: dict[str, Callable[[Any], str]] = {  # how a value stands in a template,
 
 
 class _Templates(Formatter):
-    """str.format with _FORMS."""
+    """str.format with _FORMS, and "count gap": '1 gap', '2 gaps'."""
 
     def format_field(self, value: Any, form: str) -> str:
+        if form.startswith("count "):
+            return digits.counted(value, form.removeprefix("count "))
         return _FORMS[form](value) if form in _FORMS else format(value, form)
