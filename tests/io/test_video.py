@@ -209,11 +209,8 @@ def test_rate_and_scale_are_the_users_before_the_cameras(folder, tmp_path):
 def imagej(text: str, **more: object) -> dict:
     """How ImageJ describes a stack with pixels of 4 um, 0.25 per um."""
     head = f"ImageJ=1.54f\nimages={FRAMES}\nframes={FRAMES}\n{text}\n"
-    return {
-        "description": head.encode("latin-1", "backslashreplace"),
-        "metadata": None,
-        "resolution": (0.25, 0.25),
-    } | more
+    described = {"description": head.encode("latin-1", "backslashreplace"), "metadata": None}
+    return described | {"resolution": (0.25, 0.25)} | more
 
 
 def ome(axes: str, **about: object) -> dict:
@@ -283,10 +280,7 @@ NO_RECORDINGS: dict[str, tuple[str, Callable]] = {
     "darkness": ("video.no_bubble", lambda place: tifffile.imwrite(place, film().frames[:9] * 0)),
     "a still": ("video.no_bubble", lambda place: tifffile.imwrite(place, np.repeat(film().frames[:1], 9, 0))),
     "nothing": ("reading.missing", lambda place: None),
-    "two channels": (
-        "video.stack",
-        lambda place: tifffile.imwrite(place, film().frames[:8].reshape(4, 2, 72, 88), imagej=True),
-    ),
+    "channels": ("video.stack", lambda at: tifffile.imwrite(at, film().frames[:8].reshape(4, 2, 72, 88), imagej=True)),
     "computed numbers": ("video.pixels", lambda place: tifffile.imwrite(place, film().frames / 2.0)),
 }
 
@@ -347,12 +341,17 @@ def test_folders_of_images_and_films_of_two_files_are_one_recording_each(folder,
     assert expand(tmp_path / "camera.cihx") == [tmp_path / "camera.cihx"]
 
 
-def test_a_folder_that_lacks_an_image_is_doubtful(folder, tmp_path):
+def test_a_folder_that_lacks_an_image_is_doubtful_and_one_of_two_recordings_refused(folder, tmp_path):
     shutil.copytree(folder / "images", tmp_path / "images")
     assert read(tmp_path / "images").warnings == ()
     (tmp_path / "images" / "frame17.png").unlink()
     (warning,) = read(tmp_path / "images").warnings
     assert (warning.code, warning.parameters) == ("check_input.images_missing", {"gaps": 1})
+    assert "have 1 gap, as" in warning.text
+    for number in range(3):
+        shutil.copy(folder / "images" / f"frame{number}.png", tmp_path / "images" / f"x_{number}.png")
+    with refused("video.names", "2 names, frame, x_:"):
+        read(tmp_path / "images")
 
 
 def test_the_command_writes_what_can_be_read_again(run, folder, whole):

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError, read_bytes, require
+from cavirheo.errors import InputError, listed, read_bytes, require
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, LENGTH_UNITS, TIME_UNITS, unit_of
 from cavirheo.writing.export import import_optional
@@ -242,6 +242,10 @@ def _read_folder(path: Path) -> Footage:
     if not names:
         expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
         raise InputError(f"no recording in this folder; {expected}", "video.no_images")
+    counter = Counter(re.sub(r"\d+(\.\d+)?(?=\D*$)", "", name.stem) for name in names)
+    several = [name for name, count in counter.items() if count > 2]  # as many as form a recording
+    named = f"the images have {len(several)} names, {listed(name or 'numbers alone' for name in several)}"
+    require(len(several) < 2, f"{named}: give each recording a folder", "video.names")
     frames = _join_frames(frame for name in names for frame in _pillow_images(name, 1))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
     gaps = _gaps_in_numbers([name.stem for name in names])
