@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from cavirheo.errors import InputError, check_file, printable
-from cavirheo.video.formats import ENDINGS, STACK_ENDINGS, is_video, pixels_of
+from cavirheo.errors import InputError, check_file, listed, printable
+from cavirheo.video.formats import ENDINGS, IMAGE_ENDINGS, STACK_ENDINGS, is_video, pixels_of
 from cavirheo.writing import digits
 
 # Limits on what is read: above any real recording, and low enough for some seconds and a gigabyte. A damaged or hostile
@@ -167,13 +167,36 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
         taken, left = measurement_files(folder)
     except OSError:
         return [folder]  # it cannot be listed: the reader reports the error
-    if is_video(folder) and {path.suffix.lower() for path in taken} <= {*STACK_ENDINGS}:
-        return [folder]  # its images are the frames of one recording
+    others = [path.name for path in taken if path.suffix.lower() not in STACK_ENDINGS]
+    if is_video(folder) and not any(_may_hold_curves(folder / name) for name in others):
+        if others:
+            notify(f"{folder}: its images are one recording; left out: {listed(others)}")
+        return [folder]
+    inner = sorted(path.name for path in folder.iterdir() if path.name[0] != "." and isdir(path) and is_video(path))
+    folders, each = (f"the folder {inner[0]}", "it") if len(inner) == 1 else (f"the folders {listed(inner)}", "each")
     if not taken:
-        kinds = ", ".join(sorted(FILE_ENDINGS))
-        raise InputError(f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
-    notify(
-        f"{folder}: {digits.counted(len(taken), 'file')}"
-        + (f"; {digits.counted(left, 'other')} left out" if left else "")
-    )
+        count = sum(path.suffix.lower() in IMAGE_ENDINGS for path in folder.iterdir())
+        why = (
+            f"it holds {folders}: give {each}"
+            if inner
+            else f"{digits.counted(count, 'image')}: at least 3 are needed"
+            if count
+            else f"expected files {', '.join(sorted(FILE_ENDINGS))}"
+        )
+        raise InputError(f"{folder}: no measurement in this folder; {why}", "files.none_in_folder")
+    parts = [f"{folder}: {digits.counted(len(taken), 'file')}"]
+    parts += [f"{digits.counted(left, 'other')} left out"] if left else []
+    parts += ["it holds images and a table: move the table away to measure the images"] if is_video(folder) else []
+    parts += [f"{folders} left out: give {each} by name"] if inner else []
+    notify("; ".join(parts))
     return taken
+
+
+def _may_hold_curves(path: Path) -> bool:
+    """Whether a file is a recording (no header alone) or a table of curves, perhaps without a unit or frame rate."""
+    from cavirheo.io.shots import read_curves  # which imports this module
+
+    try:
+        return not pixels_of(path) if is_video(path) else bool(read_curves(path))
+    except InputError as error:
+        return error.code in ("table.frame_rate", "table.units")
