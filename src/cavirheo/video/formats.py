@@ -172,25 +172,53 @@ def _read_stack(path: Path) -> Footage:
     tifffile = import_optional("tifffile", EXTRA)
     logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what is wrong is said once, by the error
     with tifffile.TiffFile(path) as file:
-        first = file.pages[0]
-        _check_size(len(file.pages) * float(np.prod(first.shape)) * first.dtype.itemsize)
+        first, count = file.pages[0], len(file.pages)
         scale, rate = _stated_by_stack(file)
-        several: list[str] = []
+        several, warnings = list[str](), list[Message]()
         with suppress(Exception):  # tifffile raises nearly anything for a damaged description
+            count = max(count, (file.imagej_metadata or {}).get("images", 1), file.series[0].size // first.size)
             axes = [axis for axis, size in zip(file.series[0].axes, file.series[0].shape, strict=True) if size > 1]
             several = [axis for axis in axes if axis not in "YXS"]
+        _check_size(count * float(first.nbytes))
         if len(several) > 1:
             kinds = f"a stack along {' and '.join(several)} (T: times, C: channels, Z: depths)"
             raise InputError(f"{kinds}: save one channel and one depth alone", "video.stack")
         notes = [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
         notes += [f"the file states {scale:.4g} um per pixel"] if scale else []
         try:
-            one_page = (file.imagej_metadata or {}).get("images", 1) > len(file.pages)  # large stacks of ImageJ
-            images = file.asarray() if one_page else _join_frames(_grey(page.asarray()) for page in file.pages)
+            images = _join_frames(_stack_frames(file, count, warnings))
         except (ValueError, ImportError):  # a compression that needs another library
             images = _join_frames(_pillow_images(path))
     images = images.reshape(-1, *images.shape[-2:])
-    return Footage(_unsigned(images), frame_rate=rate, um_per_px=scale, notes=tuple(notes))
+    return Footage(_unsigned(images), frame_rate=rate, um_per_px=scale, notes=tuple(notes), warnings=tuple(warnings))
+
+
+def _stack_frames(file: Any, stated: int, warnings: list[Message]) -> Iterator[Pixels]:
+    """Yield the brightness of the frames of a TIFF, as far as they are there; `warnings` gets what is missing."""
+    first, source, there, cause = file.pages[0], file.filehandle, 0, ""
+    source.seek(file.pages.next_page_offset)
+    if broken := any(source.read(file.tiff.offsetsize)):
+        cause = "the next one is missing"
+    if len(file.pages) == 1 < stated + broken and first.is_contiguous:  # one block, as of large stacks of ImageJ
+        there = (source.size - first.dataoffsets[0]) // first.nbytes
+        there = min(there, stated) if stated > 1 else there
+        block = source.read_array(first.dtype.newbyteorder(file.byteorder), there * first.size, first.dataoffsets[0])
+        yield from map(_grey, block.astype(first.dtype).reshape(there, *first.shape))
+    else:
+        for page in file.pages:
+            try:
+                frame = _grey(page.asarray())
+            except Exception as error:
+                if not there:
+                    raise
+                cause = str(error)
+                break
+            there += 1
+            yield frame
+    if there < stated > len(file.pages):
+        warnings.append(_cut_short_warning(there, stated))
+    elif cause:
+        warnings.append(Message("check_input.file_damaged", {"frames": there, "cause": cause}))
 
 
 def _stated_by_stack(file: Any) -> tuple[float | None, float | None]:
