@@ -9,21 +9,7 @@ import numpy as np
 import pytest
 from bombs import element, mat, zeros
 from conftest import code_of, error_of, refused
-from files import (
-    R_MAX,
-    R_STAR,
-    RADIUS,
-    T_STAR,
-    TIME,
-    Make,
-    bdt_variables,
-    hdf5,
-    lines,
-    put,
-    save_v73,
-    saved,
-    text_table,
-)
+from files import R_MAX, R_STAR, RADIUS, T_STAR, TIME, Make, bdt_variables, hdf5, lines, put, saved, text_table
 from scipy.io import loadmat, savemat
 
 from cavirheo import RadiusCurve, read_curves
@@ -36,7 +22,7 @@ FRAMES, RATE = np.arange(1.0, 1.0 + len(TIME)), 1.0 / (TIME[1] - TIME[0])
 PLAIN, GERMAN = lines(",", US, UM), lines(";", US, UM, comma=True)
 
 
-@pytest.mark.parametrize("save", [savemat, save_v73], ids=["v5", "v7.3"])
+@pytest.mark.parametrize("save", [savemat, files.save_v73], ids=["v5", "v7.3"])
 def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_path, save):
     radii = (R_STAR, R_STAR, R_STAR, [], R_STAR[:3], np.full(180, np.nan), R_STAR)
     times = (T_STAR, T_STAR, T_STAR, [], T_STAR[:3], T_STAR, T_STAR)
