@@ -176,13 +176,9 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
     folders, each = (f"the folder {inner[0]}", "it") if len(inner) == 1 else (f"the folders {listed(inner)}", "each")
     if not taken:
         count = sum(path.suffix.lower() in IMAGE_ENDINGS for path in folder.iterdir())
-        why = (
-            f"it holds {folders}: give {each}"
-            if inner
-            else f"{digits.counted(count, 'image')}: at least 3 are needed"
-            if count
-            else f"expected files {', '.join(sorted(FILE_ENDINGS))}"
-        )
+        why = f"expected files {', '.join(sorted(FILE_ENDINGS))}"
+        why = f"{digits.counted(count, 'image')}: at least 3 are needed" if count else why
+        why = f"it holds {folders}: give {each}" if inner else why
         raise InputError(f"{folder}: no measurement in this folder; {why}", "files.none_in_folder")
     parts = [f"{folder}: {digits.counted(len(taken), 'file')}"]
     parts += [f"{digits.counted(left, 'other')} left out"] if left else []
