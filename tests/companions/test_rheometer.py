@@ -195,7 +195,7 @@ def test_files_that_cannot_be_used(tmp_path, name):
 
 def test_examples_give_back_the_truth(run, tmp_path):
     made = runpy.run_path(str(EXAMPLES / "make_examples.py"))
-    done(run("rheometer", *SWEEPS, "-o", "r"))
+    assert "5 % in a strain sweep, 12 % in a frequency sweep" in done(run("rheometer", *SWEEPS, "-o", "r"))
     found = json.loads((tmp_path / "r" / "rheometer.json").read_text())
     storage, loss = made["moduli"](1.0)
     assert (found["schema"], found["material"], found["shear_modulus_Pa"]["std"]) == (1, "soft_gel", None)
@@ -230,6 +230,6 @@ def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path, loss, modu
     rows = [(g, softening(g), loss, 10.0) for g in STRAIN]
     put(tmp_path / "gel.csv", table("strain [1],G',G'',omega", units=(1.0,) * 4, rows=rows))
     assert run("rheometer", "gel.csv", "--at", 5, "-o", "at")[0] == 1  # there is no frequency sweep
-    done(run("rheometer", "gel.csv", "-o", "r"))
+    assert ("gel: no plateau\n" in done(run("rheometer", "gel.csv", "-o", "r"))) == (modulus is None)
     document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
     assert document["shear_modulus_Pa"]["mean"] == (modulus and pytest.approx(modulus, rel=0.01))

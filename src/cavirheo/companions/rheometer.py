@@ -321,15 +321,18 @@ def print_rheometry(document: Rheometry) -> None:
     """Print the sweeps, the values of the material, and the remarks."""
     _, factor, unit, _ = digits.shown("shear_modulus", *(sweep.plateau_storage_Pa for sweep in document.sweeps))
     heads = ["sweep", f"plateau G'\n{unit}", "over", "µ = G''/ω\nPa s"]
+    limits = {"strain": _LINEAR, "frequency": _FLAT}
+    bands = dict.fromkeys(f"{100 * limits[one.kind]:g} % in a {one.kind} sweep" for one in document.sweeps)
     rows = []
     for sweep in document.sweeps:
         modulus, viscosity = digits.number(sweep.plateau_storage_Pa, factor), digits.number(sweep.viscosity_Pa_s)
         ends, unit_of_x = [sweep.plateau_from, sweep.plateau_to], "rad/s" if sweep.kind == "frequency" else "%"
         over = digits.ends(ends, 1.0 if sweep.kind == "frequency" else 100.0, 2)
         rows.append([sweep.name, modulus, f"{over} {unit_of_x}" if over else digits.MISSING, viscosity])
-    terminal.print_table(heads, rows, title=f"linear range: G' within {100 * _LINEAR:g} %")
-    modulus = digits.spread(document.shear_modulus_Pa, factor)
-    answer = f": G = {modulus} {unit} ({document.shear_modulus_from})"
+    terminal.print_table(heads, rows, title=f"plateau: G' within {', '.join(bands)}")
+    answer = f": {document.shear_modulus_from}"
+    if document.shear_modulus_Pa.mean is not None:
+        answer = f": G = {digits.spread(document.shear_modulus_Pa, factor)} {unit} ({document.shear_modulus_from})"
     if document.viscosity_Pa_s.mean is not None:
         answer += f", µ = {digits.spread(document.viscosity_Pa_s)} Pa s at {document.at_rad_per_s:g} rad/s"
     terminal.print_text(answer, first=digits.printable(document.material), look="bold")
