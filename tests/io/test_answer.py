@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import answer, bubble, seen, unanswered
+from answers import answer, bubble, document_of, seen, unanswered
 from conftest import code_of, refused
 
 from cavirheo import Posterior, load, table
@@ -85,7 +85,8 @@ def test_answers_are_a_table_in_which_a_bound_is_no_median():
     assert pandas.isna(frame["viscosity_Pa_s"][1])
     assert frame["shear_modulus_Pa"].count() == 2
     assert frame["verdict"].tolist() == ["ok", "ok", "failed"]
-    for wrong, code in ([known], "posterior.no_curve"), (["gel"], "input.type"), (known, "input.type"):
+    result = document_of([(curves[0], known)])
+    for wrong, code in ([known], "posterior.no_curve"), *((one, "input.type") for one in (["gel"], known, result)):
         assert code_of(table, wrong) == code
 
 
