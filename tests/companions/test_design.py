@@ -55,11 +55,9 @@ def told_by(information: np.ndarray) -> design.Expectation:
 def quick(monkeypatch):
     """Settings whose information grows with R_max and frame rate, without a simulation."""
 
-    def one(setting):
-        return told_by(ABOUT * (setting.max_radius / 1e-4) ** 2 * setting.frame_rate / 1e6)
-
     def expected(draws, settings, done):
-        return [[one(s) if s.frame_rate > 1.5e5 else None] * len(draws.law) for s in settings]
+        each = [(s.frame_rate, told_by(ABOUT * (s.max_radius / 1e-4) ** 2 * s.frame_rate / 1e6)) for s in settings]
+        return [[told if rate > 1.5e5 else None] * len(draws.law) for rate, told in each]
 
     monkeypatch.setattr(design.Draws, "expectations", expected)
     monkeypatch.setattr("cavirheo.companions.design.DRAWS", 40)
