@@ -219,9 +219,7 @@ def design(
     low, high = np.transpose(list(before.ends.values()))
     logs = low + (high - low) * Halton(len(low), seed=seed).random(DRAWS)  # few of its points cover the ranges
     bubble = bubble_of(rig.bubble)
-    liquid, notes = medium(rig.medium or (before.media or [WATER])[0]), [*before.doubts]
-    if other := [name for name in CONSTANTS for one in before.media if getattr(one, name) != getattr(liquid, name)]:
-        notes.append(f"the medium of this design differs from that of the shots in {listed(other)}")
+    liquid = medium(rig.medium or (before.media or [WATER])[0])
     shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], liquid, bubble, seed)
     covariance, scatter = np.diag((high - low)[:-1] ** 2 / 12.0), np.diag(before.spreads**2)
     settings, rows = rig.settings(), []
@@ -232,7 +230,7 @@ def design(
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
         command="cavirheo.design",
-        notes=notes,
+        notes=[*before.doubts, *_differences(liquid, before.media)],
         material=rig.material,
         bubble=bubble,
         medium=liquid,
@@ -243,6 +241,12 @@ def design(
         settings=rows,
         next=min(range(len(rows)), key=lambda k: _effort(rows[k])),
     )
+
+
+def _differences(liquid: Medium, media: Sequence[Medium]) -> list[str]:
+    """A note if the medium of a design is not that of the shots."""
+    names = [name for name in CONSTANTS for one in media if getattr(one, name) != getattr(liquid, name)]
+    return [f"the medium of this design differs from that of the shots in {listed(names)}"] if names else []
 
 
 def _row(setting: Setting, expected: Sequence[Expectation | None], names: Sequence[str], shots: int) -> DesignedSetting:
