@@ -218,9 +218,8 @@ def design(
     before = _known(known, group, family, _log_ranges(family, ranges or {}))
     low, high = np.transpose(list(before.ends.values()))
     logs = low + (high - low) * Halton(len(low), seed=seed).random(DRAWS)  # few of its points cover the ranges
-    bubble = bubble_of(rig.bubble)
     liquid = medium(rig.medium or (before.media or [WATER])[0])
-    shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], liquid, bubble, seed)
+    shots = Draws(family, logs[:, :-1], 10.0 ** logs[:, -1], liquid, bubble_of(rig.bubble), seed)
     covariance, scatter = np.diag((high - low)[:-1] ** 2 / 12.0), np.diag(before.spreads**2)
     settings, rows = rig.settings(), []
     for setting, expected in zip(settings, shots.expectations(settings, done), strict=True):
@@ -232,7 +231,7 @@ def design(
         command="cavirheo.design",
         notes=[*before.doubts, *_differences(liquid, before.media)],
         material=rig.material,
-        bubble=bubble,
+        bubble=shots.bubble,
         medium=liquid,
         wanted_percent=100.0 * wanted,
         spreads_decades=dict(zip(family.parameters, before.spreads.tolist(), strict=True)),
