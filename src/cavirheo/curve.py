@@ -17,7 +17,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, expect_whole, printable
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.messages import Message
-from cavirheo.parameters import DURATION, INTERVAL, RADIUS
+from cavirheo.parameters import DEVIATION, DURATION, INTERVAL, RADIUS
 from cavirheo.physics.media import Medium
 from cavirheo.physics.media import medium as medium_of
 
@@ -88,8 +88,8 @@ class RadiusCurve:
             it. Such a curve exists so that the other curves of its file can be answered.
 
     Raises:
-        InputError: arrays of different lengths, a time that is not finite or does not increase, a radius that is
-            infinite or <= 0, or radii or frame intervals that no bubble has in m and s.
+        InputError: arrays of different lengths, a time that is not finite or does not increase, a radius or a deviation
+            that is infinite or <= 0, or radii or frame intervals that no bubble has in m and s.
     """
 
     time: Floats
@@ -126,10 +126,11 @@ class RadiusCurve:
             raise InputError(f"time must be finite; sample {at} is not", "curve.time")
         for at in np.flatnonzero(np.diff(time) <= 0) + 1:
             raise InputError(f"time must increase; sample {at} ({time[at]:.6g} s) does not", "curve.time")
-        if np.any((radius <= 0) | np.isinf(radius)):
-            raise InputError("radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
-        if np.isfinite(radius).any() and not self.unscaled:
-            RADIUS.check("radius", float(np.nanmedian(radius)), "curve.radius_unit")
+        for name, values, plausible in (("radius", radius, RADIUS), ("radius_std", std, DEVIATION)):
+            if np.any((values <= 0) | np.isinf(values)):
+                raise InputError(f"{name} must be positive and finite, or NaN where a frame has none", f"curve.{name}")
+            if np.isfinite(values).any() and not self.unscaled:
+                plausible.check(name, float(np.nanmedian(values)), f"curve.{name}_unit")
         if len(time) > 1:
             INTERVAL.check("the time between frames", float(np.median(np.diff(time))), "curve.time_unit")
         self.__setstate__({"time": time, "radius": radius, "radius_std": std, "meta": _labels(self.meta)})

@@ -71,6 +71,7 @@ class PlausibleRange(NamedTuple):
 
 _SECONDS = {"us": (1e-6, 0.0), "ms": (1e-3, 0.0), "ns": (1e-9, 0.0)}
 RADIUS = PlausibleRange(1e-8, 0.05, 2.5e-4, "m", {"um": (1e-6, 0.0), "mm": (1e-3, 0.0)})  # of a bubble
+DEVIATION = RADIUS._replace(low=0.0, usual=1e-6)  # of a radius
 INTERVAL = PlausibleRange(1e-12, 2e-3, 1e-6, "s", _SECONDS)  # between frames
 FRAME_RATE = PlausibleRange(1000.0, 1e10, 1e6, "frames per second", {"kHz": (1e3, 0.0), "MHz": (1e6, 0.0)})
 DURATION = PlausibleRange(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation, or after R_max

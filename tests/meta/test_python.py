@@ -62,6 +62,8 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: measure(roi="0,0,64,64"), "roi must be 4 numbers, got '0,0,64,64'"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
+    (lambda: RadiusCurve(TIME, RADIUS, 0.0 * RADIUS), "radius_std must be positive"),
+    (lambda: RadiusCurve(TIME, RADIUS, 0.0 * RADIUS + 1.0), "radius_std must be 0 to 0.05 m, got 1: did you mean"),
     *((lambda of=of: CURVE.resampled(*of), f"got {of[-1]}") for of in ((-1e-6,), (1e-6, 0))),
     *((lambda of=of: CURVE.window(*of), f"got {of[-1]!r}") for of in ((1.5,), ("x",), (None, "x"), (None, 50))),
     (lambda: CURVE.normalised("honey"), "known: water"),

@@ -616,7 +616,7 @@ def _curve(
     per_radius, radius_note, unscaled = _radius_scale(r, radius_unit)
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _LEAST_RADIUS
-    r[empty], std[~(std > 0)] = np.nan, np.nan
+    r[empty], std[~((std > 0) & (std < np.inf))] = np.nan, np.nan
     order = np.lexsort((np.isnan(r), t))  # of frames of one time, one with a radius comes first
     if reason := _shared_times(t[order], r[order]):
         return unusable_curve(reason, meta)
