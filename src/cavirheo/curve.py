@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from copy import copy
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from math import log, sqrt
+from math import inf, isfinite, log, sqrt
+from numbers import Real
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
 from cavirheo import landmarks
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, brief, expect, expect_whole, printable
+from cavirheo.errors import InputError, brief, expect, expect_whole, listed, printable
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.messages import Message
-from cavirheo.parameters import DEVIATION, DURATION, INTERVAL, RADIUS
-from cavirheo.physics.media import Medium
+from cavirheo.parameters import DEVIATION, DURATION, INTERVAL, NOT_NEGATIVE, RADIUS, check, check_domain, optional
+from cavirheo.physics.media import CONSTANTS, Medium
 from cavirheo.physics.media import medium as medium_of
 
 T = TypeVar("T")
@@ -27,14 +28,35 @@ _LEAST_DRIFT = 0.05  # of R_max: a larger late rise of the radius is a drift
 _LEAST_SPIKE = 0.2  # of R_max: a frame so far above both neighbours is wrong (below them, it may be a collapse)
 
 
-class _MetaEntry(Generic[T]):
-    """Descriptor: an entry of `meta` as an attribute of the curve."""
+def _all(values: Any, kind: type) -> bool:
+    return isinstance(values, Collection) and not isinstance(values, str) and all(isinstance(x, kind) for x in values)
 
-    def __init__(self, key: str, default: T) -> None:
-        self.key, self.default = key, default
+
+def _is_maximum(pair: Any) -> bool:
+    return _all(pair, Real) and len(pair) == 2 and isfinite(pair[0]) and 0 < pair[1] < inf
+
+
+def _is_medium(values: Any) -> bool:
+    return isinstance(values, Mapping) and values.keys() <= CONSTANTS.keys() and _all(values.values(), Real)
+
+
+_TEXT = optional("a text", lambda x: isinstance(x, str))
+_TEXTS = optional("a list of texts", lambda x: _all(x, str))
+_SIZE = optional(*NOT_NEGATIVE["domain"])
+_MAXIMUM = optional("(time in s, R_max in m), R_max above 0", _is_maximum)
+_STRETCH = optional("R_max/R_0, from 1 to 100", lambda x: 1 <= x <= 100)
+_MEDIUM = optional(f"numbers by name: {listed(CONSTANTS)}", _is_medium)
+
+
+class _MetaEntry(Generic[T]):
+    """Descriptor: an entry of `meta` as an attribute of the curve. allowed: its domain; None: any value."""
+
+    def __init__(self, key: str, default: T, allowed: Mapping[str, Any] | None = None) -> None:
+        self.key, self.default, self.allowed = key, default, allowed
 
     def __get__(self, curve: RadiusCurve | None, _: type[RadiusCurve]) -> T:
-        return self.default if curve is None else curve.meta.get(self.key, self.default)
+        value = None if curve is None else curve.meta.get(self.key)
+        return self.default if value is None else value
 
 
 def as_numbers(name: str, values: Any) -> Floats:
@@ -49,20 +71,24 @@ def as_numbers(name: str, values: Any) -> Floats:
 
 
 def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of `meta` with all texts made printable, and always with a name and notes."""
+    """The entries of `meta` with all texts made printable, and always with a name and notes. Raises InputError: an
+    entry outside its domain."""
+    for entry in vars(RadiusCurve).values():
+        if isinstance(entry, _MetaEntry) and entry.allowed:
+            check_domain(entry.allowed, entry.key, meta.get(entry.key), "curve")
     labels = {"name": "curve", "notes": (), **meta}
     labels = {key: printable(value) if isinstance(value, str) else value for key, value in labels.items()}
-    return labels | {"name": str(labels["name"]), "notes": tuple(map(printable, labels["notes"]))}
+    return labels | {"name": str(labels["name"]), "notes": tuple(map(printable, labels["notes"] or ()))}
 
 
 def as_curves(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
     """The curves as a list. Raises InputError: not a list of RadiusCurves (the message says how to get one)."""
     advice = "read_curves(path) reads the curves of a file; infer and fit take one, infer_many and fit_many a list"
     expect(curves, Iterable, f"a list of RadiusCurves ({advice})")
-    listed = [curves] if isinstance(curves, str) else list(curves)
-    for curve in listed:
+    found = [curves] if isinstance(curves, str) else list(curves)
+    for curve in found:
         expect(curve, RadiusCurve, f"a RadiusCurve ({advice})")
-    return listed
+    return found
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +115,8 @@ class RadiusCurve:
 
     Raises:
         InputError: arrays of different lengths, a time that is not finite or does not increase, a radius or a deviation
-            that is infinite or <= 0, or radii or frame intervals that no bubble has in m and s.
+            that is infinite or <= 0, radii or frame intervals that no bubble has in m and s, or another attribute or
+            entry of `meta` that is not as above.
     """
 
     time: Floats
@@ -97,26 +124,30 @@ class RadiusCurve:
     radius_std: Floats = field(default_factory=lambda: np.empty(0))
     meta: Mapping[str, Any] = field(default_factory=dict)
     _: KW_ONLY
-    maximum: tuple[float, float] | None = None
-    stated_time_of_max: float | None = None
-    unscaled: str = ""
+    maximum: tuple[float, float] | None = field(default=None, metadata=_MAXIMUM)
+    stated_time_of_max: float | None = field(default=None, metadata=optional("finite", isfinite))
+    unscaled: str = field(default="", metadata=_TEXT)
     late: bool | None = None
-    warnings: tuple[Message, ...] = ()
-    unusable: str = ""
+    warnings: tuple[Message, ...] = field(default=(), metadata=optional("Messages", lambda x: _all(x, Message)))
+    unusable: str = field(default="", metadata=_TEXT)
 
     name: ClassVar[_MetaEntry[str]] = _MetaEntry("name", "curve")
-    notes: ClassVar[_MetaEntry[tuple[str, ...]]] = _MetaEntry("notes", ())
-    hints: ClassVar[_MetaEntry[tuple[str, ...]]] = _MetaEntry("hints", ())
+    notes: ClassVar[_MetaEntry[tuple[str, ...]]] = _MetaEntry("notes", (), _TEXTS)
+    hints: ClassVar[_MetaEntry[tuple[str, ...]]] = _MetaEntry("hints", (), _TEXTS)
     source: ClassVar[_MetaEntry[str]] = _MetaEntry("source", "")
     source_sha256: ClassVar[_MetaEntry[str | None]] = _MetaEntry("source_sha256", None)
-    stretch: ClassVar[_MetaEntry[float | None]] = _MetaEntry("stretch", None)
-    stretch_std: ClassVar[_MetaEntry[float | None]] = _MetaEntry("stretch_std", None)
-    medium: ClassVar[_MetaEntry[Mapping[str, float]]] = _MetaEntry("medium", {})
-    frame_rate: ClassVar[_MetaEntry[float | None]] = _MetaEntry("frame_rate_hz", None)
-    exposure: ClassVar[_MetaEntry[float]] = _MetaEntry("exposure_s", 0.0)  # centred on the time of the frame
+    stretch: ClassVar[_MetaEntry[float | None]] = _MetaEntry("stretch", None, _STRETCH)
+    stretch_std: ClassVar[_MetaEntry[float | None]] = _MetaEntry("stretch_std", None, _SIZE)
+    medium: ClassVar[_MetaEntry[Mapping[str, float]]] = _MetaEntry("medium", {}, _MEDIUM)
+    frame_rate: ClassVar[_MetaEntry[float | None]] = _MetaEntry("frame_rate_hz", None, _SIZE)
+    exposure: ClassVar[_MetaEntry[float]] = _MetaEntry("exposure_s", 0.0, _SIZE)  # centred on the time of the frame
 
     def __post_init__(self) -> None:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
+        expect(self.late, bool | np.bool_ | None, "True or False as late, or none")
+        check(self, "curve")
+        if self.maximum and not self.unscaled:
+            RADIUS.check("R_max of maximum", self.maximum[1], "curve.max_radius")
         time, radius, std = (as_numbers(name, getattr(self, name)) for name in ("time", "radius", "radius_std"))
         std = std if std.size else np.full(radius.shape, np.nan)
         if time.ndim != 1 or not time.shape == radius.shape == std.shape:

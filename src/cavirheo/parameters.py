@@ -310,9 +310,9 @@ def optional(words: str, holds: Callable[[Any], bool]) -> Domain:
     return domain(f"{words}, or left out", lambda x: x is None or holds(x))
 
 
-def check_domain(allowed: Mapping[str, Any], name: str, value: float | Floats) -> None:
+def check_domain(allowed: Mapping[str, Any], name: str, value: Any, kind: str = "physics") -> None:
     """Raises InputError for a value, or a value in an array, outside a domain, which must be an interval; the code is
-    `physics.` and the first word of `name`. NaN in an array: of many materials there is no such one."""
+    `kind` and the first word of `name`. NaN in an array: of many materials there is no such one."""
     words, holds = allowed["domain"]
     try:
         if isinstance(value, np.ndarray):
@@ -323,11 +323,11 @@ def check_domain(allowed: Mapping[str, Any], name: str, value: float | Floats) -
     except (TypeError, ValueError):  # text, or several numbers
         fine, words = False, f"a number, {words}"
     if not fine:
-        raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
+        raise InputError(f"{name} must be {words}, got {value!r}", f"{kind}.{name.split()[0]}")
 
 
-def check(parameters: Any) -> None:
-    """Raises InputError for the first field of a dataclass that is outside its domain."""
+def check(parameters: Any, kind: str = "physics") -> None:
+    """Raises InputError for the first field of a dataclass that is outside its domain; `kind` as of `check_domain`."""
     for field in fields(parameters):
         if field.metadata:
-            check_domain(field.metadata, field.name, getattr(parameters, field.name))
+            check_domain(field.metadata, field.name, getattr(parameters, field.name), kind)

@@ -27,6 +27,8 @@ def measure(**options):
     return cavirheo.measure(EXAMPLE.with_name("bubble.mp4"), frame_rate=5e5, um_per_px=4.0, **options)
 
 
+META = {"stretch": "7", "medium": {"rho": 1e3}, "exposure_s": "x", "frame_rate_hz": "1e5", "notes": "hello"}
+PARTS = {"maximum": (0.0, -1.0), "stated_time_of_max": np.nan, "late": "no", "warnings": ("boo",)}
 WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer("shot.csv"), "read_curves"),
     (lambda: cavirheo.infer([CURVE]), "infer_many"),
@@ -62,6 +64,8 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: measure(roi="0,0,64,64"), "roi must be 4 numbers, got '0,0,64,64'"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
+    *((lambda key=key: RadiusCurve(TIME, RADIUS, meta={key: META[key]}), key) for key in META),
+    *((lambda key=key: RadiusCurve(TIME, RADIUS, **{key: PARTS[key]}), key) for key in PARTS),
     (lambda: RadiusCurve(TIME, RADIUS, 0.0 * RADIUS), "radius_std must be positive"),
     (lambda: RadiusCurve(TIME, RADIUS, 0.0 * RADIUS + 1.0), "radius_std must be 0 to 0.05 m, got 1: did you mean"),
     *((lambda of=of: CURVE.resampled(*of), f"got {of[-1]}") for of in ((-1e-6,), (1e-6, 0))),

@@ -505,7 +505,7 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
                 medium[kind] = value
             elif kind not in medium:
                 notes.append(f"{column.title!r} is not used: it is not one number above 0 in a known unit")
-        elif len(values) == 1 and (kind == "stretch_std" or 1.0 <= values[0] <= 100.0):
+        elif len(values) == 1 and (0.0 if kind == "stretch_std" else 1.0) <= values[0] <= 100.0:
             meta[kind] = values[0]
         elif values:
             notes.append(f"{column.title!r} is not used: it changes from frame to frame, or is no stretch")
