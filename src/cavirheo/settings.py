@@ -219,7 +219,7 @@ class Settings(Liquid, BubbleOptions):
         liquid = self.liquid
         camera = {"frame_rate_hz": self.fps, "um_per_px": self.um_per_px, "exposure": self.exposure}
         table = {"density": liquid.density, "pressure": liquid.pressure, "max_radius": max_radius}
-        return table | camera | {"group": self.group, "shots": self.shots}
+        return table | camera | {"group": self.group, "shots": self.shots, "unusual": self.trust_input}
 
     @property
     def analysis_options(self) -> dict[str, Any]:

@@ -40,6 +40,7 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer(CURVE, discrepancy=3), "3"),
     (lambda: cavirheo.infer(CURVE, material=""), "''"),
     (lambda: cavirheo.read_curves("shot.csv", frame_rate_hz="x"), "'x'"),
+    (lambda: cavirheo.read_curves("shot.csv", density="x"), "density must be a number"),
     (lambda: cavirheo.infer(CURVE, windows=2), "infer has no option windows; it has curve, medium, stretch, "),
     (lambda: cavirheo.infer_many([CURVE], windows=2), "infer_many has no option windows; it has curves, "),
     (lambda: Medium(density=3, unusual="no"), "True or False as unusual; got str 'no'"),
@@ -102,7 +103,7 @@ CONSTANTS = [  # as a user may give them, and the value that was meant
 @pytest.mark.parametrize(("name", "given", "meant"), CONSTANTS)
 def test_a_constant_in_another_unit_is_refused_and_can_be_insisted_on(name, given, meant):
     with refused(f"physics.unusual_{name}", meant, "unusual=True"):
-        Medium(**{name: given})
+        cavirheo.read_curves(EXAMPLE, **{name: given}) if name in ("density", "pressure") else Medium(**{name: given})
     if name not in ("temperature", "pressure", "vapour_reference_temperature"):  # the liquid would boil
         assert getattr(Medium(unusual=np.True_, **{name: given}), name) == given
 

@@ -23,6 +23,7 @@ from cavirheo.io.arrays import read_arrays
 from cavirheo.io.curves import SCALE_TOLERANCE, Camera, read_text
 from cavirheo.io.files import Source, guarded
 from cavirheo.parameters import FRAME_RATE, RADIUS
+from cavirheo.physics.media import Medium
 from cavirheo.video.formats import is_video
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ def read_curves(
     um_per_px: float | None = None,
     exposure: float | None = None,
     exclude: str | Iterable[int] | None = None,
+    unusual: bool = False,
 ) -> list[RadiusCurve]:
     """Read every radius history of a file.
 
@@ -67,6 +69,7 @@ def read_curves(
         um_per_px: micrometres per pixel, of a recording (measured as by `cavirheo.measure`) or of a table in pixels.
         exposure: s, of a frame.
         exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
+        unusual: accept a density and a pressure outside the ranges of liquids and gels, as in `Medium`.
 
     Returns:
         The curves in the order of the file, with (n,) times in s and radii in m. A curve that cannot be used (empty
@@ -75,8 +78,9 @@ def read_curves(
 
     Raises:
         InputError: the file cannot be found or read, has no radius history, or fewer than `shots` asks for; the message
-            says what was found.
+            says what was found. Or a density or pressure that no liquid or gel has.
     """
+    Medium(density, pressure=pressure, vapour_reference_pressure=0.0, unusual=unusual)  # checks both; nothing boils
     path = as_path(path)
     if is_video(path):
         camera: dict[str, Any] = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure}
