@@ -17,7 +17,7 @@ from cavirheo import landmarks
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, expect_whole, listed, printable
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
-from cavirheo.messages import Message
+from cavirheo.messages import CAMERA_TOLERANCE, Message
 from cavirheo.parameters import DEVIATION, DURATION, INTERVAL, NOT_NEGATIVE, RADIUS, check, check_domain, optional
 from cavirheo.physics.media import CONSTANTS, Medium
 from cavirheo.physics.media import medium as medium_of
@@ -89,6 +89,17 @@ def as_curves(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
     for curve in found:
         expect(curve, RadiusCurve, f"a RadiusCurve ({advice})")
     return found
+
+
+def rate_warnings(curve: RadiusCurve, given: float | None) -> tuple[Message, ...]:
+    """A warning if the times contradict this frame rate, 1/s: both their median and their mean interval."""
+    steps = np.diff(curve.time)
+    if not given or not steps.size:
+        return ()
+    middle = float(np.median(steps))
+    rate = float(np.sum(np.round(steps / middle)) / np.sum(steps))  # gaps and rounded times count whole
+    differs = min(abs(given / rate - 1.0), abs(given * middle - 1.0)) > CAMERA_TOLERANCE
+    return (Message("check_input.rate_unused", {"given": given, "rate": rate}),) if differs else ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -169,10 +169,7 @@ def test_window_ends_at_the_rebound_after_the_collapses_and_keeps_the_maximum():
     assert abs(np.gradient(curve.radius, curve.time)[curve.time == one.time[-1]][0]) < 0.1 * R_MAX / T_C
     assert (one.max_radius, one.time_of_max) == (curve.max_radius, curve.time_of_max)
     assert one.time[0] >= curve.time_of_max
-    assert len(one.collapse_times()) == 1
-    assert curve.window(end=2.0 * T_C).time[-1] <= curve.time_of_max + 2.0 * T_C
     assert curve.window(2, end=1e-5).time[-1] <= curve.time_of_max + 1e-5
-    assert code_of(lambda: curve.window(9)) == "curve.collapses"
 
 
 def test_max_radius_given_by_the_user_scales_the_radii_and_says_so():

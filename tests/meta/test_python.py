@@ -28,10 +28,9 @@ def measure(**options):
 
 
 META = {"stretch": "7", "medium": {"rho": 1e3}, "exposure_s": "x", "frame_rate_hz": "1e5", "notes": "hello"}
-PARTS = {"maximum": (0.0, -1.0), "stated_time_of_max": np.nan, "late": "no", "warnings": ("boo",)}
+PARTS = {"maximum": (0, -1), "stated_time_of_max": np.nan, "late": 0, "warnings": ("boo",), "radius_std": -RADIUS}
 WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer("shot.csv"), "read_curves"),
-    (lambda: cavirheo.infer([CURVE]), "infer_many"),
     (lambda: cavirheo.infer_many(CURVE), "infer_many"),
     (lambda: cavirheo.infer(CURVE, model="gel"), "bdt-viscoelastic"),
     (lambda: cavirheo.infer(CURVE, medium=1000.0), "Medium"),
@@ -40,7 +39,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer(CURVE, discrepancy=3), "3"),
     (lambda: cavirheo.infer(CURVE, material=""), "''"),
     (lambda: cavirheo.read_curves("shot.csv", frame_rate_hz="x"), "'x'"),
-    (lambda: cavirheo.read_curves("shot.csv", density="x"), "density must be a number"),
     (lambda: cavirheo.infer(CURVE, windows=2), "infer has no option windows; it has curve, medium, stretch, "),
     (lambda: cavirheo.infer_many([CURVE], windows=2), "infer_many has no option windows; it has curves, "),
     (lambda: Medium(density=3, unusual="no"), "True or False as unusual; got str 'no'"),
@@ -67,7 +65,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     *((lambda key=key: RadiusCurve(TIME, RADIUS, meta={key: META[key]}), key) for key in META),
     *((lambda key=key: RadiusCurve(TIME, RADIUS, **{key: PARTS[key]}), key) for key in PARTS),
-    (lambda: RadiusCurve(TIME, RADIUS, 0.0 * RADIUS), "radius_std must be positive"),
     (lambda: RadiusCurve(TIME, RADIUS, 0.0 * RADIUS + 1.0), "radius_std must be 0 to 0.05 m, got 1: did you mean"),
     *((lambda of=of: CURVE.resampled(*of), f"got {of[-1]}") for of in ((-1e-6,), (1e-6, 0))),
     *((lambda of=of: CURVE.window(*of), f"got {of[-1]!r}") for of in ((1.5,), ("x",), (None, "x"), (None, 50))),
@@ -118,7 +115,6 @@ def test_a_parameter_is_named_by_symbol_natural_name_or_column():
             for of in (one.interval, one.median, one.bound, one.quantity):
                 assert of(spelled) == of(name)
         assert material.scatter(spelled) == material.scatter(name)
-    assert shot.interval("G")[0] < shot.median("G") < shot.interval("G")[1]
     with refused("posterior.parameter", "stretch", "best"):  # it is known, and not inferred
         shot.interval("lambda")
     several = replace(shot, names=("log10_viscosity", "log10_viscosity_2"), units=("Pa s", "Pa s"))

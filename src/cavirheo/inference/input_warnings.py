@@ -25,7 +25,7 @@ import numpy as np
 
 from cavirheo import landmarks
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
+from cavirheo.curve import RadiusCurve, rate_warnings
 from cavirheo.errors import InputError
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.messages import Message
@@ -76,9 +76,10 @@ _BUBBLES: dict[str, list[Any]] = {  # all combinations of G (Pa), mu (Pa s), str
 
 
 def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
-    """Warnings that need the curve alone: repeated frames, an R_max that lies further before the first
-    frame than the clock of an answer can reach, a wrong scale."""
-    radius, messages = curve.radius[np.isfinite(curve.radius)], [*curve.warnings]
+    """Warnings that need the curve alone: another frame rate, repeated frames, an R_max that lies further before the
+    first frame than the clock of an answer can reach, a wrong scale."""
+    radius = curve.radius[np.isfinite(curve.radius)]
+    messages = [*curve.warnings, *rate_warnings(curve, curve.frame_rate)]
     if repeats := landmarks.repeated_samples(radius):
         equal, times = repeats
         messages.append(Message("check_input.frames_repeated", {"equal": equal, "frames": len(radius), "times": times}))

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
+from cavirheo.curve import RadiusCurve, rate_warnings
 from cavirheo.errors import InputError, listed
 from cavirheo.io.files import MOST_CURVES, Source, check_limit
 from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.landmarks import median_where_large
-from cavirheo.messages import CAMERA_TOLERANCE, Message, aspherical_warnings, camera_warnings
+from cavirheo.messages import Message, aspherical_warnings, camera_warnings
 from cavirheo.parameters import LENGTH_UNITS, RADIUS, TIME_UNITS
 from cavirheo.physics.media import CONSTANTS
 from cavirheo.writing.document import write_rows
@@ -336,7 +336,7 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
                 about["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
             seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
             curve = _curve(seconds, scale * radius[chosen], scale * std[chosen], unit_of_time, unit, about)
-            doubts = [*_aspherical(series.radius, radius, chosen), *_other_rate(curve, camera)]
+            doubts = [*_aspherical(series.radius, radius, chosen), *rate_warnings(curve, camera.frame_rate)]
             doubts += [Message("check_input.scale_unused", {"given": camera.um_per_px})] if scale_unused else []
             curve = curve.labelled(warnings=(*curve.warnings, *doubts))
             curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
@@ -409,16 +409,6 @@ def _aspherical(columns: Sequence[Column], radius: Floats, rows: Indices) -> tup
         return ()
     a, b = (column.numbers[rows] for column in columns)
     return aspherical_warnings(median_where_large(radius[rows], np.abs(a - b) / np.maximum(a, b)))
-
-
-def _other_rate(curve: RadiusCurve, camera: Camera) -> tuple[Message, ...]:
-    """Return a warning if the times contradict the frame rate."""
-    steps = np.diff(curve.time)
-    if camera.frame_rate is None or not steps.size:
-        return ()
-    rate = float(np.sum(np.round(steps / np.median(steps))) / np.sum(steps))  # gaps and rounded times count whole
-    differs = abs(camera.frame_rate / rate - 1.0) > CAMERA_TOLERANCE
-    return (Message("check_input.rate_unused", {"given": camera.frame_rate, "rate": rate}),) if differs else ()
 
 
 def _labels(shot: Column, notes: list[str]) -> list[str]:
