@@ -120,6 +120,9 @@ def test_nothing_is_invented_where_no_outline_is_seen():
     assert not np.any(np.isfinite(track(made).radius) & (made.radius > 28))
     one, other = (film(centre=(x, 36.0), top=16.0) for x in (22.0, 64.0))
     assert track(replace(one, frames=np.minimum(one.frames, other.frames))).twins > 5
+    for k, frame in enumerate(frames := film().frames.copy()):
+        frame[4:12, 4 + 2 * k : 12 + 2 * k] = 0  # a time stamp that moves
+    assert track(replace(one, frames=frames)).twins == 0
 
 
 def test_flags_say_what_is_used_and_spoilt_frames_are_told_apart():

@@ -55,6 +55,7 @@ class Rules:
     blur_range: tuple[float, float] = (1.1, 1.4)  # width over that at rest, where the correction begins and is full
     per_curvature: float = 1.5  # deviation over the next order of the correction for a curved edge
     per_reversal: float = 0.15  # deviation in a reversal over the edge's width
+    least_twin: float = 0.1  # largest area of a second bubble over that of the bubble; a smaller one is a mark or dust
     floor: float = 0.002  # smallest deviation
     small_share: float = 0.02  # deviation of a small bubble's radius over the radius
     systematic_width: float = 0.02  # systematic deviation over the edge's width
@@ -96,11 +97,11 @@ def follow(stage: Stage, exposure: float = 1.0, advance: Callable[[], None] = la
         stage = replace(stage, depth=stage.depth * float(np.median(levels)))
     patches_of = {i: patches or outline.patches(stage, i) for i, patches in patches_of.items()}
     chosen, elsewhere = _one_bubble(patches_of, n)
-    twins = [
-        i
-        for i, bubble in chosen.items()
-        if any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches_of[i])
-    ]
+    areas = {i: max((p.area for p in patches_of[i] if p is not bubble), default=0.0) for i, bubble in chosen.items()}
+    twins = [i for i, area in areas.items() if area > 0.5 * chosen[i].area > 25.0]
+    full_size = max(bubble.area for bubble in chosen.values())
+    if max((areas[i] for i in twins), default=0.0) < Rules.least_twin * full_size:
+        twins = []
     outlines: dict[int, Outline] = {}
     for i, patch in chosen.items():
         if measured := outline.measure(stage, i, patch):
