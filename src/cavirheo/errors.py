@@ -166,8 +166,9 @@ def check_file(path: Path, max_bytes: int, *, folder: bool = False) -> None:
         require(folder, f"{name} is a directory; give the files in it, e.g. {name}/*.mat", "reading.folder")
     elif not S_ISREG(status.st_mode):
         raise InputError(f"{name} is a pipe, a socket or a device; give a file", "reading.special")
-    large = f"{name} is larger than the {max_bytes / 1e6:g} MB that are read; is it the right file?"
-    require(status.st_size <= max_bytes, large, "limits.bytes")
+    if status.st_size > max_bytes:
+        message = f"{name} is larger than the {max_bytes / 1e6:g} MB that are read; is it the right file?"
+        raise InputError(message, "limits.bytes")
 
 
 def read_bytes(path: str | Path, max_bytes: int) -> bytes:

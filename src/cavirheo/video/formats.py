@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import listed, read_bytes, require
+from cavirheo.errors import InputError, listed, read_bytes, require
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, LENGTH_UNITS, TIME_UNITS, unit_of
 from cavirheo.writing.export import import_optional
@@ -82,8 +82,8 @@ def read(path: Path) -> Footage:
     footage = _reader(path)(path)
     shape = footage.frames.shape
     require(len(shape) == 3 and shape[0] > 0, f"no frame in it (shape {shape})", "video.no_frames")
-    small = f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed"
-    require(min(shape[1:]) >= 16, small, "video.small")
+    if min(shape[1:]) < 16:
+        raise InputError(f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed", "video.small")
     require(shape[0] > 1, "one frame is no recording: a bubble must be seen to grow and collapse", "video.one_frame")
     return footage if len(footage.damaged) else replace(footage, damaged=np.zeros(shape[0], bool))
 
@@ -143,16 +143,18 @@ def _join_frames(frames: Iterable[Pixels]) -> Pixels:
     content, first = bytearray(), np.empty((0, 0))
     for frame in frames:
         first = first if content else frame
-        sizes = f"the frames are of several sizes or kinds: {frame.shape[::-1]} after {first.shape[::-1]}"
-        require((frame.shape, frame.dtype) == (first.shape, first.dtype), sizes, "video.sizes")
+        if frame.shape != first.shape or frame.dtype != first.dtype:
+            sizes = f"{frame.shape[::-1]} after {first.shape[::-1]}"
+            raise InputError(f"the frames are of several sizes or kinds: {sizes}", "video.sizes")
         _check_size(len(content) + frame.nbytes)
         content += frame.tobytes()
     return np.frombuffer(content, first.dtype).reshape(-1, *first.shape)
 
 
 def _check_size(size: float) -> None:
-    why = f"its frames are more than {LARGEST_SIZE / 1e9:g} GB; cut the recording to the bubble and save that"
-    require(size <= LARGEST_SIZE, why, "video.too_large")
+    if size > LARGEST_SIZE:
+        why = f"its frames are more than {LARGEST_SIZE / 1e9:g} GB; cut the recording to the bubble and save that"
+        raise InputError(why, "video.too_large")
 
 
 def _grey(image: Pixels) -> Pixels:
@@ -178,8 +180,9 @@ def _read_stack(path: Path) -> Footage:
             axes = [axis for axis, size in zip(file.series[0].axes, file.series[0].shape, strict=True) if size > 1]
             several = [axis for axis in axes if axis not in "YXS"]
         _check_size(count * float(first.nbytes))
-        kinds = f"a stack along {' and '.join(several)} (T: times, C: channels, Z: depths)"
-        require(len(several) < 2, f"{kinds}: save one channel and one depth alone", "video.stack")
+        if len(several) > 1:
+            kinds = f"a stack along {' and '.join(several)} (T: times, C: channels, Z: depths)"
+            raise InputError(f"{kinds}: save one channel and one depth alone", "video.stack")
         notes = [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
         notes += [f"the file states {scale:.4g} um per pixel"] if scale else []
         try:
@@ -192,12 +195,13 @@ def _read_stack(path: Path) -> Footage:
 
 def _stack_frames(file: Any, stated: int, warnings: list[Message]) -> Iterator[Pixels]:
     """Yield the brightness of the frames of a TIFF, as far as they are there; `warnings` gets what is missing."""
-    first, source, there = file.pages[0], file.filehandle, 0
+    first, source, there, cause = file.pages[0], file.filehandle, 0, ""
     source.seek(file.pages.next_page_offset)
-    cause = "the next one is missing" if any(source.read(file.tiff.offsetsize)) else ""
-    if len(file.pages) == 1 < stated + bool(cause) and first.is_contiguous:  # one block, as of large stacks of ImageJ
+    if broken := any(source.read(file.tiff.offsetsize)):
+        cause = "the next one is missing"
+    if len(file.pages) == 1 < stated + broken and first.is_contiguous:  # one block, as of large stacks of ImageJ
         there = (source.size - first.dataoffsets[0]) // first.nbytes
-        there = min(there, stated if stated > 1 else there)
+        there = min(there, stated) if stated > 1 else there
         block = source.read_array(first.dtype.newbyteorder(file.byteorder), there * first.size, first.dataoffsets[0])
         yield from map(_grey, block.astype(first.dtype).reshape(there, *first.shape))
     else:
@@ -255,16 +259,17 @@ def _unsigned(images: Pixels) -> Pixels:
     """Return integers of 8 or 16 bits. Raises InputError: other numbers, which software computed."""
     if images.dtype in (np.uint8, np.uint16):
         return images
-    message = f"pixels of {images.dtype}: expected the grey levels of a camera, 8 or 16 bits without a sign"
-    fine = images.dtype.kind in "biu" and images.min() >= 0 and images.max() < 2**16
-    require(fine, f"{message}; save the recording as one of these", "video.pixels")
+    if images.dtype.kind not in "biu" or images.min() < 0 or images.max() >= 2**16:
+        message = f"pixels of {images.dtype}: expected the grey levels of a camera, 8 or 16 bits without a sign"
+        raise InputError(f"{message}; save the recording as one of these", "video.pixels")
     return images.astype(np.uint16)
 
 
 def _read_folder(path: Path) -> Footage:
     names = _images(path)
-    expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
-    require(bool(names), f"no recording in this folder; {expected}", "video.no_images")
+    if not names:
+        expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
+        raise InputError(f"no recording in this folder; {expected}", "video.no_images")
     counter = Counter(re.sub(r"\d+(\.\d+)?(?=\D*$)", "", name.stem) for name in names)
     several = [name for name, count in counter.items() if count > 2]  # as many as form a recording
     named = f"the images have {len(several)} names, {listed(name or 'numbers alone' for name in several)}"

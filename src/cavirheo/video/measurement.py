@@ -213,21 +213,23 @@ def _exposed_share(shutter: StatedNumber, rate: StatedNumber, interval: float) -
     """The exposure over the time between frames, s; 1 if it is not known. Raises InputError: it is longer."""
     if not shutter.value:
         return 1.0
-    longer = f"{1e6 * shutter.value:.4g} us by {shutter.origin}"
-    longer += f" is longer than the {1e6 * interval:.4g} us between frames by {rate.origin}"
-    advice = "give the right ones (--fps, --exposure-us; in Python frame_rate=, exposure=)"
-    require(shutter.value <= 1.001 * interval, f"an exposure of {longer}: {advice}", "video.exposure")
+    if shutter.value > 1.001 * interval:
+        longer = f"{1e6 * shutter.value:.4g} us by {shutter.origin}"
+        longer += f" is longer than the {1e6 * interval:.4g} us between frames by {rate.origin}"
+        advice = "give the right ones (--fps, --exposure-us; in Python frame_rate=, exposure=)"
+        raise InputError(f"an exposure of {longer}: {advice}", "video.exposure")
     return shutter.value / interval
 
 
 def _cropped(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:
     """Return a region of the frames `first` to `last`, counted from 1."""
     (x, y, width, height), (count, high, wide) = roi, whole.frames.shape
-    asked = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
-    require(1 <= first < last <= count, asked, "video.frames")
-    within = min(x, y) >= 0 and min(width, height) >= 16 and x + width <= wide and y + height <= high
-    part = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
-    require(within, f"{part}; give x,y,width,height within them, at least 16 x 16", "video.roi")
+    if not 1 <= first < last <= count:
+        message = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
+        raise InputError(message, "video.frames")
+    if min(x, y) < 0 or min(width, height) < 16 or x + width > wide or y + height > high:
+        message = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
+        raise InputError(f"{message}; give x,y,width,height within them, at least 16 x 16", "video.roi")
     chosen = slice(first - 1, last)
     frames = whole.frames[chosen, y : y + height, x : x + width]
     return replace(whole, frames=frames, time=None, damaged=whole.damaged[chosen])
