@@ -351,8 +351,9 @@ BAD = {  # content, or what writes it; code; what is named
 def test_bad_files_are_refused_in_words(tmp_path, name):
     content, code, named = BAD[name]
     path = put(tmp_path / name, content)
-    with refused(code, path.stem, named):
-        [curve.max_radius for curve in read_curves(path)]
+    for options in ({}, {"frame_rate_hz": RATE}) if name.startswith("labels") else ({},):
+        with refused(code, path.stem, named):
+            [curve.max_radius for curve in read_curves(path, **options)]
 
 
 CASES = Path(__file__).parents[1] / "cases" / "read"

@@ -35,6 +35,7 @@ _TIME_TOLERANCE = 1e-15  # s; times closer than this are one time and differ onl
 _LEAST_RADIUS = 1e-9  # m; a smaller radius means an empty frame (one published file has denormal numbers there)
 _SHARED_TIMES = 0.05  # largest part of the frames that may have the time of another one
 _ROUNDED_SHARE, _COARSE = 0.2, 0.1  # least part of the shorter or longer intervals, and of an interval, for a rounding
+_SEVERAL_ROWS = 1.5  # rows of a frame by its times and the frame rate: more are rows of several shots
 _FEWEST_FRAMES = 5  # of a shot below another one: fewer frames with earlier times are out of order
 _LATEST_START = 0.25  # of the duration of the first shot: where shots below it begin; later ones are out of order
 _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all before it may part two shots
@@ -454,7 +455,8 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
         return time / rate, "s"
     assert clock is not None  # a frame rate was asked for
     shared = np.count_nonzero(steps == 0.0) > _SHARED_TIMES * len(time)
-    if rate is not None and (shared or _rounding(time[np.isfinite(time)])):
+    several = rate is not None and _rows_per_frame(time, clock, rate) > _SEVERAL_ROWS
+    if rate is not None and not several and (shared or _rounding(time[np.isfinite(time)])):
         notes.append(f"times in {clock.title!r} have too few digits: {rate:.6g} frames per second are used instead")
         return np.arange(len(time)) / rate, "s"
     if rate is not None:
@@ -466,6 +468,14 @@ def _times(time: Floats, clock: Column | None, camera: Camera, notes: list[str])
         message += "give the frame rate (--fps 1e6), or write a unit into the title, as in time_us"
         raise InputError(message, "table.frame_rate")
     return time, clock.unit
+
+
+def _rows_per_frame(time: Floats, clock: Column, rate: float) -> float:
+    """Return how many of the (n,) times, which may be rounded, are of one frame; 0 if it is not known."""
+    with suppress(InputError):  # no unit
+        rounding = float(np.min(np.diff(time), initial=np.inf, where=np.diff(time) > 0.0))
+        return (len(time) - 1) / ((np.ptp(time) + rounding) * _time_scale(time, clock.unit)[0] * rate)
+    return 0.0
 
 
 def _single(column: Column, rows: Indices) -> list[float]:
@@ -657,9 +667,8 @@ def _shared_times(t: Floats, r: Floats) -> str:
     if shared <= _SHARED_TIMES * len(t):
         return ""
     return (
-        f"{shared} of {len(t)} frames have the time of another one: too few digits, or several shots: "
-        "write more digits, or give the frame rate (--fps) of a table; give each shot a file, or name the column of "
-        'their labels "shot"'
+        f"{shared} of {len(t)} frames have the time of another one: several shots? give each a file, or name "
+        'the column of their labels "shot"; or too few digits? write more, or give the frame rate (--fps) of a table'
     )
 
 
