@@ -25,6 +25,7 @@ from cavirheo.landmarks import median_where_large
 from cavirheo.messages import Message, aspherical_warnings, camera_warnings
 from cavirheo.parameters import LENGTH_UNITS, RADIUS, TIME_UNITS
 from cavirheo.physics.media import CONSTANTS
+from cavirheo.writing.digits import counted
 from cavirheo.writing.document import write_rows
 
 Part = TypeVar("Part")
@@ -304,10 +305,15 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
     if clock is None or _counts_frames(clock):
         _ask_for(camera, series, unit, in_pixels=in_pixels, notes=notes)
     time = clock.numbers if clock else np.arange(float(len(radius)))
+    formulas = "formulas that were never calculated have no values before a spreadsheet saves them"
     if clock and not several_clocks and time.size and not (np.abs(time) < _LARGEST_NUMBER).any():
-        message = f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}: of times since 1970 subtract the "
-        message += "first one; formulas that were never calculated have no values before a spreadsheet saves them"
-        raise InputError(message, "table.empty")
+        message = (
+            f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}: of times since 1970 subtract the first one"
+        )
+        raise InputError(f"{message}; {formulas}", "table.empty")
+    empty = (column.title for column in series.radius if column.array is None and not _distinct(column.numbers))
+    if title := next(empty, ""):
+        raise InputError(f"{title!r} holds no number: {formulas}", "table.empty")
     std = _deviations(series, radius, notes)
     scale, scale_unused = 1.0, False
     if camera.um_per_px is not None and in_pixels:
@@ -562,17 +568,19 @@ def _scaled_to_column(curve: RadiusCurve, column: Column, rows: Indices) -> Radi
 
 
 def _read_without_header(table: Table, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
-    """Read a column of times and one of radii whose sizes prove their units."""
+    """Read a column of times and one of radii, or radii of a known frame rate, whose sizes prove their units."""
     width = max(len(row.texts) for row in table.rows)
     values = [Column(table, index, "", Name()).numbers for index in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # an empty column: each line ends with a separator
         values.pop()
-    if len(values) != 2:
-        raise InputError(f"{len(values)} columns and no header; {HEADER_ADVICE}", "table.header")
-    titles = ["time", "radius"]
-    empty = values[1] < _LEAST_RADIUS  # lost frames, or rows of -1000 between shots
-    arrays = [(Name(title), column[~empty]) for title, column in zip(titles, values, strict=True)]
-    notes = ["no header: columns taken as time and radius", *table.notes]
+    alone = len(values) == 1
+    if len(values) > 2 or (alone and camera.frame_rate is None):
+        raise InputError(f"{counted(len(values), 'column')} and no header; {HEADER_ADVICE}", "table.header")
+    titles = ["radius"] if alone else ["time", "radius"]
+    unit = next(iter(_units_by_size(_largest(values[0]))), None) if alone and camera.um_per_px is None else None
+    empty = (values[-1] < _LEAST_RADIUS) & (not alone)  # lost frames, or rows of -1000 between shots
+    arrays = [(Name(title, unit), column[~empty]) for title, column in zip(titles, values, strict=True)]
+    notes = [f"no header: columns taken as {' and '.join(titles)}{f' in {unit}' if unit else ''}", *table.notes]
     if empty.any():
         notes.append(f"{np.count_nonzero(empty)} rows with radius <= 0 left out")
     curves = read_table(camera, Table(CURVES, [], notes, titles=titles, arrays=arrays))
