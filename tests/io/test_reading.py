@@ -1,6 +1,5 @@
 """Files in, curves out: every format on a file written here, bad files refused in words, and the published files."""
 
-import gzip
 import zipfile
 from pathlib import Path
 
@@ -130,6 +129,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
     **{f"{name} text": (f"time_µs,radius_µm\n{PLAIN}".encode(name), "") for name in ("utf-8-sig", "utf-16", "latin-1")},
     "first visible tab": (book(no=OTHER, a=GAP, b=OTHER, hidden=["no"]), "'no (hidden)', 'b'"),
+    "tabs of other titles": (book(a=GAP, b=OTHER), "with other titles than 'a': 'b'"),
     "open document": (lambda path: files.write_ods(path, "".join(map(files.ods_row, SHEET))), "workbook: 'a'"),
     "HDF5 title in Latin 1": (hdf5({b"t_\xb5s": US, b"R_\xb5m": UM, b"notes \xb5": UM[:3]}), "not used: notes µ"),
     "TrackMate": (TRACK + lines(",", FRAMES, TIME, FRAMES, UM), "not used: LABEL"),
@@ -154,7 +154,7 @@ def test_one_shot_as_laboratories_write_it(tmp_path, name):
     (curve,) = read_curves(put(tmp_path / "a.csv", content))
     assert np.allclose(np.diff(curve.time), np.diff(TIME), atol=1e-12)
     assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
-    assert said in "\n".join(curve.notes)
+    assert said in "\n".join([*curve.notes, *curve.hints])
     assert said or len(curve.notes) == 1
     assert curve.warnings == ()
 
@@ -165,7 +165,6 @@ MEASURED = {  # of frames or pixels: what is asked for, and what the notes say w
     "time in frames": ("time (frames),R_um\n" + lines(",", FRAMES, UM), ["fps"], "1e+06 frames per second"),
     "numbers without a unit": ("t,R_um\n" + lines(",", FRAMES, UM), ["fps", "time_us"], "numbers in 't'"),
     "rounded a little": ("time_us,R_um\n" + lines(",", np.round(1.7 * FRAMES), UM), [], "few digits"),
-    "frames of MATLAB": (saved(R_um=UM, frame=FRAMES), ["fps"], "'frame'"),
     "radii alone": ("R_px\n" + lines(",", UM / 3.2), ["fps"], "of the rows"),
 }
 
@@ -231,7 +230,6 @@ SIMULATED = hdf5(GROUPS | {"sim/time": TIME, "sim/radius": 1.1 * RADIUS, "sim/rh
 STRUCTS = saved(data=np.array([[(RADIUS, TIME), (1.5 * RADIUS, TIME)]], [("R", "O"), ("t", "O")]), G=1.0)
 TABS = book(one=SHEET, notes=[["gel"]], two=[SHEET[0], *zip(US, 1.5 * UM, strict=True)])
 SEVERAL = {  # two curves, their names, and what each says
-    "plain": (f"t_us,R1_um,R2_um\n{RADII}", "R1_um", "R2_um", "2 columns of radii"),
     "German": (f"Zeit_us,Schuss 0 [µm],Schuss 1 [µm]\n{RADII}", "Schuss 0", "Schuss 1", "2 columns of radii"),
     "a simulation": (SIMULATED, "first", "series/second", "not used: sim/radius, sim/rho, sim/time, unrelated"),
     "rows above the labels": (labels(*[""] * N, *["B"] * N), "unlabelled", "B", "blank cells of 'shot' filled"),
@@ -332,21 +330,16 @@ BAD = {  # content, or what writes it; code; what is named
     "contradict.csv": ("t_us,R_um,D_um\n" + lines(",", US, UM, UM), "table.twice", "'D_um' is 1 times 'R_um'"),
     "matrix.mat": (saved(Rt=np.c_[TIME, RADIUS, RADIUS]), "matlab.cells", "a column that always rises"),
     "lost frames.csv": ("t,R_um\n" + lines(",", np.r_[0:9, 11:20], UM[:18]), "table.frame_rate", "time_us"),
-    "group.h5": (hdf5({"b/time": TIME, "b/radius": RADIUS[:90]}), "matlab.cells", "b/radius"),
     "BDT.mat": (saved(**{**bdt_variables(), "RmaxList": []}), "matlab.variables", "no RmaxList"),
     "old.mat": (lambda path: savemat(path, {"R": RADIUS, "t": TIME}, format="4"), "reading.binary", "'-v7'"),
     "object.mat": (mat(OBJECT), "matlab.variables", "table2struct"),
     "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "reading.damaged", ""),
     "shots.zip": (archive("gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
     "labels of another name.csv": (mixed("variable"), "curve.unusable", 'name the column of their labels "shot"'),
-    "A and B.csv": (f"t_us,A (um),B (um)\n{TWO}", "table.twice", "'A (um)' and 'B (um)': two shots, or the half-axes"),
-    "packed.csv.gz": (gzip.compress((HEAD + PLAIN).encode()), "reading.binary", "unpack what is packed"),
+    "A and B.csv": (f"t_us,A (um),B (um)\n{TWO}", "table.twice", "'A (um)', 'B (um)': shots, or the half-axes"),
+    "A to D.csv": (f"t,A,B,C,D\nus,um,um,um,um\n{lines(',', US, *[UM] * 4)}", "table.twice", "no name says which"),
     "formulas.xlsx": (book(a=WITHOUT_TIMES), "table.empty", "formulas"),
-    "radii.xlsx": (
-        book(a=[SHEET[0], *([time, None] for time in US)]),
-        "table.empty",
-        "'radius_um' holds no number: form",
-    ),
+    "radii.xlsx": (book(a=[SHEET[0], *zip(US, [None] * N, strict=True)]), "table.empty", "'radius_um' holds no number"),
     "hidden.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "R_um"]]), "table.columns", "raw (hidden)"),
     "missing.mat": (lambda path: path.symlink_to("gone"), "reading.missing", "is a link to gone, which does not exist"),
     "folder": (Path.mkdir, "reading.folder", ""),

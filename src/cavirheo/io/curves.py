@@ -178,10 +178,12 @@ def _series(table: Table) -> list[_Series]:
     if shot and len(radii) > 1:
         both = f"a column {shot.title!r} and {len(radii)} columns of radii"
         raise InputError(f"{both}; expected one or the other", "table.twice")
-    if form.kinds[0] == "half_a" and re.search(r"(^|/)A(?![A-Za-z])", firsts[0].title):
-        titles = " and ".join(repr(column.title) for column in radii[0])
-        message = f"{titles}: two shots, or the half-axes of one bubble? name them R1_um and R2_um, or a_um and b_um"
-        raise InputError(message, "table.twice")
+    found = (re.search(r"(?:^|/)([A-D])(?![A-Za-z])", title) for title in table.titles)
+    letters = {match[1]: match.string for match in found if match}
+    if letters.keys() >= {"half_a": {"A"}, "diameter": {*"ABCD"}}.get(form.kinds[0], {""}):
+        titles = ", ".join(map(repr, letters.values()))
+        message = f"{titles}: shots, or the half-axes of one bubble? no name says which is the "
+        raise InputError(f"{message}radius: name them R1_um and R2_um, or a_um and b_um", "table.twice")
     numbers = {column.name.number for column in firsts}
     if len(clocks) < 2 and len(firsts) > 1 and ("" in numbers or len(numbers) < len(firsts)):
         titles = " and ".join(repr(column.title) for column in firsts[:2])
@@ -257,7 +259,7 @@ def stated(table: Table) -> dict[str, tuple[Column, float]]:
 def _facts(table: Table, camera: Camera) -> tuple[Camera, dict[str, Any], list[Column], list[Message]]:
     """Return the camera as the user gives it, else as the file states it; the `meta` of a curve with what is stated of
     the medium, and notes; the columns of all that is taken from the file; and a warning where both differ."""
-    meta: dict[str, Any] = {"notes": [*table.notes]}
+    meta: dict[str, Any] = {"notes": [*table.notes], "hints": table.hints}
     used, warnings = [], list[Message]()
     meta["ignored"] = {*_CONSTANTS} & {column.name.kind for column in (*table.columns, *_of_all(table))}
     camera = camera._replace(scale_alone=camera.um_per_px is not None)
@@ -313,7 +315,7 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
         raise InputError(f"{message}; {formulas}", "table.empty")
     empty = (column.title for column in series.radius if column.array is None and not _distinct(column.numbers))
     if title := next(empty, ""):
-        raise InputError(f"{title!r} holds no number: {formulas}", "table.empty")
+        raise InputError(f"{title!r} holds no number; {formulas}", "table.empty")
     std = _deviations(series, radius, notes)
     scale, scale_unused = 1.0, False
     if camera.um_per_px is not None and in_pixels:

@@ -218,6 +218,7 @@ class Table:
     line: int = 1  # number of the line with the titles
     arrays: Sequence[tuple[Name, np.ndarray | str]] = ()  # of each title; then `rows` is empty
     remarks: Sequence[str] = ()  # comments, and lines above the titles
+    hints: list[str] = field(default_factory=list)  # notes that an answer shows, too
 
     @cached_property
     def columns(self) -> list[Column]:
@@ -262,7 +263,10 @@ def read_columns(source: Source, vocabulary: Vocabulary) -> list[Table]:
     if not tables and vocabulary.of_shots:
         tables = [sheet for sheet in sheets if sheet.rows and all(map(is_number, sheet.rows[0].texts))]
     if tables and not vocabulary.sections:
-        tables = [table for table in tables if vocabulary.of_shots and table.titles == tables[0].titles] or tables[:1]
+        first = tables[0]
+        others = ", ".join(repr(table.name) for table in tables if table.titles != first.titles)
+        first.hints.extend([f"sheets not read, with other titles than {first.name!r}: {others}"] if others else [])
+        tables = [table for table in tables if vocabulary.of_shots and table.titles == first.titles] or tables[:1]
         _note_sheets(tables, sheets)
     if not tables:
         raise _no_titles(sheets, vocabulary, source)
