@@ -43,6 +43,7 @@ _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all befor
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _DIAMETER_TOLERANCE = 0.1  # relative; diameters that differ by more from two radii are none of them
 _STRETCH_TOLERANCE = 0.05  # relative; a larger difference of two stretches of a file is a doubt
+_FORMULAS = "formulas that were never calculated have no values before a spreadsheet saves them"
 _REMARK = re.compile(r"\W*([A-Za-z_][\w ]*?)(?:\s*[:=]\s*|\s+)(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*[\[(]?(.*?)[\])]?\s*$")
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 _CONSTANTS = ("density", "pressure")  # of the medium, which a file may state
@@ -307,15 +308,14 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
     if clock is None or _counts_frames(clock):
         _ask_for(camera, series, unit, in_pixels=in_pixels, notes=notes)
     time = clock.numbers if clock else np.arange(float(len(radius)))
-    formulas = "formulas that were never calculated have no values before a spreadsheet saves them"
     if clock and not several_clocks and time.size and not (np.abs(time) < _LARGEST_NUMBER).any():
         message = (
             f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}: of times since 1970 subtract the first one"
         )
-        raise InputError(f"{message}; {formulas}", "table.empty")
+        raise InputError(f"{message}; {_FORMULAS}", "table.empty")
     empty = (column.title for column in series.radius if column.array is None and not _distinct(column.numbers))
     if title := next(empty, ""):
-        raise InputError(f"{title!r} holds no number; {formulas}", "table.empty")
+        raise InputError(f"{title!r} holds no number; {_FORMULAS}", "table.empty")
     std = _deviations(series, radius, notes)
     scale, scale_unused = 1.0, False
     if camera.um_per_px is not None and in_pixels:
