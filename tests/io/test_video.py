@@ -351,8 +351,8 @@ def test_a_folder_that_lacks_an_image_is_doubtful_and_one_of_two_recordings_refu
     (warning,) = read(tmp_path / "images").warnings
     assert (warning.code, warning.parameters) == ("check_input.images_missing", {"gaps": 1})
     assert "have 1 gap, as" in warning.text
-    for number in range(3):
-        shutil.copy(folder / "images" / f"frame{number}.png", tmp_path / "images" / f"x_{number}.png")
+    for number in (-1, 0, 1):  # of frames before the trigger numbers are negative
+        shutil.copy(folder / "images" / f"frame{abs(number)}.png", tmp_path / "images" / f"x_{number}.png")
     with refused("video.names", "2 names, frame, x_:"):
         read(tmp_path / "images")
 

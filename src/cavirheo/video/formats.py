@@ -47,6 +47,7 @@ _FFMPEG = {  # without playlists, which would open other files
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
     "protocol_whitelist": "file",
 }
+_NUMBER = r"(?:(?<![^\W_])-)?\d{1,18}"  # of an image; a minus is a sign unless it follows a letter or a digit
 _STAMPS, _EXPOSURES = 1002, 1003  # blocks of a .cine file: time and exposure of every frame
 
 
@@ -270,10 +271,11 @@ def _read_folder(path: Path) -> Footage:
     if not names:
         expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
         raise InputError(f"no recording in this folder; {expected}", "video.no_images")
-    counter = Counter(re.sub(r"\d+(\.\d+)?(?=\D*$)", "", name.stem) for name in names)
+    counter = Counter(re.sub(_NUMBER + r"(\.\d+)?(?=\D*$)", "", name.stem) for name in names)
     several = [name for name, count in counter.items() if count > 2]  # as many as form a recording
-    named = f"the images have {len(several)} names, {listed(name or 'numbers alone' for name in several)}"
-    require(len(several) < 2, f"{named}: give each recording a folder", "video.names")
+    if len(several) > 1:
+        named = f"the images have {len(several)} names, {listed(name or 'numbers alone' for name in several)}"
+        raise InputError(f"{named}: give each recording a folder", "video.names")
     frames = _join_frames(frame for name in names for frame in _pillow_images(name, 1))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
     gaps = _gaps_in_numbers([name.stem for name in names])
@@ -283,7 +285,7 @@ def _read_folder(path: Path) -> Footage:
 
 def _gaps_in_numbers(names: Iterable[str]) -> int:
     """Return how often names that end in numbers, most of them evenly spaced, leave numbers out."""
-    numbers = [int(match[0]) for name in names if (match := re.search(r"\d{1,18}(?=\D*$)", name))]
+    numbers = [int(match[0]) for name in names if (match := re.search(_NUMBER + r"(?=\D*$)", name))]
     steps = np.diff(numbers)
     if len(steps) == 0 or np.any(steps <= 0):
         return 0
@@ -301,7 +303,8 @@ def _images(folder: Path) -> list[Path]:
     chosen = [path for path in paths if path.suffix.lower() in dict(most) and path.is_file()]
 
     def natural(path: Path) -> list[tuple[str, int]]:
-        return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
+        texts = re.split(f"({_NUMBER})", path.name)
+        return list(zip(texts[::2], [*map(int, texts[1::2]), 0], strict=True))
 
     return sorted(chosen, key=natural) if _forms_recording(chosen) else []
 
