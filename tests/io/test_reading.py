@@ -339,7 +339,7 @@ BAD = {  # content, or what writes it; code; what is named
     "A and B.csv": (f"t_us,A (um),B (um)\n{TWO}", "table.twice", "'A (um)', 'B (um)': shots, or the half-axes"),
     "A to D.csv": (f"t,A,B,C,D\nus,um,um,um,um\n{lines(',', US, *[UM] * 4)}", "table.twice", "no name says which"),
     "formulas.xlsx": (book(a=WITHOUT_TIMES), "table.empty", "formulas"),
-    "radii.xlsx": (book(a=[SHEET[0], *zip(US, [None] * N, strict=True)]), "table.empty", "'radius_um' holds no number"),
+    "radii.xlsx": (book(a=[SHEET[0], *zip(US, [None] * N, strict=True)]), "table.empty", "'radius_um' is empty; formulas"),
     "hidden.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "R_um"]]), "table.columns", "raw (hidden)"),
     "missing.mat": (lambda path: path.symlink_to("gone"), "reading.missing", "is a link to gone, which does not exist"),
     "folder": (Path.mkdir, "reading.folder", ""),

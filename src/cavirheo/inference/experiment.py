@@ -83,10 +83,9 @@ class Experiment:
         self.time_scale: float = medium.time_scale(self.max_radius)
         self.frame_interval: float = float(np.median(np.diff(curve.time)))
         self.exposure = exposure = float(curve.exposure or 0.0)
-        message = f"an exposure of {exposure * 1e6:.4g} us is "
-        require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure", curve.name)
-        longest = f"longer than the time between two frames ({self.frame_interval * 1e6:.4g} us)"
-        require(exposure <= self.frame_interval * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
+        if exposure > self.frame_interval * (1.0 + 1e-6):
+            longer = f"longer than the time between two frames ({self.frame_interval * 1e6:.4g} us)"
+            raise InputError(f"an exposure of {exposure * 1e6:.4g} us is {longer}", "experiment.exposure", curve.name)
         stretch = None if isinstance(options.stretch, str) else options.stretch
         self.stretch: float | None = float(stretch) if stretch else None
         # (mean, standard deviation) of the stretch if the file or the late plateau gives it

@@ -313,9 +313,9 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
             f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}: of times since 1970 subtract the first one"
         )
         raise InputError(f"{message}; {_FORMULAS}", "table.empty")
-    empty = (column.title for column in series.radius if column.array is None and not _distinct(column.numbers))
+    empty = (column.title for column in series.radius if column.array is None and not any(column.text))
     if title := next(empty, ""):
-        raise InputError(f"{title!r} holds no number; {_FORMULAS}", "table.empty")
+        raise InputError(f"{title!r} is empty; {_FORMULAS}", "table.empty")
     std = _deviations(series, radius, notes)
     scale, scale_unused = 1.0, False
     if camera.um_per_px is not None and in_pixels:
