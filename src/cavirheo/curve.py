@@ -18,7 +18,17 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, expect_whole, listed, printable
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.messages import CAMERA_TOLERANCE, Message
-from cavirheo.parameters import DEVIATION, DURATION, INTERVAL, NOT_NEGATIVE, RADIUS, check, check_domain, optional
+from cavirheo.parameters import (
+    DEVIATION,
+    DURATION,
+    INTERVAL,
+    NOT_NEGATIVE,
+    RADIUS,
+    check,
+    check_domain,
+    domain,
+    optional,
+)
 from cavirheo.physics.media import CONSTANTS, Medium
 from cavirheo.physics.media import medium as medium_of
 
@@ -40,7 +50,7 @@ def _is_medium(values: Any) -> bool:
     return isinstance(values, Mapping) and values.keys() <= CONSTANTS.keys() and _all(values.values(), Real)
 
 
-_TEXT = optional("a text", lambda x: isinstance(x, str))
+_TEXT = domain("a text", lambda x: isinstance(x, str))
 _TEXTS = optional("a list of texts", lambda x: _all(x, str))
 _SIZE = optional(*NOT_NEGATIVE["domain"])
 _MAXIMUM = optional("(time in s, R_max in m), R_max above 0", _is_maximum)
@@ -70,13 +80,21 @@ def as_numbers(name: str, values: Any) -> Floats:
         raise InputError(message, f"curve.{name}") from None
 
 
+def _plain(value: Any) -> Any:
+    """An array as a tuple, and NaN, which stands for a missing value in tables, as None."""
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist())
+    return None if isinstance(value, float) and np.isnan(value) else value
+
+
 def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of `meta` with all texts made printable, and always with a name and notes. Raises InputError: an
     entry outside its domain."""
-    for entry in vars(RadiusCurve).values():
-        if isinstance(entry, _MetaEntry) and entry.allowed:
-            check_domain(entry.allowed, entry.key, meta.get(entry.key), "curve")
     labels = {"name": "curve", "notes": (), **meta}
+    for entry in vars(RadiusCurve).values():
+        if isinstance(entry, _MetaEntry) and entry.allowed and entry.key in labels:
+            labels[entry.key] = _plain(labels[entry.key])
+            check_domain(entry.allowed, entry.key, labels[entry.key], "curve")
     labels = {key: printable(value) if isinstance(value, str) else value for key, value in labels.items()}
     return labels | {"name": str(labels["name"]), "notes": tuple(map(printable, labels["notes"] or ()))}
 
@@ -139,7 +157,7 @@ class RadiusCurve:
     stated_time_of_max: float | None = field(default=None, metadata=optional("finite", isfinite))
     unscaled: str = field(default="", metadata=_TEXT)
     late: bool | None = None
-    warnings: tuple[Message, ...] = field(default=(), metadata=optional("Messages", lambda x: _all(x, Message)))
+    warnings: tuple[Message, ...] = field(default=(), metadata=domain("Messages", lambda x: _all(x, Message)))
     unusable: str = field(default="", metadata=_TEXT)
 
     name: ClassVar[_MetaEntry[str]] = _MetaEntry("name", "curve")
@@ -156,6 +174,7 @@ class RadiusCurve:
     def __post_init__(self) -> None:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
         expect(self.late, bool | np.bool_ | None, "True or False as late, or none")
+        object.__setattr__(self, "maximum", _plain(self.maximum))
         check(self, "curve")
         if self.maximum and not self.unscaled:
             RADIUS.check("R_max of maximum", self.maximum[1], "curve.max_radius")

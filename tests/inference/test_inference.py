@@ -172,6 +172,7 @@ def test_a_maximum_that_was_missed_is_a_doubt():
     """Nearly half of the fall to the first collapse is not recorded: no clock within a frame holds that."""
     late = recorded(GEL, 7.0, start=0.4, frames=150, noise=0.003)
     assert late.frames_missed == pytest.approx(0.4 / (4.6 / 149), rel=0.4)
+    assert recorded(GEL, 7.0, frames=150, noise=0.003).frames_missed == 0.0
     doubtful, trusted = infer(late), infer(late, trust_input=True)
     assert doubtful.checks.verdict == "check_input" != trusted.checks.verdict
     assert doubtful.checks.warnings == trusted.checks.warnings

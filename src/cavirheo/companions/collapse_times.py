@@ -142,9 +142,13 @@ def read_table(path: str | Path, stretch: float | None = None, chosen: Chosen = 
         ]
         head: Any = {"source": printable(str(path)), "source_sha256": source.sha256, "notes": notes}
         group = CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
-        first = dict[Any, CollapseShot]()
-        numbers = ((one, (one.max_radius_m, one.stretch, one.collapse_time_s)) for one in group.usable)
-        if again := [one.name for one, key in numbers if first.setdefault(key, one) is not one]:
+        seen, again = set[tuple[float | None, ...]](), list[str]()
+        for one in group.usable:
+            numbers = one.max_radius_m, one.stretch, one.collapse_time_s
+            if numbers in seen:
+                again.append(one.name)
+            seen.add(numbers)
+        if again:
             said = f"with the numbers of an earlier shot: {listed(again)}"
             group.notes.append(f"{said}; copies narrow the interval, leave them out with --shots")
         return group

@@ -198,8 +198,8 @@ def design(
             without it `ranges` do.
         rig: what can be filmed; default: `Rig()`.
         group: name of the group whose shots are of the material, if the result has several groups.
-        ranges: {"G": [low, high], "mu": ..., "lambda": ...} in SI; default: those in which searches start, and 4 to 10
-            for the stretch. With `known` only that of the stretch may be given.
+        ranges: {"G": [low, high], "mu": ..., "lambda": ...} in SI, within those that `infer` searches; default: those
+            in which searches start, and 4 to 10 for the stretch. With `known` only that of the stretch may be given.
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
         seed: of the draws from what is known. done: called after each shot.
 
@@ -275,7 +275,8 @@ def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[s
     ends = {}
     for text, pair in ranges.items():
         name = require_name(text, (*family.parameters, "stretch"), family.name, "design.range")
-        require(name not in ends, f"the range of {name} is given twice", "design.range")
+        if name in ends:
+            raise InputError(f"the range of {name} is given twice", "design.range")
         low, high = np.round(10.0 ** np.array(parameter_of(name).search_range), 12)
         values = as_numbers("ranges", pair)
         if values.shape != (2,) or not low <= values[0] < values[1] <= high:

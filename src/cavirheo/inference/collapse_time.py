@@ -127,8 +127,10 @@ def estimate(
         require(not given[none], f"material {material!r} has no {none}", "collapse_time.not_of_the_material")
         given[none] = 0.0
     for (name, value), most in zip(given.items(), LARGEST, strict=True):
-        expected = f"the {name} must lie between 0 and {most:g} {'Pa' if name == 'shear modulus' else 'Pa s'}"
-        require(value is None or 0 <= value <= most, f"{expected}, got {value!r}", "collapse_time.out_of_range")
+        if value is not None and not 0 <= value <= most:
+            unit = "Pa" if name == "shear modulus" else "Pa s"
+            message = f"the {name} must lie between 0 and {most:g} {unit}, got {value!r}"
+            raise InputError(message, "collapse_time.out_of_range")
     both = "nothing to fit: shear modulus and viscosity are both given"
     require(None in given.values(), both, "collapse_time.all_given")
     fixed = np.array([np.nan if value is None else value for value in given.values()])

@@ -23,7 +23,7 @@ from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior, check_level
 
 DRAWS = 100  # draws of a posterior that are simulated
-_NORMAL = ndtri((np.arange(20) + 0.5) / 20)  # equally likely normal numbers: the noise of a frame of each draw
+FRAMES = 10  # of each draw, whose noise is evenly spread, at each time
 WIDEST_SCALE = 0.19  # half-width about 1 of a range that contains every inferred radius scale
 
 
@@ -85,7 +85,8 @@ def predict_radius(posterior: Posterior, time: ArrayLike, *, level: float = 0.9,
         velocity = (after - before) / (2.0 * step)
         deviation = noise.predicted_deviations(shot.difference(x), velocity, since <= end, rng)
         radii.append(radius * curve.max_radius)
-        frames += [(radius + deviation * number) * curve.max_radius for number in _NORMAL]
+        levels = (np.arange(FRAMES) + (len(radii) - 0.5) / draws) / FRAMES
+        frames += [(radius + deviation * number) * curve.max_radius for number in ndtri(levels)]
     if 2 * len(radii) < draws:
         many = f"only {len(radii)} of {draws} draws can be simulated until {1e6 * np.max(time):.4g} us"
         raise SolverError(f"{many}; times are in s, on the clock of the recording")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 
 from cavirheo.errors import InputError, brief
-from cavirheo.parameters import DISTANCE, NOT_NEGATIVE, POSITIVE_OR_INFINITE, Domain, check, domain, optional
+from cavirheo.parameters import DISTANCE, NOT_NEGATIVE, POSITIVE, Domain, check, domain, optional
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
@@ -87,12 +87,12 @@ class Bubble:
     confinement_inertia: float | str = field(
         default=0.0, metadata=_or_free("above -0.5 and at most 3", lambda x: -0.5 < x <= 3)
     )
-    wall_distance: float | None = field(default=None, metadata=optional(*POSITIVE_OR_INFINITE["domain"]))
+    wall_distance: float | None = field(default=None, metadata=optional(*POSITIVE["domain"]))
     vapour_excess: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
     confinement_damping: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
     motion: str = field(default="keller-miksis", metadata=_one_of(MOTIONS))
     exponent: float | None = field(
-        default=None, metadata=optional("from 1 to 10 (--polytropic), such as 1.4", lambda n: 1 <= n < 10)
+        default=None, metadata=optional("from 1 to 10 (--polytropic), such as 1.4", lambda n: 1 <= n <= 10)
     )
 
     def __post_init__(self) -> None:

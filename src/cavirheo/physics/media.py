@@ -19,7 +19,7 @@ from cavirheo.errors import InputError, expect
 from cavirheo.parameters import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, PlausibleRange, check, domain
 from cavirheo.physics.table import extend_table, hermite
 
-_IF_MEANT = " (if it is meant: Medium(..., unusual=True), --trust-input)"
+_IF_MEANT = " (if it is meant: unusual=True, --trust-input)"
 
 
 def _constant(

@@ -16,7 +16,7 @@ from scipy.special import stdtr
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, expect, require
+from cavirheo.errors import InputError, expect
 from cavirheo.messages import Message
 from cavirheo.parameters import BUBBLE, CAMERA, VISCOSITY_AT_RATE, is_at_rate, is_law_parameter, symbol, wide_bound
 from cavirheo.posterior import Posterior, Verdict, viscosity_at_rate
@@ -114,7 +114,8 @@ def table(answers: Sequence[Posterior]) -> Any:
     """
     expected = "a list of answers of infer_many or fit_many"
     expect(answers, Iterable, expected)
-    require(not isinstance(answers, Result), f"expected {expected}; a Result has to_dataframe()", "input.type")
+    if isinstance(answers, Result):
+        raise InputError(f"expected {expected}; a Result has to_dataframe()", "input.type")
     rows = []
     for answer in answers:
         expect(answer, Posterior, expected)
