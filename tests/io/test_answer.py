@@ -34,6 +34,7 @@ def test_draws_have_natural_units_and_their_weights(posterior):
     assert frame.attrs["verdict"] == "ok"
     assert replace(posterior, log_weight=None).to_dataframe()["weight"].std() == 0.0
     assert max(len(repr(posterior)), len(repr(posterior.checks))) < 400  # their arrays are not shown
+    assert "6100 Pa (5100 to 7300)" in repr(seen(np.log10([6100.0, 0.02]), 0.05))  # equal digits: not 7316
     pytest.importorskip("arviz")
     data = posterior.to_arviz()
     assert data["posterior"]["shear_modulus"].attrs["units"] == "Pa"
