@@ -88,15 +88,16 @@ def _plain(value: Any) -> Any:
 
 
 def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of `meta` with all texts made printable, and always with a name and notes. Raises InputError: an
-    entry outside its domain."""
+    """The entries of `meta` with all texts made printable, and always with a name, notes and hints. Raises InputError:
+    an entry outside its domain."""
     labels = {"name": "curve", "notes": (), **meta}
     for entry in vars(RadiusCurve).values():
         if isinstance(entry, _MetaEntry) and entry.allowed and entry.key in labels:
             labels[entry.key] = _plain(labels[entry.key])
             check_domain(entry.allowed, entry.key, labels[entry.key], "curve")
     labels = {key: printable(value) if isinstance(value, str) else value for key, value in labels.items()}
-    return labels | {"name": str(labels["name"]), "notes": tuple(map(printable, labels["notes"] or ()))}
+    texts = {key: tuple(map(printable, labels.get(key) or ())) for key in ("notes", "hints")}
+    return labels | {"name": str(labels["name"])} | texts
 
 
 def as_curves(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
