@@ -144,7 +144,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "arrays of numpy": (packed, "not used: about, read.me"),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
     "no time": (within("inf,100"), "1 of 181 frames without a time"),
-    "comments in the data": (within("#7,100\n# focus"), "2 comments left out"),
+    "comments in the data": (within("#7,100\n# focus"), "2 comments read for constants alone"),
 }  # fmt: skip
 
 
@@ -174,8 +174,7 @@ def test_frames_and_pixels_ask_for_the_camera(tmp_path, name):
     content, asked, said = MEASURED[name]
     path = put(tmp_path / "a.csv", content)
     if asked:
-        refusal = str(error_of(lambda: read_curves(path)[0].max_radius))
-        assert [word for word in asked if word not in refusal] == []
+        assert all(word in str(error_of(lambda: read_curves(path)[0].max_radius)) for word in asked)
     else:
         assert [warning.code for warning in read_curves(path)[0].warnings] == ["check_input.time_digits"]
     (curve,) = read_curves(path, **CAMERA)
@@ -298,8 +297,7 @@ def test_csv_round_trip(tmp_path):
     for name in ("time", "radius", "radius_std"):
         assert np.allclose(getattr(back, name), getattr(curve, name), rtol=1e-9, equal_nan=True)
     assert np.flatnonzero(np.isnan(back.radius)).tolist() == [3]
-    first, *_ = (tmp_path / "a.csv").read_text().splitlines()
-    assert first == "# simulation of a =1+1 @b\\x0a  +c"
+    assert (tmp_path / "a.csv").read_text().startswith("# simulation of a =1+1 @b\\x0a  +c\n")
 
 
 OBJECT = element(14, element(6, b"\x11" + bytes(7)) + 3 * element(1, b"T") + zeros("", 6))
@@ -322,6 +320,8 @@ BAD = {  # content, or what writes it; code; what is named
     "camera.csv": (f"Camera\nFrame,118\nt (s),L (mm),N\n{TWO}", "table.columns", "among 't (s)', 'L (mm)', 'N'"),
     "chinese.csv": (f"时间(us),半径(um)\n{PLAIN}".encode("gbk"), "table.columns", "save it as CSV UTF-8"),
     "rows.json": ('[{"time_us": 0.0, "radius_um": 195.9},\n', "table.columns", "JSON is not read: save a CSV"),
+    "twice.csv": (b"time_us,radius_um,radius_um\n1,2,3\n", "table.twice", "two readings of one bubble"),
+    "packed.csv.gz": (b"\x1f\x8b\x08" + bytes(600), "reading.binary", "unpack what is packed"),
     "swapped.csv": (b"time_um,radius_us\n1,2\n", "table.units", "time in um and radius in us"),
     "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.number", "'Mean' is not a number"),
     "objects.npy": (array(np.array([{"a": 1}], object)), "tabular.array", "numbers"),
@@ -339,7 +339,7 @@ BAD = {  # content, or what writes it; code; what is named
     "A and B.csv": (f"t_us,A (um),B (um)\n{TWO}", "table.twice", "'A (um)', 'B (um)': shots, or the half-axes"),
     "A to D.csv": (f"t,A,B,C,D\nus,um,um,um,um\n{lines(',', US, *[UM] * 4)}", "table.twice", "no name says which"),
     "formulas.xlsx": (book(a=WITHOUT_TIMES), "table.empty", "formulas"),
-    "radii.xlsx": (book(a=[SHEET[0], *zip(US, [None] * N, strict=True)]), "table.empty", "'radius_um' is empty; formulas"),
+    "radii.xlsx": (book(a=[SHEET[0], *zip(US, [None] * N, strict=True)]), "table.empty", "is empty; formulas"),
     "hidden.xlsx": (book(("raw",), notes=[["see raw"]], raw=[["time_us", "R_um"]]), "table.columns", "raw (hidden)"),
     "missing.mat": (lambda path: path.symlink_to("gone"), "reading.missing", "is a link to gone, which does not exist"),
     "folder": (Path.mkdir, "reading.folder", ""),

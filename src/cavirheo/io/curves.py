@@ -43,7 +43,7 @@ _LONG_GAP = 20.0  # median intervals; a longer one that is longer than all befor
 SCALE_TOLERANCE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
 _DIAMETER_TOLERANCE = 0.1  # relative; diameters that differ by more from two radii are none of them
 _STRETCH_TOLERANCE = 0.05  # relative; a larger difference of two stretches of a file is a doubt
-_FORMULAS = "formulas that were never calculated have no values before a spreadsheet saves them"
+_FORMULAS = "; formulas that were never calculated have no values before a spreadsheet saves them"
 _REMARK = re.compile(r"\W*([A-Za-z_][\w ]*?)(?:\s*[:=]\s*|\s+)(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*[\[(]?(.*?)[\])]?\s*$")
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 _CONSTANTS = ("density", "pressure")  # of the medium, which a file may state
@@ -170,7 +170,8 @@ def _series(table: Table) -> list[_Series]:
     shot = table.find("curve")
     shots = len({*shot.text}) if shot else 1
     radii = list(zip(*map(table.all, form.kinds), strict=False))
-    rests = [columns[0] for columns in radii if STATED.name(columns[0].title).kind == "radius at rest"]
+    without_number = ((column, column.title.replace(column.name.number, "", 1)) for column, *_ in radii)
+    rests = [column for column, title in without_number if STATED.name(title).kind == "radius at rest"]
     rests = [column for column in rests if len(radii) > 1 and len(_distinct(column.numbers)) <= shots]
     radii = [columns for columns in radii if columns[0] not in rests]
     radii = [columns for columns in radii if columns[0].unit not in ("px", "px2")] or radii
@@ -179,11 +180,13 @@ def _series(table: Table) -> list[_Series]:
     if shot and len(radii) > 1:
         both = f"a column {shot.title!r} and {len(radii)} columns of radii"
         raise InputError(f"{both}; expected one or the other", "table.twice")
-    found = (re.search(r"(?:^|/)([A-D])(?![A-Za-z])", title) for title in table.titles)
-    letters = {match[1]: match.string for match in found if match}
-    if letters.keys() >= {"half_a": {"A"}, "diameter": {*"ABCD"}}.get(form.kinds[0], {""}):
-        titles = ", ".join(map(repr, letters.values()))
-        message = f"{titles}: shots, or the half-axes of one bubble? no name says which is the "
+    letters = [title for title in table.titles if re.fullmatch(r"(.*/)?[A-D]( \(.*\))?", title)]
+    units = {column.unit for column in (*firsts, *table.all("half_a"))}  # "D (um)" may have that of the row below
+    unclear = form.kinds[0] == "diameter" and len(letters) == 4 and len(units) == 1
+    if form.kinds[0] == "half_a" and re.search(r"(^|/)A(?![A-Za-z])", firsts[0].title):
+        unclear, letters = True, [column.title for column in radii[0]]
+    if unclear:
+        message = f"{', '.join(map(repr, letters))}: shots, or the half-axes of one bubble? no name says which is the "
         raise InputError(f"{message}radius: name them R1_um and R2_um, or a_um and b_um", "table.twice")
     numbers = {column.name.number for column in firsts}
     if len(clocks) < 2 and len(firsts) > 1 and ("" in numbers or len(numbers) < len(firsts)):
@@ -245,15 +248,17 @@ def _of_all(table: Table) -> Iterator[Column]:
 
 def stated(table: Table) -> dict[str, tuple[Column, float]]:
     """Return what single numbers, and columns of one number, state of medium and camera, by quantity, in SI: the first
-    of each that is possible."""
+    of each that is possible; NaN for remarks that state two."""
     facts: dict[str, tuple[Column, float]] = {}
     for column in _of_all(table):
         kind, unit, _ = column.name
-        if kind in facts or kind not in (*_CONSTANTS, *OF_CAMERA) or len(values := _distinct(column.numbers)) != 1:
+        if kind not in (*_CONSTANTS, *OF_CAMERA) or len(values := _distinct(column.numbers)) != 1:
             continue
         value = values[0] * (STATED.terms[kind].units.get(unit, np.nan) if unit else 1.0)
         if 0.0 < value < np.inf:
-            facts[kind] = column, value
+            first, known = facts.setdefault(kind, (column, value))
+            if first.index < 0 and not np.isclose(value, known, rtol=1e-9):
+                facts[kind] = first, np.nan
     return facts
 
 
@@ -265,6 +270,9 @@ def _facts(table: Table, camera: Camera) -> tuple[Camera, dict[str, Any], list[C
     meta["ignored"] = {*_CONSTANTS} & {column.name.kind for column in (*table.columns, *_of_all(table))}
     camera = camera._replace(scale_alone=camera.um_per_px is not None)
     for kind, (column, value) in stated(table).items():
+        if np.isnan(value):
+            meta["notes"].append(f"not used: two values of the {kind} in comments")
+            continue
         if kind in _CONSTANTS:
             meta.setdefault("medium", {})[kind] = value
             unit = CONSTANTS[kind].unit
@@ -307,15 +315,14 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
     in_pixels = unit == "px" or (unit is None and too_large)
     if clock is None or _counts_frames(clock):
         _ask_for(camera, series, unit, in_pixels=in_pixels, notes=notes)
+    formulas = _FORMULAS if series.radius[0].array is None and series.radius[0].table.name else ""  # of a sheet
     time = clock.numbers if clock else np.arange(float(len(radius)))
     if clock and not several_clocks and time.size and not (np.abs(time) < _LARGEST_NUMBER).any():
-        message = (
-            f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}: of times since 1970 subtract the first one"
-        )
-        raise InputError(f"{message}; {_FORMULAS}", "table.empty")
-    empty = (column.title for column in series.radius if column.array is None and not any(column.text))
+        message = f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}"
+        raise InputError(f"{message}: of times since 1970 subtract the first one{formulas}", "table.empty")
+    empty = (column.title for column in series.radius if formulas and not any(column.text))
     if title := next(empty, ""):
-        raise InputError(f"{title!r} is empty; {_FORMULAS}", "table.empty")
+        raise InputError(f"{title!r} is empty{formulas}", "table.empty")
     std = _deviations(series, radius, notes)
     scale, scale_unused = 1.0, False
     if camera.um_per_px is not None and in_pixels:
@@ -344,7 +351,8 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
                 about["label"] = str(number)
                 about["notes"].append(f"the times begin again: shot {number} of {len(parts)} below each other")
             seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
-            curve = _curve(seconds, scale * radius[chosen], scale * std[chosen], unit_of_time, unit, about)
+            values = seconds, scale * radius[chosen], scale * std[chosen], (unit_of_time, unit)
+            curve = _curve(*values, about, camera.frame_rate)
             doubts = [*_aspherical(series.radius, radius, chosen), *rate_warnings(curve, camera.frame_rate)]
             doubts += [Message("check_input.scale_unused", {"given": camera.um_per_px})] if scale_unused else []
             curve = curve.labelled(warnings=(*curve.warnings, *doubts))
@@ -588,7 +596,9 @@ def _read_without_header(table: Table, density: float, pressure: float, camera: 
     curves = read_table(camera, Table(CURVES, [], notes, titles=titles, arrays=arrays))
     ratios = [ratio for curve in curves if (ratio := curve.rayleigh_ratio(density, pressure))]
     if not ratios or not all(_RATIOS[0] <= ratio <= _RATIOS[1] for ratio in ratios):
-        raise InputError(f"no header, and the numbers do not prove their units; {HEADER_ADVICE}", "table.header")
+        title = "radius_um" if camera.um_per_px is None else "radius_px"
+        advice = f"check the frame rate, or begin the file with the line {title}" if alone else HEADER_ADVICE
+        raise InputError(f"no header, and the numbers do not prove their units; {advice}", "table.header")
     return curves
 
 
@@ -611,7 +621,7 @@ def unusable_curve(reason: str, meta: Mapping[str, Any]) -> RadiusCurve:
 
 
 def _curve(
-    t: Floats, r: Floats, std: Floats, time_unit: str | None, radius_unit: str | None, meta: Mapping[str, Any]
+    t: Floats, r: Floats, std: Floats, units: tuple[str | None, str | None], meta: Mapping[str, Any], rate: float | None
 ) -> RadiusCurve:
     """Clean one curve: (n,) finite times and radii (and their deviations) in their units; None: infer the unit from the
     size. If the size contradicts the unit of the radius, the curve is unscaled; if many frames share times, unusable.
@@ -622,13 +632,13 @@ def _curve(
     if 0 < backwards < n - 1 and np.all(np.diff(r) > 0):
         reason = f"the times go back in {backwards} of {n - 1} steps, and the radius always grows"
         return unusable_curve(f"{reason}: are the columns exchanged?", meta)
-    per_time, time_note = _time_scale(t, time_unit)
-    per_radius, radius_note, unscaled = _radius_scale(r, radius_unit)
+    per_time, time_note = _time_scale(t, units[0])
+    per_radius, radius_note, unscaled = _radius_scale(r, units[1])
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _LEAST_RADIUS
     r[empty], std[~((std > 0) & (std < np.inf))] = np.nan, np.nan
     order = np.lexsort((np.isnan(r), t))  # of frames of one time, one with a radius comes first
-    if reason := _shared_times(t[order], r[order]):
+    if reason := _shared_times(t[order], r[order], rate):
         return unusable_curve(reason, meta)
     first = order[np.diff(t[order], prepend=-np.inf) > _TIME_TOLERANCE]
     t, r, std = t[first], r[first], std[first]
@@ -670,15 +680,18 @@ def _gap(t: Floats) -> float:
     return float(steps[k]) if parts and steps[k] > max(t[k] - t[0], _LONG_GAP * float(np.median(steps))) else 0.0
 
 
-def _shared_times(t: Floats, r: Floats) -> str:
+def _shared_times(t: Floats, r: Floats, rate: float | None) -> str:
     """Return why the ascending times (n,) of these radii cannot be right, "" if they can: too many frames share them
     with frames of other radii."""
     shared = np.count_nonzero((np.diff(t) <= _TIME_TOLERANCE) & (np.abs(np.diff(r)) > 0.0))
     if shared <= _SHARED_TIMES * len(t):
         return ""
+    advice = "or too few digits? write more, or give the frame rate (--fps) of a table"
+    if rate is not None:
+        advice = f"these times contradict the frame rate of {rate:.6g} per second"
     return (
         f"{shared} of {len(t)} frames have the time of another one: several shots? give each a file, or name "
-        'the column of their labels "shot"; or too few digits? write more, or give the frame rate (--fps) of a table'
+        f'the column of their labels "shot"; {advice}'
     )
 
 

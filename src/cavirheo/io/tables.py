@@ -452,7 +452,8 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
         rows = list(_split(data, separator))
     notes = [f"{invisible} control characters left out"] if invisible else []
     if comments := [line.strip() for line, used in zip(lines, data, strict=True) if line.strip() and not used]:
-        notes.append(f"{counted(len(comments), 'comment')} left out, such as {comments[0][:40]!r}")
+        use = "read for constants alone" if vocabulary.of_shots else "left out"
+        notes.append(f"{counted(len(comments), 'comment')} {use}, such as {comments[0][:40]!r}")
     return Table(vocabulary, rows, notes, remarks=comments)
 
 
