@@ -352,7 +352,9 @@ def test_a_folder_that_lacks_an_image_is_doubtful_and_one_of_two_recordings_refu
     assert (warning.code, warning.parameters) == ("check_input.images_missing", {"gaps": 1})
     assert "have 1 gap, as" in warning.text
     for number in (-1, 0, 1):  # of frames before the trigger numbers are negative
-        shutil.copy(folder / "images" / f"frame{abs(number)}.png", tmp_path / "images" / f"x_{number}.png")
+        for name in (f"images/x_{number}", f"Frame_-{3 + number}", f"frame{7 + number}"):
+            shutil.copy(folder / "images" / f"frame{abs(number)}.png", tmp_path / f"{name}.png")
+    assert read(tmp_path).notes[0].endswith("Frame_-2.png to frame8.png")
     with refused("video.names", "2 names, frame, x_:"):
         read(tmp_path / "images")
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 import logging
 import re
 import struct
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
-from itertools import islice
+from itertools import islice, pairwise
 from os.path import isdir  # also works for names that no file can have
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ _FFMPEG = {  # without playlists, which would open other files
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
     "protocol_whitelist": "file",
 }
-_NUMBER = r"(?:(?<![^\W_])-)?\d{1,18}"  # of an image; a minus is a sign unless it follows a letter or a digit
+_MINUS = r"(?<![^\W_])-"  # in the name of an image, after no letter or digit
 _STAMPS, _EXPOSURES = 1002, 1003  # blocks of a .cine file: time and exposure of every frame
 
 
@@ -271,9 +271,13 @@ def _read_folder(path: Path) -> Footage:
     if not names:
         expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
         raise InputError(f"no recording in this folder; {expected}", "video.no_images")
-    counter = Counter(re.sub(_NUMBER + r"(\.\d+)?(?=\D*$)", "", name.stem) for name in names)
-    several = [name for name, count in counter.items() if count > 2]  # as many as form a recording
-    if len(several) > 1:
+    numbers = defaultdict[str, list[int]](list)
+    for *before, end in _split_at_numbers([re.sub(r"(?<=\d)\.\d+(?=\D*$)", "", name.stem) for name in names]):
+        if before:
+            numbers["#".join(before[::2]) + end].append(int(before[-1]))
+    several = {name: each for name, each in numbers.items() if len(each) > 2}  # as many as form a recording
+    ranges = sorted((min(each), max(each)) for each in several.values())
+    if any(start <= end for (_, end), (start, _) in pairwise(ranges)):
         named = f"the images have {len(several)} names, {listed(name or 'numbers alone' for name in several)}"
         raise InputError(f"{named}: give each recording a folder", "video.names")
     frames = _join_frames(frame for name in names for frame in _pillow_images(name, 1))
@@ -283,9 +287,17 @@ def _read_folder(path: Path) -> Footage:
     return Footage(_unsigned(frames), notes=(note,), warnings=warnings)
 
 
-def _gaps_in_numbers(names: Iterable[str]) -> int:
+def _split_at_numbers(names: Sequence[str]) -> list[list[str]]:
+    """Split each name to [text, number, ..., text]. A minus is a sign if the same name has a number without it too, as
+    frame_-1 where frame_0 is; else it is a dash."""
+    forms = {re.sub(r"\d+", "0", name) for name in names}
+    signs = [_MINUS if re.sub(rf"({_MINUS})?\d+", "0", name) in forms else "" for name in names]
+    return [re.split(rf"((?:{sign})?\d+)", name) for sign, name in zip(signs, names, strict=True)]
+
+
+def _gaps_in_numbers(names: Sequence[str]) -> int:
     """Return how often names that end in numbers, most of them evenly spaced, leave numbers out."""
-    numbers = [int(match[0]) for name in names if (match := re.search(_NUMBER + r"(?=\D*$)", name))]
+    numbers = [int(parts[-2][-18:]) for parts in _split_at_numbers(names) if len(parts) > 1]
     steps = np.diff(numbers)
     if len(steps) == 0 or np.any(steps <= 0):
         return 0
@@ -301,12 +313,9 @@ def _images(folder: Path) -> list[Path]:
         return []
     most = Counter(path.suffix.lower() for path in paths).most_common(1)
     chosen = [path for path in paths if path.suffix.lower() in dict(most) and path.is_file()]
-
-    def natural(path: Path) -> list[tuple[str, int]]:
-        texts = re.split(f"({_NUMBER})", path.name)
-        return list(zip(texts[::2], [*map(int, texts[1::2]), 0], strict=True))
-
-    return sorted(chosen, key=natural) if _forms_recording(chosen) else []
+    split = _split_at_numbers([path.name for path in chosen])
+    natural = ([*zip(parts[::2], [*map(int, parts[1::2]), 0], strict=True)] for parts in split)
+    return [path for _, path in sorted(zip(natural, chosen, strict=True))] if _forms_recording(chosen) else []
 
 
 def _forms_recording(images: list[Path]) -> bool:
