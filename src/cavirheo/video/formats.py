@@ -175,7 +175,7 @@ def _read_stack(path: Path) -> Footage:
     with tifffile.TiffFile(path) as file:
         first, count = file.pages[0], len(file.pages)
         scale, rate = _stated_by_stack(file)
-        several, warnings = list[str](), list[Message]()
+        several = list[str]()
         with suppress(Exception):  # tifffile raises nearly anything for a damaged description
             count = max(count, (file.imagej_metadata or {}).get("images", 1), file.series[0].size // first.size)
             axes = [axis for axis, size in zip(file.series[0].axes, file.series[0].shape, strict=True) if size > 1]
@@ -187,39 +187,41 @@ def _read_stack(path: Path) -> Footage:
         notes = [_COLOUR_NOTE] if getattr(first, "samplesperpixel", 1) > 2 else []
         notes += [f"the file states {scale:.4g} um per pixel"] if scale else []
         try:
-            images = _join_frames(_stack_frames(file, count, warnings))
+            images, warnings = _stack_frames(file, count)
         except (ValueError, ImportError):  # a compression that needs another library
-            images = _join_frames(_pillow_images(path))
+            images, warnings = _join_frames(_pillow_images(path)), []
     images = images.reshape(-1, *images.shape[-2:])
     return Footage(_unsigned(images), frame_rate=rate, um_per_px=scale, notes=tuple(notes), warnings=tuple(warnings))
 
 
-def _stack_frames(file: Any, stated: int, warnings: list[Message]) -> Iterator[Pixels]:
-    """Yield the brightness of the frames of a TIFF, as far as they are there; `warnings` gets what is missing."""
-    first, source, there, cause = file.pages[0], file.filehandle, 0, ""
+def _stack_frames(file: Any, stated: int) -> tuple[Pixels, list[Message]]:
+    """Return the brightness of the frames of a TIFF, as far as they are there, and a warning of what is missing."""
+    first = file.pages[0]
+    source = file.filehandle
     source.seek(file.pages.next_page_offset)
-    if broken := any(source.read(file.tiff.offsetsize)):
-        cause = "the next one is missing"
-    if len(file.pages) == 1 < stated + broken and first.is_contiguous:  # one block, as of large stacks of ImageJ
+    cause = "the next one is missing" if any(source.read(file.tiff.offsetsize)) else ""
+
+    def pages() -> Iterator[Pixels]:
+        nonlocal cause
+        for k, page in enumerate(file.pages):
+            try:
+                yield _grey(page.asarray())
+            except Exception as error:
+                if k == 0:
+                    raise
+                cause = str(error)
+                return
+
+    if len(file.pages) == 1 < stated + bool(cause) and first.is_contiguous:  # one block, as of large stacks of ImageJ
         there = (source.size - first.dataoffsets[0]) // first.nbytes
         there = min(there, stated) if stated > 1 else there
         block = source.read_array(first.dtype.newbyteorder(file.byteorder), there * first.size, first.dataoffsets[0])
-        yield from map(_grey, block.astype(first.dtype).reshape(there, *first.shape))
+        frames = _join_frames(map(_grey, block.astype(first.dtype).reshape(there, *first.shape)))
     else:
-        for page in file.pages:
-            try:
-                frame = _grey(page.asarray())
-            except Exception as error:
-                if not there:
-                    raise
-                cause = str(error)
-                break
-            there += 1
-            yield frame
-    if there < stated > len(file.pages):
-        warnings.append(_cut_short_warning(there, stated))
-    elif cause:
-        warnings.append(Message("check_input.file_damaged", {"frames": there, "cause": cause}))
+        frames = _join_frames(pages())
+    if len(frames) < stated > len(file.pages):
+        return frames, [_cut_short_warning(len(frames), stated)]
+    return frames, [Message("check_input.file_damaged", {"frames": len(frames), "cause": cause})] if cause else []
 
 
 def _stated_by_stack(file: Any) -> tuple[float | None, float | None]:
