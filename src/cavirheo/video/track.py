@@ -97,7 +97,8 @@ def follow(stage: Stage, exposure: float = 1.0, advance: Callable[[], None] = la
         stage = replace(stage, depth=stage.depth * float(np.median(levels)))
     patches_of = {i: patches or outline.patches(stage, i) for i, patches in patches_of.items()}
     chosen, elsewhere = _one_bubble(patches_of, n)
-    areas = {i: max((p.area for p in patches_of[i] if p is not bubble), default=0.0) for i, bubble in chosen.items()}
+    others = {i: [patch.area for patch in patches_of[i] if patch is not bubble] for i, bubble in chosen.items()}
+    areas = {i: max(each, default=0.0) for i, each in others.items()}
     twins = [i for i, area in areas.items() if area > 0.5 * chosen[i].area > 25.0]
     full_size = max(bubble.area for bubble in chosen.values())
     if max((areas[i] for i in twins), default=0.0) < Rules.least_twin * full_size:
