@@ -471,7 +471,7 @@ def test_published_file(real_data, name):
 
 def test_what_the_words_of_a_command_stand_for(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names = "b.csv a.mat .hidden.csv notes.md result.csv result.json shots.csv sub/c.h5 x/1.png x/2.png y/x/1.png"
+    names = "b.csv a.mat .hidden.csv n.md result.csv result.json shots.csv sub/c.h5 x/1.png x/2.png x/.3.png y/x/1.png"
     for name in names.split():
         (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / name).touch()
@@ -479,15 +479,15 @@ def test_what_the_words_of_a_command_stand_for(tmp_path, monkeypatch):
     assert [str(path) for path in expand(Path("."), said.append)] == ["a.mat", "b.csv", "shots.csv"]
     assert "2 images: at least 3 are needed" in str(error_of(expand, Path("x")))
     (tmp_path / "x" / "3.png").touch()
-    for content, taken in (("{}", "x"), (HEAD + PLAIN, "x/a.csv"), (f"frame,R_px\n{PLAIN}", "x/a.csv")):
+    for content, taken in (("{}", "x"), (HEAD + PLAIN, "x/a.csv"), ("1,2\n2,three", "x/a.csv")):
         (tmp_path / "x" / "a.csv").write_text(content)
         assert expand(Path("x"), said.append) == [Path(taken)]
     expand(Path("."), said.append)
-    both = "x: 1 file; 3 others left out; it holds images and a table: move the table away to measure the images"
+    both = "x: 1 file; 3 others left out; it holds images, too: move a.csv away to measure the images"
     first, images = ".: 3 files; 3 others left out", "x: its images are one recording; left out: a.csv"
-    assert said == [first, images, both, both, f"{first}; the folder x left out: give it by name"]
+    assert said == [first, images, both, both, f"{first}; folders of images (x) left out: give each by name"]
     (tmp_path / "x").rename(tmp_path / "y" / "z")
-    assert "it holds the folder z: give it" in str(error_of(expand, Path("y")))
+    assert "it holds folders of images (z): give each" in str(error_of(expand, Path("y")))
     (tmp_path / "x[1].txt").touch()
     (tmp_path / "empty").mkdir()
     words = {"*.csv": ["b.csv", "result.csv", "shots.csv"], "**/*.h5": ["sub/c.h5"]}

@@ -46,6 +46,8 @@ _OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is
     "result.csv": "result.json",
     "shots.csv": "collapse-time.json",
 }
+_NO_TABLE = {"reading.empty", "reading.binary", "table.columns", "table.header", "table.empty", "matlab.variables"}
+_NO_TABLE |= {"tabular.archive", "tabular.array", "tabular.binary", "tabular.workbook"}  # such files hold no curves
 
 
 @dataclass(frozen=True)
@@ -173,26 +175,27 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
             notify(f"{folder}: its images are one recording; left out: {listed(others)}")
         return [folder]
     inner = sorted(path.name for path in folder.iterdir() if path.name[0] != "." and isdir(path) and is_video(path))
-    folders, each = (f"the folder {inner[0]}", "it") if len(inner) == 1 else (f"the folders {listed(inner)}", "each")
     if not taken:
-        count = sum(path.suffix.lower() in IMAGE_ENDINGS for path in folder.iterdir())
-        why = f"expected files {', '.join(sorted(FILE_ENDINGS))}"
-        why = f"{digits.counted(count, 'image')}: at least 3 are needed" if count else why
-        why = f"it holds {folders}: give {each}" if inner else why
+        if inner:
+            why = f"it holds folders of images ({listed(inner)}): give each by name"
+        elif count := sum(path.suffix.lower() in IMAGE_ENDINGS and path.name[0] != "." for path in folder.iterdir()):
+            why = f"{digits.counted(count, 'image')}: at least 3 are needed"
+        else:
+            why = f"expected files {', '.join(sorted(FILE_ENDINGS))}"
         raise InputError(f"{folder}: no measurement in this folder; {why}", "files.none_in_folder")
     parts = [f"{folder}: {digits.counted(len(taken), 'file')}"]
     parts += [f"{digits.counted(left, 'other')} left out"] if left else []
-    parts += ["it holds images and a table: move the table away to measure the images"] if is_video(folder) else []
-    parts += [f"{folders} left out: give {each} by name"] if inner else []
+    parts += [f"it holds images, too: move {listed(others)} away to measure the images"] if is_video(folder) else []
+    parts += [f"folders of images ({listed(inner)}) left out: give each by name"] if inner else []
     notify("; ".join(parts))
     return taken
 
 
 def _may_hold_curves(path: Path) -> bool:
-    """Whether a file is a recording (no header alone) or a table of curves, perhaps without a unit or frame rate."""
+    """Whether a file is a recording (no header alone) or a table, perhaps with a mistake that its reader reports."""
     from cavirheo.io.shots import read_curves  # which imports this module
 
     try:
         return not pixels_of(path) if is_video(path) else bool(read_curves(path))
     except InputError as error:
-        return error.code in ("table.frame_rate", "table.units")
+        return error.code not in _NO_TABLE
