@@ -144,7 +144,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "arrays of numpy": (packed, "not used: about, read.me"),
     "lost frame": (within("0,0"), "1 rows with time 0 and no radius"),
     "no time": (within("inf,100"), "1 of 181 frames without a time"),
-    "comments in the data": (within("#7,100\n# focus"), "2 comments read for constants alone"),
+    "comments in the data": (within("#7,100\n# focus"), "'#7,100': only constants are used"),
 }  # fmt: skip
 
 

@@ -351,10 +351,10 @@ def test_a_folder_that_lacks_an_image_is_doubtful_and_one_of_two_recordings_refu
     (warning,) = read(tmp_path / "images").warnings
     assert (warning.code, warning.parameters) == ("check_input.images_missing", {"gaps": 1})
     assert "have 1 gap, as" in warning.text
-    for number in (-1, 0, 1):  # of frames before the trigger numbers are negative
+    for number in (-1, 0, 1):  # negative before the trigger; a dash where no name has a number without it
         for name in (f"images/x_{number}", f"Frame_-{3 + number}", f"frame{7 + number}"):
             shutil.copy(folder / "images" / f"frame{abs(number)}.png", tmp_path / f"{name}.png")
-    assert read(tmp_path).notes[0].endswith("Frame_-2.png to frame8.png")
+    assert read(tmp_path).notes[0].endswith("frame6.png to Frame_-4.png")
     with refused("video.names", "2 names, frame, x_:"):
         read(tmp_path / "images")
 

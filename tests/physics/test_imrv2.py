@@ -89,7 +89,6 @@ ALIKE = {
 def differences(found: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
     """Median and largest difference of R/R_max."""
     away = np.abs(found - reference)
-    print(f"median {np.median(away):.1e}, largest {away.max():.1e}")
     return float(np.median(away)), float(away.max())
 
 

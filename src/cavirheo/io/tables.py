@@ -452,8 +452,8 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
         rows = list(_split(data, separator))
     notes = [f"{invisible} control characters left out"] if invisible else []
     if comments := [line.strip() for line, used in zip(lines, data, strict=True) if line.strip() and not used]:
-        use = "read for constants alone" if vocabulary.of_shots else "left out"
-        notes.append(f"{counted(len(comments), 'comment')} {use}, such as {comments[0][:40]!r}")
+        use = "only constants are used" if vocabulary.of_shots else "left out"
+        notes.append(f"{counted(len(comments), 'comment')}, such as {comments[0][:40]!r}: {use}")
     return Table(vocabulary, rows, notes, remarks=comments)
 
 

@@ -316,7 +316,7 @@ def _images(folder: Path) -> list[Path]:
     most = Counter(path.suffix.lower() for path in paths).most_common(1)
     chosen = [path for path in paths if path.suffix.lower() in dict(most) and path.is_file()]
     split = _split_at_numbers([path.name for path in chosen])
-    natural = ([*zip(parts[::2], [*map(int, parts[1::2]), 0], strict=True)] for parts in split)
+    natural = ([*zip(map(str.casefold, parts[::2]), [*map(int, parts[1::2]), 0], strict=True)] for parts in split)
     return [path for _, path in sorted(zip(natural, chosen, strict=True))] if _forms_recording(chosen) else []
 
 
