@@ -189,7 +189,7 @@ def _read_stack(path: Path) -> Footage:
         try:
             images, warnings = _stack_frames(file, count)
         except (ValueError, ImportError):  # a compression that needs another library
-            images, warnings = _join_frames(_pillow_images(path)), []
+            images, warnings = _until_damage(_pillow_images(path))
     images = images.reshape(-1, *images.shape[-2:])
     return Footage(_unsigned(images), frame_rate=rate, um_per_px=scale, notes=tuple(notes), warnings=tuple(warnings))
 
@@ -200,28 +200,40 @@ def _stack_frames(file: Any, stated: int) -> tuple[Pixels, list[Message]]:
     source = file.filehandle
     source.seek(file.pages.next_page_offset)
     cause = "the next one is missing" if any(source.read(file.tiff.offsetsize)) else ""
-
-    def pages() -> Iterator[Pixels]:
-        nonlocal cause
-        for k, page in enumerate(file.pages):
-            try:
-                yield _grey(page.asarray())
-            except Exception as error:
-                if k == 0:
-                    raise
-                cause = str(error)
-                return
-
     if len(file.pages) == 1 < stated + bool(cause) and first.is_contiguous:  # one block, as of large stacks of ImageJ
         there = (source.size - first.dataoffsets[0]) // first.nbytes
         there = min(there, stated) if stated > 1 else there
         block = source.read_array(first.dtype.newbyteorder(file.byteorder), there * first.size, first.dataoffsets[0])
         frames = _join_frames(map(_grey, block.astype(first.dtype).reshape(there, *first.shape)))
+        warnings = _damage_warnings(len(frames), cause)
     else:
-        frames = _join_frames(pages())
-    if len(frames) < stated > len(file.pages):
-        return frames, [_cut_short_warning(len(frames), stated)]
-    return frames, [Message("check_input.file_damaged", {"frames": len(frames), "cause": cause})] if cause else []
+        frames, warnings = _until_damage((_grey(page.asarray()) for page in file.pages), cause)
+    cut_short = len(frames) < stated > len(file.pages)
+    return frames, [_cut_short_warning(len(frames), stated)] if cut_short else warnings
+
+
+def _until_damage(frames: Iterator[Pixels], cause: str = "") -> tuple[Pixels, list[Message]]:
+    """Join frames as far as they can be read, with a warning if that, or a known cause, ends them early. Raises any
+    error of the first one."""
+
+    def readable() -> Iterator[Pixels]:
+        nonlocal cause
+        first = True
+        try:
+            for frame in frames:
+                yield frame
+                first = False
+        except Exception as error:
+            if first:
+                raise
+            cause = str(error)
+
+    joined = _join_frames(readable())
+    return joined, _damage_warnings(len(joined), cause)
+
+
+def _damage_warnings(frames: int, cause: str) -> list[Message]:
+    return [Message("check_input.file_damaged", {"frames": frames, "cause": cause})] if cause else []
 
 
 def _stated_by_stack(file: Any) -> tuple[float | None, float | None]:
