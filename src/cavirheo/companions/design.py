@@ -244,7 +244,7 @@ def design(
 
 def _differences(liquid: Medium, media: Sequence[Medium]) -> list[str]:
     """A note if the medium of a design is not that of the shots."""
-    names = [name for name in CONSTANTS for one in media if getattr(one, name) != getattr(liquid, name)]
+    names = [name for name in CONSTANTS if any(getattr(one, name) != getattr(liquid, name) for one in media)]
     return [f"the medium of this design differs from that of the shots in {listed(names)}"] if names else []
 
 

@@ -320,9 +320,9 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
     if clock and not several_clocks and time.size and not (np.abs(time) < _LARGEST_NUMBER).any():
         message = f"{clock.title!r} holds no number below {_LARGEST_NUMBER:g}"
         raise InputError(f"{message}: of times since 1970 subtract the first one{formulas}", "table.empty")
-    empty = (column.title for column in series.radius if formulas and not any(column.text))
-    if title := next(empty, ""):
-        raise InputError(f"{title!r} is empty{formulas}", "table.empty")
+    for column in series.radius:
+        if formulas and not any(column.text):
+            raise InputError(f"{column.title!r} is empty{formulas}", "table.empty")
     std = _deviations(series, radius, notes)
     scale, scale_unused = 1.0, False
     if camera.um_per_px is not None and in_pixels:
@@ -540,8 +540,9 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
             notes.append(f"the file states the stretch {stretch:.4g}: R_max over {column.title}")
         else:
             notes.append(f"{column.title!r} is not used: it gives no stretch")
-            doubt = Message("check_input.at_rest", {"ratio": stretch, "title": column.title})
-            curve = curve.labelled(warnings=(*curve.warnings, *([] if np.isnan(stretch) else [doubt])))
+            if not np.isnan(stretch):
+                doubt = Message("check_input.at_rest", {"ratio": stretch, "title": column.title})
+                curve = curve.labelled(warnings=(*curve.warnings, doubt))
     ignored = sorted({*curve.meta.get("ignored", ())} - medium.keys())
     return curve.labelled(**meta, medium=medium, ignored=ignored).with_notes(*notes)
 

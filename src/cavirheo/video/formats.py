@@ -285,20 +285,26 @@ def _read_folder(path: Path) -> Footage:
     if not names:
         expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
         raise InputError(f"no recording in this folder; {expected}", "video.no_images")
-    numbers = defaultdict[str, list[int]](list)
-    for *before, end in _split_at_numbers([re.sub(r"(?<=\d)\.\d+(?=\D*$)", "", name.stem) for name in names]):
-        if before:
-            numbers["#".join(before[::2]) + end].append(int(before[-1]))
-    several = {name: each for name, each in numbers.items() if len(each) > 2}  # as many as form a recording
-    ranges = sorted((min(each), max(each)) for each in several.values())
-    if any(start <= end for (_, end), (start, _) in pairwise(ranges)):
-        named = f"the images have {len(several)} names, {listed(name or 'numbers alone' for name in several)}"
-        raise InputError(f"{named}: give each recording a folder", "video.names")
+    _check_names([name.stem for name in names])
     frames = _join_frames(frame for name in names for frame in _pillow_images(name, 1))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
     gaps = _gaps_in_numbers([name.stem for name in names])
     warnings = (Message("check_input.images_missing", {"gaps": gaps}),) if gaps else ()
     return Footage(_unsigned(frames), notes=(note,), warnings=warnings)
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Raise InputError if images have several names, apart from their numbers, and count over each other's last ones:
+    these are several recordings."""
+    last_numbers = defaultdict[str, list[int]](list)  # by name
+    for *before, end in _split_at_numbers([re.sub(r"(?<=\d)\.\d+(?=\D*$)", "", name) for name in names]):
+        if before:
+            last_numbers["#".join(before[::2]) + end].append(int(before[-1]))
+    several = {name: numbers for name, numbers in last_numbers.items() if len(numbers) > 2}  # as many as a recording
+    ranges = sorted((min(numbers), max(numbers)) for numbers in several.values())
+    if any(start <= end for (_, end), (start, _) in pairwise(ranges)):
+        named = f"the images have {len(several)} names, {listed(name or 'numbers alone' for name in several)}"
+        raise InputError(f"{named}: give each recording a folder", "video.names")
 
 
 def _split_at_numbers(names: Sequence[str]) -> list[list[str]]:
