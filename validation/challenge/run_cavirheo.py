@@ -11,14 +11,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from cavirheo import Medium, fit, infer, predict_radius, read_curves
-from validation.challenge.answers import Answer, Recording, run
+from cavirheo import Medium, RadiusCurve, fit, infer, infer_many, predict_radius, read_curves
+from validation.challenge.answers import Answer, Recording, read, run
 
 QUANTITIES = {"G": "shear_modulus_Pa", "mu": "viscosity_Pa_s"}
 
@@ -40,6 +41,18 @@ def answer(recording: Recording, options: list[str]) -> Answer:
         row |= stated(name, value.get("median"), value.get("q05"), value.get("q95"), value.get("bound"))
     row = {key: "" if value is None else value for key, value in row.items()} | {"verdict": curve["verdict"]}
     return row | ({"predict": partial(predicted, recording, options)} if curve["best"] else {})
+
+
+def seconds_together(folder: Path) -> float:
+    """Seconds in which all recordings of a folder are answered in one call."""
+    curves = list[RadiusCurve]()
+    for one in read(folder):
+        known = {"exposure_s": one.exposure, "medium": {"density": one.density}}
+        curves.append(read_curves(one.path)[0].labelled(**known))
+    infer_many(curves[:1])  # what is loaded once does not count
+    began = time.perf_counter()
+    infer_many(curves)
+    return time.perf_counter() - began
 
 
 def stated(name: str, median: float | None, low: float | None, high: float | None, bound: str | None) -> Answer:

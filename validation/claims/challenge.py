@@ -2,8 +2,8 @@
 
 `field`, `real` and `all` are of `infer` and seed 1; `several.field` and so on of UNSEEN, which --full takes, too.
 `fit.field` and so on are of other programs and seed 1. `open` are predictions of real recordings, where their folder is
-given. `thinning`: power-law liquids. Without --full, parts other than `infer` run where
-they are named.
+given. `thinning`: power-law liquids. `together`: all recordings in one call. Without --full, parts other than `infer`
+run where they are named.
 """
 
 from __future__ import annotations
@@ -65,6 +65,9 @@ def measure(run: Run) -> Iterator[Number]:
         for program in [one for one in PROGRAMS if one in parts]:
             answer(program, SEED, truths[SEED])
             yield from judged("" if program == "infer" else f"{program}.", truths[SEED], found[program, SEED])
+        if "infer" in parts:
+            together = run_cavirheo.seconds_together(Path(folder) / str(SEED) / "recordings")
+            yield statistic("together.seconds", [together], "s")
         for seed in unseen:
             answer("infer", seed, truths[seed])
         if unseen:
