@@ -211,16 +211,11 @@ def test_rate_and_scale_are_the_users_before_the_cameras(folder, tmp_path):
 
 def imagej(text: str, **more: object) -> dict:
     """How ImageJ describes a stack with pixels of 4 um, 0.25 per um."""
-    head = f"ImageJ=1.54f\nimages={FRAMES}\nframes={FRAMES}\n{text}\n"
-    described = {"description": head.encode("latin-1", "backslashreplace"), "metadata": None}
-    return described | {"resolution": (0.25, 0.25)} | more
+    head = f"ImageJ=1.54f\nimages={FRAMES}\nframes={FRAMES}\n{text}\n".encode("latin-1", "backslashreplace")
+    return {"description": head, "metadata": None, "resolution": (0.25, 0.25)} | more
 
 
-def ome(axes: str, **about: object) -> dict:
-    return {"ome": True, "metadata": {"axes": axes, **about}}
-
-
-PRINTED = {"resolution": (72, 72), "resolutionunit": "INCH"}
+OME = {"axes": "TYX", "PhysicalSizeX": 4.0, "TimeIncrement": 2.0, "TimeIncrementUnit": "µs"}
 STACKS = {  # how a stack is written; its um per pixel and frames per second
     **{
         unit: (imagej(f"unit={unit}"), 4.0, None)
@@ -229,9 +224,9 @@ STACKS = {  # how a stack is written; its um per pixel and frames per second
     "an interval": (imagej("unit=micron\nfinterval=0.002\ntunit=ms"), 4.0, 5e5),
     "how fast it is played": (imagej("unit=mm\nfinterval=0.1", resolution=(250, 250)), 4.0, None),
     "pixels alone": (imagej("unit=pixel"), None, None),
-    "for printing": (PRINTED, None, None),
+    "for printing": ({"resolution": (72, 72), "resolutionunit": "INCH"}, None, None),
     "per cm, by no description": ({"resolution": (2500, 2500), "resolutionunit": "CENTIMETER"}, None, None),
-    "OME": (ome("TYX", PhysicalSizeX=4.0, TimeIncrement=2.0, TimeIncrementUnit="µs"), 4.0, 5e5),
+    "OME": ({"ome": True, "metadata": OME}, 4.0, 5e5),
 }
 
 
@@ -274,6 +269,11 @@ def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
         assert 20 < len(cut.frames) < FRAMES
         code = "file_damaged" if name == "packed.tif" else "file_cut_short"  # which states no number of frames
         assert [one.code for one in cut.warnings] == [f"check_input.{code}"]
+    files = "".join(f'<TiffData FirstT="{9 * k}"><UUID FileName="{k}.tif">{k}</UUID></TiffData>' for k in (0, 1))
+    size = 'DimensionOrder="XYCZT" Type="uint8" SizeX="88" SizeY="72" SizeC="1" SizeZ="1" SizeT="18"'
+    about = f"<OME><Image><Pixels {size}>{files}</Pixels></Image></OME>"
+    tifffile.imwrite(tmp_path / "0.tif", film().frames[:9], description=about, metadata=None)
+    assert [one.code for one in read(tmp_path / "0.tif").warnings] == ["check_input.file_of_set"]
 
 
 NO_RECORDINGS: dict[str, tuple[str, Callable]] = {

@@ -177,9 +177,9 @@ def _read_stack(path: Path) -> Footage:
         scale, rate = _stated_by_stack(file)
         several = list[str]()
         with suppress(Exception):  # tifffile raises nearly anything for a damaged description
-            count = max(count, (file.imagej_metadata or {}).get("images", 1), file.series[0].size // first.size)
-            axes = [axis for axis, size in zip(file.series[0].axes, file.series[0].shape, strict=True) if size > 1]
-            several = [axis for axis in axes if axis not in "YXS"]
+            series = file.series[0]
+            count = max(count, (file.imagej_metadata or {}).get("images", 1), series.size // first.size)
+            several = [axis for axis, n in zip(series.axes, series.shape, strict=True) if axis not in "YXS" and n > 1]
         _check_size(count * float(first.nbytes))
         if len(several) > 1:
             kinds = f"a stack along {' and '.join(several)} (T: times, C: channels, Z: depths)"
@@ -208,8 +208,12 @@ def _stack_frames(file: Any, stated: int) -> tuple[Pixels, list[Message]]:
         warnings = _damage_warnings(len(frames), cause)
     else:
         frames, warnings = _until_damage((_grey(page.asarray()) for page in file.pages), cause)
-    cut_short = len(frames) < stated > len(file.pages)
-    return frames, [_cut_short_warning(len(frames), stated)] if cut_short else warnings
+    if not len(frames) < stated > len(file.pages):
+        return frames, warnings
+    files = {*re.findall(r'<(?:\w+:)?UUID FileName="(.*?)"', file.ome_metadata or "")}
+    if len(files) < 2:
+        return frames, [_cut_short_warning(len(frames), stated)]
+    return frames, [Message("check_input.file_of_set", {"stated": stated, "files": len(files)}), *warnings]
 
 
 def _until_damage(frames: Iterator[Pixels], cause: str = "") -> tuple[Pixels, list[Message]]:
@@ -281,23 +285,27 @@ def _unsigned(images: Pixels) -> Pixels:
 
 
 def _read_folder(path: Path) -> Footage:
-    names = _images(path)
-    if not names:
+    images = _images(path)
+    if not images:
         expected = f"expected at least 3 images of one kind ({', '.join(IMAGE_ENDINGS + STACK_ENDINGS)})"
         raise InputError(f"no recording in this folder; {expected}", "video.no_images")
-    _check_names([name.stem for name in names])
-    frames = _join_frames(frame for name in names for frame in _pillow_images(name, 1))
-    note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
-    gaps = _gaps_in_numbers([name.stem for name in names])
+    names = _split_at_numbers(images)
+    _check_names(names.values())
+    frames = _join_frames(frame for image in names for frame in _pillow_images(image, 1))
+    first, *_, last = names
+    note = f"{len(names)} images of a folder in natural order, {first.name} to {last.name}"
+    gaps = _gaps_in_numbers(names.values())
     warnings = (Message("check_input.images_missing", {"gaps": gaps}),) if gaps else ()
     return Footage(_unsigned(frames), notes=(note,), warnings=warnings)
 
 
-def _check_names(names: Sequence[str]) -> None:
+def _check_names(names: Iterable[list[str]]) -> None:
     """Raise InputError if images have several names, apart from their numbers, and count over each other's last ones:
-    these are several recordings."""
+    these are several recordings. The names are split at their numbers."""
     last_numbers = defaultdict[str, list[int]](list)  # by name
-    for *before, end in _split_at_numbers([re.sub(r"(?<=\d)\.\d+(?=\D*$)", "", name) for name in names]):
+    for *before, end in names:
+        if before[-2:-1] == ["."]:  # a decimal number
+            del before[-2:]
         if before:
             last_numbers["#".join(before[::2]) + end].append(int(before[-1]))
     several = {name: numbers for name, numbers in last_numbers.items() if len(numbers) > 2}  # as many as a recording
@@ -307,17 +315,22 @@ def _check_names(names: Sequence[str]) -> None:
         raise InputError(f"{named}: give each recording a folder", "video.names")
 
 
-def _split_at_numbers(names: Sequence[str]) -> list[list[str]]:
-    """Split each name to [text, number, ..., text]. A minus is a sign if the same name has a number without it too, as
-    frame_-1 where frame_0 is; else it is a dash."""
-    forms = {re.sub(r"\d+", "0", name) for name in names}
-    signs = [_MINUS if re.sub(rf"({_MINUS})?\d+", "0", name) in forms else "" for name in names]
-    return [re.split(rf"((?:{sign})?\d+)", name) for sign, name in zip(signs, names, strict=True)]
+def _split_at_numbers(images: Sequence[Path]) -> dict[Path, list[str]]:
+    """Return the name of each image as [text, number, ..., text], in natural order (frame 2 before frame 10). A minus
+    is a sign if the same name has a number without it too, as frame_-1 where frame_0 is; else it is a dash."""
+    forms = {re.sub(r"\d+", "0", image.stem) for image in images}
+    names = []
+    for image in images:
+        sign = _MINUS if re.sub(rf"({_MINUS})?\d+", "0", image.stem) in forms else ""
+        parts = re.split(rf"((?:{sign})?\d+)", image.stem)
+        natural = [int(part) if k % 2 else part.casefold() for k, part in enumerate(parts)]
+        names.append((natural, image, parts))
+    return {image: parts for _, image, parts in sorted(names)}
 
 
-def _gaps_in_numbers(names: Sequence[str]) -> int:
+def _gaps_in_numbers(names: Iterable[list[str]]) -> int:
     """Return how often names that end in numbers, most of them evenly spaced, leave numbers out."""
-    numbers = [int(parts[-2][-18:]) for parts in _split_at_numbers(names) if len(parts) > 1]
+    numbers = [int(parts[-2][-18:]) for parts in names if len(parts) > 1]
     steps = np.diff(numbers)
     if len(steps) == 0 or np.any(steps <= 0):
         return 0
@@ -326,29 +339,27 @@ def _gaps_in_numbers(names: Sequence[str]) -> int:
 
 
 def _images(folder: Path) -> list[Path]:
-    """Return the images with the commonest ending, in natural order (frame 2 before frame 10); none if no recording."""
+    """Return the images with the commonest ending; none if they are fewer than three, or stacks of frames."""
     try:
         paths = [p for p in folder.iterdir() if p.name[0] != "." and p.suffix.lower() in IMAGE_ENDINGS + STACK_ENDINGS]
     except OSError:
         return []
     most = Counter(path.suffix.lower() for path in paths).most_common(1)
     chosen = [path for path in paths if path.suffix.lower() in dict(most) and path.is_file()]
-    split = _split_at_numbers([path.name for path in chosen])
-    natural = ([*zip(map(str.casefold, parts[::2]), [*map(int, parts[1::2]), 0], strict=True)] for parts in split)
-    return [path for _, path in sorted(zip(natural, chosen, strict=True))] if _forms_recording(chosen) else []
+    return chosen if len(chosen) > 2 and not _is_stack(chosen[0]) else []
 
 
-def _forms_recording(images: list[Path]) -> bool:
-    """Whether images form a recording: there are at least three, and the first is no stack of frames."""
-    if len(images) < 3 or images[0].suffix.lower() not in STACK_ENDINGS or not find_spec("tifffile"):
-        return len(images) > 2
+def _is_stack(image: Path) -> bool:
+    """Whether an image is a stack of frames, or a damaged TIFF."""
+    if image.suffix.lower() not in STACK_ENDINGS or not find_spec("tifffile"):
+        return False
     from tifffile import TiffFile
 
     try:
-        with TiffFile(images[0]) as file:
-            return len(file.pages) == 1
+        with TiffFile(image) as file:
+            return len(file.pages) != 1
     except Exception:  # tifffile raises nearly anything for a damaged file; the reader will report the error
-        return False
+        return True
 
 
 def _read_cine(path: Path) -> Footage:
@@ -373,12 +384,12 @@ def _read_cine(path: Path) -> Footage:
             warnings.append(Message("check_input.time_stamps", wrong))
         if not usable:
             time = None
-        elif not right.all() or np.all(np.abs(time * stamped - np.arange(n)) < _STAMP_TOLERANCE):
-            time = np.arange(n) / stamped  # stamps are rounded, often to 1 us
-        if usable:
+        else:
+            if not right.all() or np.all(np.abs(time * stamped - np.arange(n)) < _STAMP_TOLERANCE):
+                time = np.arange(n) / stamped  # stamps are rounded, often to 1 us
             notes.append(f"{stamped:.6g} frames per second by the time stamps of the .cine file")
-        if usable and rate and abs(stamped / rate - 1.0) > 0.01:
-            warnings.append(Message("check_input.camera_clock", {"header": rate, "stamps": stamped}))
+            if rate and abs(stamped / rate - 1.0) > 0.01:
+                warnings.append(Message("check_input.camera_clock", {"header": rate, "stamps": stamped}))
     if len(blocks.get(_EXPOSURES, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[_EXPOSURES], "<u4")[:n])) / 2**32 or None
     footage = replace(movie, time=time, frame_rate=rate or None, exposure=exposure)
