@@ -123,7 +123,7 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "minus signs": (HEAD + PLAIN.replace("-", "−"), ""),
     "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "decimal commas"),
     "lines above": (META + HEAD + PLAIN, "2 lines above the titles"),
-    "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
+    "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "only constants"),
     "unit row": ("Time,Radius\nus,um\n" + PLAIN, "below the titles: us, um"),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
     "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
@@ -197,7 +197,7 @@ DOUBTFUL = {  # a file, options, and codes of its warnings
     "a radius at rest above R_max": (saved(R=RADIUS, t=TIME, R_eq=3e-4), {}, "at_rest"),
     "two stretches": (saved(R=RADIUS, t=TIME, R_eq=25e-6, lambda_max=6.0), {}, "stretches"),
     "another scale": (saved(R_px=UM / 3.0, t=TIME, deltax=3.2e-6), {"um_per_px": 3.0}, "camera_differs"),
-    "one of a comment": ("# um_per_px: 3.2\nt_us,R_px\n" + PLAIN, {"um_per_px": 3.0}, "camera_differs"),
+    "one above the titles": ("Scale,3.2 µm/pixel\nt_us,R_px\n" + PLAIN, {"um_per_px": 3.0}, "camera_differs"),
 }
 
 

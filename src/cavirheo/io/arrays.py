@@ -396,8 +396,8 @@ def _table(group: str, names: dict[str, Name], of_frames: Container[str], arrays
             name = Name()
         shape = np.shape(array)
         if name.kind in PER_SHOT and not isinstance(array, str) and 1 < shots == array.size:
-            each = {f"{path}{{{k}}}": (name._replace(number=str(k)), one) for k, one in enumerate(np.ravel(array), 1)}
-            columns |= each
+            for k, number in enumerate(np.ravel(array), 1):
+                columns[f"{path}{{{k}}}"] = name._replace(number=str(k)), number
             continue
         if isinstance(array, str) or matrix is None or path not in of_frames or sorted(shape) != sorted(matrix):
             columns[path] = name, array
@@ -440,11 +440,9 @@ def _no_history(arrays: Arrays) -> InputError:
 
 def _bdt(arrays: Arrays, density: float, pressure: float, camera: Camera) -> list[RadiusCurve]:
     """Read BDT's cells of R/R_max and t* = t/(R_max sqrt(rho/p)), with R_max of each in RmaxList."""
-    others = [path for path in arrays if _CELL.sub("", path) not in _BDT]
-    about = [
-        (Name() if _has_frames(path, arrays[path]) else _name(path, arrays[path]), arrays[path]) for path in others
-    ]
-    facts = stated(Table(CURVES, [], [], titles=others, arrays=about))
+    others = {path: array for path, array in arrays.items() if _CELL.sub("", path) not in _BDT}
+    about = [(Name() if _has_frames(path, array) else _name(path, array), array) for path, array in others.items()]
+    facts = stated(Table(CURVES, [], [], titles=[*others], arrays=about))
     density = facts["density"][1] if "density" in facts else density
     pressure = facts["pressure"][1] if "pressure" in facts else pressure
     if not _size(arrays.get(_BDT[2], "")):

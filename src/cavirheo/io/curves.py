@@ -19,7 +19,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, rate_warnings
 from cavirheo.errors import InputError, listed
 from cavirheo.io.files import MOST_CURVES, Source, check_limit
-from cavirheo.io.names import AREA_UNITS, CURVES, HEADER_ADVICE, OF_CAMERA, RADIUS_UNITS, STATED, WITHOUT_TIMES
+from cavirheo.io.names import AREA_UNITS, CURVES, OF_CAMERA, OF_MEDIUM, RADIUS_UNITS, STATED, WITHOUT_TIMES
 from cavirheo.io.tables import Column, Name, Table, read_columns
 from cavirheo.landmarks import median_where_large
 from cavirheo.messages import Message, aspherical_warnings, camera_warnings
@@ -46,17 +46,17 @@ _STRETCH_TOLERANCE = 0.05  # relative; a larger difference of two stretches of a
 _FORMULAS = "; formulas that were never calculated have no values before a spreadsheet saves them"
 _REMARK = re.compile(r"\W*([A-Za-z_][\w ]*?)(?:\s*[:=]\s*|\s+)(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*[\[(]?(.*?)[\])]?\s*$")
 _RATIOS = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
-_CONSTANTS = ("density", "pressure")  # of the medium, which a file may state
 _MOST_REMARKS = 1000  # that are looked through
 
 
 class Camera(NamedTuple):
-    """What is known of the camera: frames per s, micrometres per pixel; None: not known. scale_alone: the scale is that
-    of the user, and the file states none."""
+    """What is known of the camera: frames per s, micrometres per pixel; None: not known. doubt_rate: whether it is a
+    doubt if the times contradict the rate. doubt_scale: whether it is one if the scale is not used."""
 
     frame_rate: float | None = None
     um_per_px: float | None = None
-    scale_alone: bool = False
+    doubt_rate: bool = True
+    doubt_scale: bool = True
 
 
 class Form(NamedTuple):
@@ -201,7 +201,7 @@ def _series(table: Table) -> list[_Series]:
     maxima = table.all("max_radius")
     max_radius_of = _of_each(firsts, maxima) or [table.at_most_one(maxima)] * len(firsts)
     stated_of = list[Sequence[Column | None]]()
-    for columns in filter(None, map(table.all, ("stretch", "stretch_std", *_CONSTANTS))):
+    for columns in filter(None, map(table.all, ("stretch", "stretch_std", *OF_MEDIUM))):
         numbered = [column for column in columns if column.name.number]
         stated_of.append(_of_each(firsts, numbered) or [columns[0]] * len(firsts))
     of_each = zip(radii, clock_of, deviation_of, at_rest_of, max_radius_of, strict=True)
@@ -237,13 +237,12 @@ def _of_each(radii: Sequence[Column], columns: Sequence[Column]) -> Sequence[Col
 
 def _of_all(table: Table) -> Iterator[Column]:
     """Yield the columns of all shots: no array has a number for one alone; and what remarks such as "density 1060
-    kg/m3" state of medium and camera, as columns of one number."""
+    kg/m3" state, as columns of one number."""
     yield from (column for column in table.columns if not column.name.number)
     for match in filter(None, (_REMARK.match(remark[:200]) for remark in table.remarks[:_MOST_REMARKS])):
         word, number, unit = match.groups()
         name = CURVES.name(f"{word} [{unit}]" if unit else word)
-        if name.kind in (*_CONSTANTS, *OF_CAMERA):
-            yield Column(table, -1, word, name, np.array([float(number)]))
+        yield Column(table, -1, word, name, np.array([float(number)]))
 
 
 def stated(table: Table) -> dict[str, tuple[Column, float]]:
@@ -252,7 +251,7 @@ def stated(table: Table) -> dict[str, tuple[Column, float]]:
     facts: dict[str, tuple[Column, float]] = {}
     for column in _of_all(table):
         kind, unit, _ = column.name
-        if kind not in (*_CONSTANTS, *OF_CAMERA) or len(values := _distinct(column.numbers)) != 1:
+        if kind not in (*OF_MEDIUM, *OF_CAMERA) or len(values := _distinct(column.numbers)) != 1:
             continue
         value = values[0] * (STATED.terms[kind].units.get(unit, np.nan) if unit else 1.0)
         if 0.0 < value < np.inf:
@@ -267,22 +266,24 @@ def _facts(table: Table, camera: Camera) -> tuple[Camera, dict[str, Any], list[C
     the medium, and notes; the columns of all that is taken from the file; and a warning where both differ."""
     meta: dict[str, Any] = {"notes": [*table.notes], "hints": table.hints}
     used, warnings = [], list[Message]()
-    meta["ignored"] = {*_CONSTANTS} & {column.name.kind for column in (*table.columns, *_of_all(table))}
-    camera = camera._replace(scale_alone=camera.um_per_px is not None)
+    meta["ignored"] = {*OF_MEDIUM} & {column.name.kind for column in (*table.columns, *_of_all(table))}
     for kind, (column, value) in stated(table).items():
         if np.isnan(value):
             meta["notes"].append(f"not used: two values of the {kind} in comments")
             continue
-        if kind in _CONSTANTS:
+        if kind in OF_MEDIUM:
             meta.setdefault("medium", {})[kind] = value
             unit = CONSTANTS[kind].unit
         else:
             field, unit, of_camera = OF_CAMERA[kind]
             known, found = getattr(camera, field), of_camera(value)
+            if field == "um_per_px":
+                camera = camera._replace(doubt_scale=False)
+            elif known is None:
+                camera = camera._replace(doubt_rate=True)
             if known is not None:
                 what = "um per pixel" if field == "um_per_px" else "frames per second"
                 warnings += camera_warnings(known, found, what, column.title)
-                camera = camera._replace(scale_alone=camera.scale_alone and field != "um_per_px")
                 continue
             changes: Any = {field: found}
             camera = camera._replace(**changes)
@@ -331,7 +332,7 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
     elif camera.um_per_px is not None:
         why = "the radii have a unit of length" if unit else "the radii are too small for pixels"
         notes.append(f"the scale is not used: {why}")
-        scale_unused = camera.scale_alone
+        scale_unused = camera.doubt_scale
     rows_of: dict[str, list[int]] = {}
     for row, label in enumerate(_labels(series.shot, notes) if series.shot else ()):
         rows_of.setdefault(label, []).append(row)
@@ -353,7 +354,8 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
             seconds, unit_of_time = _times(time[chosen], clock, camera, about["notes"])
             values = seconds, scale * radius[chosen], scale * std[chosen], (unit_of_time, unit)
             curve = _curve(*values, about, camera.frame_rate)
-            doubts = [*_aspherical(series.radius, radius, chosen), *rate_warnings(curve, camera.frame_rate)]
+            doubts = [*_aspherical(series.radius, radius, chosen)]
+            doubts += rate_warnings(curve, camera.frame_rate) if camera.doubt_rate else ()
             doubts += [Message("check_input.scale_unused", {"given": camera.um_per_px})] if scale_unused else []
             curve = curve.labelled(warnings=(*curve.warnings, *doubts))
             curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
@@ -432,7 +434,7 @@ def _labels(shot: Column, notes: list[str]) -> list[str]:
     """Return the (n,) labels of shots: 1.0 is 1, and a blank cell has the label above it, which a note says; those
     above all labels are "unlabelled"."""
     labels = [re.sub(r"^(\d+)\.0*$", r"\1", label) for label in shot.text]
-    blank = [k for k, label in enumerate(labels) if not label and any(labels)]
+    blank = [k for k, label in enumerate(labels) if not label] if any(labels) else []
     for k in blank:
         labels[k] = labels[k - 1] if k else "unlabelled"
     if blank:
@@ -509,11 +511,13 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
     if column := series.max_radius:
         curve = _scaled_to_column(curve, column, rows)
     meta: dict[str, Any] = {}
-    medium, notes = {**curve.medium}, []
+    medium = {**curve.medium}
+    notes = list[str]()
+    doubts = list[Message]()
     for column in series.stated:
         kind, unit, _ = column.name
         values = _single(column, rows)
-        if kind in _CONSTANTS:
+        if kind in OF_MEDIUM:
             factor = column.term.units.get(unit, np.nan) if unit else 1.0
             if len(values) == 1 and 0.0 < (value := factor * values[0]) < np.inf:
                 if medium.get(kind) != value:
@@ -533,18 +537,17 @@ def _with_stated(curve: RadiusCurve, series: _Series, rows: Indices, largest: fl
         if "stretch" in meta:
             notes.append(f"{column.title!r} is not used: the file states the stretch, too")
             if abs(stretch / meta["stretch"] - 1.0) > _STRETCH_TOLERANCE:
-                doubt = Message("check_input.stretches", {"stated": meta["stretch"], "at_rest": stretch})
-                curve = curve.labelled(warnings=(*curve.warnings, doubt))
+                doubts.append(Message("check_input.stretches", {"stated": meta["stretch"], "at_rest": stretch}))
         elif 1.0 < stretch < 100.0:
             meta["stretch"] = stretch
             notes.append(f"the file states the stretch {stretch:.4g}: R_max over {column.title}")
         else:
             notes.append(f"{column.title!r} is not used: it gives no stretch")
             if not np.isnan(stretch):
-                doubt = Message("check_input.at_rest", {"ratio": stretch, "title": column.title})
-                curve = curve.labelled(warnings=(*curve.warnings, doubt))
+                doubts.append(Message("check_input.at_rest", {"ratio": stretch, "title": column.title}))
     ignored = sorted({*curve.meta.get("ignored", ())} - medium.keys())
-    return curve.labelled(**meta, medium=medium, ignored=ignored).with_notes(*notes)
+    curve = curve.labelled(**meta, medium=medium, ignored=ignored, warnings=(*curve.warnings, *doubts))
+    return curve.with_notes(*notes)
 
 
 def _stretch_at_rest(curve: RadiusCurve, column: Column, rows: Indices, largest: float) -> float:
@@ -586,7 +589,7 @@ def _read_without_header(table: Table, density: float, pressure: float, camera: 
         values.pop()
     alone = len(values) == 1
     if len(values) > 2 or (alone and camera.frame_rate is None):
-        raise InputError(f"{counted(len(values), 'column')} and no header; {HEADER_ADVICE}", "table.header")
+        raise InputError(f"{counted(len(values), 'column')} and no header; {CURVES.expected}", "table.header")
     titles = ["radius"] if alone else ["time", "radius"]
     unit = next(iter(_units_by_size(_largest(values[0]))), None) if alone and camera.um_per_px is None else None
     empty = (values[-1] < _LEAST_RADIUS) & (not alone)  # lost frames, or rows of -1000 between shots
@@ -598,7 +601,7 @@ def _read_without_header(table: Table, density: float, pressure: float, camera: 
     ratios = [ratio for curve in curves if (ratio := curve.rayleigh_ratio(density, pressure))]
     if not ratios or not all(_RATIOS[0] <= ratio <= _RATIOS[1] for ratio in ratios):
         title = "radius_um" if camera.um_per_px is None else "radius_px"
-        advice = f"check the frame rate, or begin the file with the line {title}" if alone else HEADER_ADVICE
+        advice = f"check the frame rate, or begin the file with the line {title}" if alone else CURVES.expected
         raise InputError(f"no header, and the numbers do not prove their units; {advice}", "table.header")
     return curves
 
@@ -690,10 +693,8 @@ def _shared_times(t: Floats, r: Floats, rate: float | None) -> str:
     advice = "or too few digits? write more, or give the frame rate (--fps) of a table"
     if rate is not None:
         advice = f"these times contradict the frame rate of {rate:.6g} per second"
-    return (
-        f"{shared} of {len(t)} frames have the time of another one: several shots? give each a file, or name "
-        f'the column of their labels "shot"; {advice}'
-    )
+    question = f"{shared} of {len(t)} frames have the time of another one: several shots?"
+    return f'{question} give each a file, or name the column of their labels "shot"; {advice}'
 
 
 def _rounding(t: Floats) -> float:

@@ -42,10 +42,8 @@ _KINDS: dict[bytes, Kind] = {  # by the first bytes
     b"\xff\xfe": "text",  # the byte order marks of UTF-16
     b"\xfe\xff": "text",
 }
-_OUTPUT_COMPANIONS = {  # a table or film that cavirheo writes: the file that is then in the same folder
-    "result.csv": "result.json",
-    "shots.csv": "collapse-time.json",
-}
+# a table that cavirheo writes: the file that is then in the same folder
+_OUTPUT_COMPANIONS = {"result.csv": "result.json", "shots.csv": "collapse-time.json"}
 _NO_TABLE = {"reading.empty", "reading.binary", "table.columns", "table.header", "table.empty", "matlab.variables"}
 _NO_TABLE |= {"tabular.archive", "tabular.array", "tabular.binary", "tabular.workbook"}  # such files hold no curves
 
@@ -170,7 +168,8 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
     except OSError:
         return [folder]  # it cannot be listed: the reader reports the error
     others = [path.name for path in taken if path.suffix.lower() not in STACK_ENDINGS]
-    if is_video(folder) and not any(_may_hold_curves(folder / name) for name in others):
+    images = is_video(folder)
+    if images and not any(_may_hold_curves(folder / name) for name in others):
         if others:
             notify(f"{folder}: its images are one recording; left out: {listed(others)}")
         return [folder]
@@ -185,7 +184,7 @@ def _files_of_folder(folder: Path, notify: Callable[[str], None]) -> list[Path]:
         raise InputError(f"{folder}: no measurement in this folder; {why}", "files.none_in_folder")
     parts = [f"{folder}: {digits.counted(len(taken), 'file')}"]
     parts += [f"{digits.counted(left, 'other')} left out"] if left else []
-    parts += [f"it holds images, too: move {listed(others)} away to measure the images"] if is_video(folder) else []
+    parts += [f"it holds images, too: move {listed(others)} away to measure the images"] if images else []
     parts += [f"folders of images ({listed(inner)}) left out: give each by name"] if inner else []
     notify("; ".join(parts))
     return taken

@@ -1,5 +1,5 @@
 """Names of the quantities of a shot as people and programs write them, with their units: titles of columns, variables
-of MATLAB, datasets, and single numbers that a file states. The units themselves are in `units`."""
+of MATLAB, datasets, and single numbers that a file states. The units themselves are in `parameters`."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _UNITS = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # recognises a
 AREA_UNITS = {f"{unit}2": unit for unit in RADIUS_UNITS} | {"px": "px"}  # the unit of length that belongs to an area
 _SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
 _NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last number in a title
-HEADER_ADVICE = "begin the file with a header line such as time_us,radius_um, or time_us,R1_um,R2_um for several shots"
-HEADER_ADVICE += "; if it has no times, give the frame rate (--fps)"
+_EXPECTED = "begin the file with a header line such as time_us,radius_um, or time_us,R1_um,R2_um for several shots"
+_EXPECTED += "; if it has no times, give the frame rate (--fps)"
 
 
 def _shot_name(title: str) -> Name:
@@ -35,15 +35,15 @@ def _shot_name(title: str) -> Name:
     return Name("radius", unit, number) if shot and (unit or not words) else Name()
 
 
-_CONSTANTS = {
+OF_MEDIUM = {  # constants that a file may state
     "density": Term("rho density rho0 rhoinf rhol", {"kgm3": 1.0, "kgm-3": 1.0, "gcm3": 1e3}),
     "pressure": Term("pinf pressure pambient patm", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5}),
 }
 _OF_SHOT = {
-    **_CONSTANTS,
+    **OF_MEDIUM,
     "radius at rest": Term("req rinf requilibrium equilibriumradius restradius", RADIUS_UNITS),
     "frame rate": Term("fps framerate framespersecond", {"Hz": 1.0, "fps": 1.0, "kHz": 1e3, "MHz": 1e6}),
-    "um per pixel": Term("umperpx umperpixel micronsperpixel micronperpixel", {"umpx": 1.0}),
+    "um per pixel": Term("umperpx umperpixel micronsperpixel micronperpixel scaleumpx scaleumpixel", {"umpx": 1.0}),
 }
 CURVES = Vocabulary(
     {
@@ -88,7 +88,7 @@ CURVES = Vocabulary(
         "area": Term("area bubblearea aire flache", {**_UNITS, **dict.fromkeys(AREA_UNITS, np.nan)}),
         "curve": Term("curve shot trackid"),
     },
-    HEADER_ADVICE,
+    _EXPECTED,
     required=("time|frame", "radius|diameter|half_b|minor|area"),
     codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
     fallback=_shot_name,
@@ -106,7 +106,7 @@ STATED = Vocabulary(
     "",
     (),
 )
-PER_SHOT = ("max_radius", "stretch", "stretch_std", *_CONSTANTS)  # kinds of columns with one number for a shot
+PER_SHOT = ("max_radius", "stretch", "stretch_std", *OF_MEDIUM)  # kinds of columns with one number for a shot
 OF_CAMERA: dict[str, tuple[str, str, Callable[[float], float]]] = {  # field of Camera; unit in the file; its value
     "frame interval": ("frame_rate", "s", lambda interval: 1.0 / interval),
     "frame rate": ("frame_rate", "per second", lambda rate: rate),

@@ -56,6 +56,7 @@ def read_curves(
     exposure: float | None = None,
     exclude: str | Iterable[int] | None = None,
     unusual: bool = False,
+    beside_recordings: bool = False,
 ) -> list[RadiusCurve]:
     """Read every radius history of a file.
 
@@ -70,6 +71,7 @@ def read_curves(
         exposure: s, of a frame.
         exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
         unusual: accept a density and a pressure outside the ranges of liquids and gels, as in `Medium`.
+        beside_recordings: whether frame rate and scale may be of recordings beside a table, and need not fit it.
 
     Returns:
         The curves in the order of the file, with (n,) times in s and radii in m. A curve that cannot be used (empty
@@ -91,7 +93,8 @@ def read_curves(
         raise InputError(message, "reading.exclude")
     check_camera(frame_rate_hz, um_per_px)
     with guarded(path, _EXPECTED) as source:
-        curves = _read(source, density, pressure, Camera(frame_rate_hz, um_per_px))
+        doubt = not beside_recordings
+        curves = _read(source, density, pressure, Camera(frame_rate_hz, um_per_px, doubt, doubt))
         origin: dict[str, Any] = {"group": path.stem, "source": printable(str(path)), "source_sha256": source.sha256}
         origin |= {"exposure_s": exposure} if exposure else {}
         labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
@@ -212,6 +215,7 @@ def read_shots(
         raise InputError(f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
     if max_radius is not None:
         RADIUS.check("the true R_max", max_radius, "curve.max_radius")
+    options["beside_recordings"] = any(is_video(Path(path)) for path in files if isinstance(path, str | Path))
     curves: list[RadiusCurve] = []
     problems: list[str] = []
     for path in files:
@@ -219,9 +223,6 @@ def read_shots(
             curves += [path] if isinstance(path, RadiusCurve) else read_curves(path, **options)
         except InputError as error:
             problems.append(str(error))
-    if any(is_video(Path(path)) for path in files if isinstance(path, str | Path)):
-        given = [options.get("frame_rate_hz"), options.get("um_per_px")]  # of the recordings, and not of the tables
-        curves = [_without_doubts(curve, given) for curve in curves]
     curves, remarks = _unique_recordings(curves)
     curves = _grouped(_with_unique_names(curves), group)
     remarks += dict.fromkeys(hint for curve in curves for hint in curve.hints)
@@ -229,13 +230,6 @@ def read_shots(
         curves, scale_remarks = _scaled(curves, max_radius)
         remarks += scale_remarks
     return CurveSet(curves, problems, remarks)
-
-
-def _without_doubts(curve: RadiusCurve, given: Sequence[float | None]) -> RadiusCurve:
-    """Return the curve without the warnings that its file contradicts these numbers."""
-    codes = ("check_input.rate_unused", "check_input.scale_unused")
-    kept = [one for one in curve.warnings if one.code not in codes or one.parameters["given"] not in given]
-    return curve.labelled(warnings=tuple(kept))
 
 
 def _unique_recordings(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:

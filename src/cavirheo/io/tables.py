@@ -37,7 +37,6 @@ _FORTRAN = re.compile(r"([+-]?\d*\.?\d+|[+-]?\d+\.)d([+-]?\d+)", re.I)  # 1.0D-0
 _BEGINS_AS_NUMBER = re.compile(r"""\s*["']?[+−-]?[.,]?\d""")
 _COMMENT = re.compile(r"\s*(%|//|!|#(?!div/0|n/a|nv\b|[a-z]+[!?]))", re.I)
 _WORKBOOK = {"[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml"}  # a zipped workbook has one of them
-_UTF16 = (b"\xff\xfe", b"\xfe\xff")  # its byte order marks
 _LONGEST_TITLE = 120  # characters of a title; a longer text is a sentence, and slow to match
 _LISTED = 8  # most titles in a message
 
@@ -317,7 +316,7 @@ def _tables(sheet: Table) -> Iterator[Table]:
         rows, notes = sheet.rows[at + 1 : end], [*sheet.notes]
         if at and not vocabulary.sections:
             words = ", ".join(next(filter(None, row.texts)) for row in sheet.rows[:at][:_LISTED])[:80]
-            notes.append(f"{counted(at, 'line')} above the titles left out: {words}")
+            notes.append(f"{counted(at, 'line')} above the titles: {words}")
         titles, below = _titles_with_units(sheet.rows[at].texts, rows, vocabulary)
         words = ", ".join(cell for row in below for cell in row.texts if cell)
         notes += [f"row of words below the titles: {words}"] if words else []
@@ -343,9 +342,8 @@ def _titles_with_units(titles: list[str], rows: list[Row], vocabulary: Vocabular
     contradict."""
     titles = list(titles)
     below = list(takewhile(lambda row: not any(map(_has_digits, row.texts)), rows))
-    if not any(vocabulary.term(title).units for title in titles) or all(
-        map(is_number, chain(*(row.texts for row in below)))
-    ):
+    cells = chain(*(row.texts for row in below))
+    if all(map(is_number, cells)) or not any(vocabulary.term(title).units for title in titles):
         return titles, []
     for _, texts in below:
         for k, (title, cell) in enumerate(zip(titles, texts, strict=False)):
@@ -425,7 +423,7 @@ def _text(cell: object) -> str:
 
 def _decoded(content: bytes) -> str:
     """Decode UTF-16, UTF-8 or Latin-1, without the byte order mark. Raises InputError: damaged UTF-16."""
-    for encoding in ("utf-16",) if content[:2] in _UTF16 else ("utf-8-sig", "latin-1"):
+    for encoding in ("utf-16",) if content[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "latin-1"):
         with suppress(UnicodeDecodeError):
             return content.decode(encoding)
     raise InputError("begins as UTF-16 text and does not go on so", "tabular.encoding")
@@ -539,5 +537,5 @@ def is_number(cell: str) -> bool:
 
 
 def plain_title(text: str) -> str:
-    """Return a title in lower case, without accents, spaces, brackets and most punctuation."""
-    return re.sub(r"[\s_\-.,:;=/^()\[\]{}]+", "", plain_text(text).lower())
+    """Return a title in lower case, without accents, spaces, brackets and most punctuation, and with u for µ."""
+    return re.sub(r"[\s_\-.,:;=/^()\[\]{}]+", "", plain_text(text).lower().replace("μ", "u"))

@@ -10,7 +10,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -131,16 +131,14 @@ class Run:
 
         def files_of(pattern: Path) -> list[Path]:
             document = document_of(pattern)
-            try:
+            if not document:
+                return expand(pattern, self.say)
+            with suppress(InputError):  # a folder without measurements
                 paths = expand(pattern, self.say)
-            except InputError:  # a folder without measurements
-                paths = [pattern]
-                if not document:
-                    raise
-            if document and paths == [pattern]:
-                message = f"no measurement in {pattern}: `cavirheo show {document}` prints what it holds"
-                raise InputError(message, "run.document")
-            return paths
+                if paths != [pattern]:
+                    return paths
+            message = f"no measurement in {pattern}: `cavirheo show {document}` prints what it holds"
+            raise InputError(message, "run.document")
 
         return without_headers(self.read("file", patterns, files_of))
 
