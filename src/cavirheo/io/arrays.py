@@ -107,9 +107,9 @@ def _matlab_parts(path: str, value: Any, depth: int) -> Iterator[tuple[str, Any]
         for k, element in enumerate(value.ravel(order="F"), 1):
             if not value.dtype.names:
                 yield from _matlab_parts(f"{path}{{{k}}}", element, depth + 1)
+            struct = f"{path}({k})" if value.size > 1 else path
             for field in value.dtype.names or ():
-                inner = f"{path}({k})" if value.size > 1 else path
-                yield from _matlab_parts(f"{inner}/{field}", element[field], depth + 1)
+                yield from _matlab_parts(f"{struct}/{field}", element[field], depth + 1)
 
 
 def _numpy_variables(source: Source) -> Arrays:
@@ -288,7 +288,7 @@ def _shots(arrays: Arrays) -> tuple[dict[str, dict[str, Name]], Container[str]]:
         raise _no_history(arrays)
     inside: dict[str, list[str]] = {group: [] for group in ["", *groups]}  # paths; "": outside all others
     for path in names:
-        inside[next((each for each in _with_outer(_group(path)) if each in groups), "")].append(path)
+        inside[next(each for each in _with_outer(_group(path)) if each in inside)].append(path)
     outside = [path for path in inside[""] if "" not in groups or path not in of_frames]
     shots: dict[str, dict[str, Name]] = {}
     for group in groups:
@@ -365,9 +365,10 @@ def _name(path: str, array: np.ndarray | str) -> Name:
         kind, unit, _ = STATED.name(_AT_REST.sub("R", word.removeprefix(_ATTRIBUTE)))
         return Name(kind, unit, number[1] if number else "")
     kind, unit, shot = CURVES.name(_EXPERIMENT.sub("", word))
-    unusable = (
-        kind not in _ESSENTIAL if isinstance(array, str) else array.size <= 2 and not cell and kind not in PER_SHOT
-    )
+    if isinstance(array, str):
+        unusable = kind not in _ESSENTIAL
+    else:
+        unusable = array.size <= 2 and not cell and kind not in PER_SHOT
     if unusable or word.lower() == "curve":  # rather a fitted one than labels of shots
         return Name()
     return Name(kind, unit, f"{shot}[{cell[1]}]" if shot and cell else cell[1] if cell else shot)
