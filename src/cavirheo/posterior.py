@@ -34,7 +34,7 @@ from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, export
-from cavirheo.writing.document import Quantity
+from cavirheo.writing.document import Quantity, finite
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -295,10 +295,12 @@ class Posterior:
     def quantity(self, name: str) -> Quantity:
         """Median, interval and bound in natural units; empty if the answer failed. Raises InputError: as `draws`."""
         low, high = self.interval(name) or (None, None)
-        return Quantity(median=self.median(name), q05=low, q95=high, bound=self.bound(name))
+        return Quantity(median=finite(self.median(name)), q05=low, q95=high, bound=self.bound(name))
 
     def median(self, name: str) -> float | None:
-        """Posterior median in natural units; None if the answer failed. Raises InputError: as `draws`."""
+        """Posterior median in natural units; NaN of a bound, None if it failed. Raises InputError: as `draws`."""
+        if self.bound(name):
+            return np.nan
         draws = self.draws(name)
         return float(weighted_quantile(draws, 0.5, self.log_weight)) if len(draws) else None
 
@@ -340,7 +342,8 @@ class Posterior:
         Raises InputError: a point answer or a failed one has no draws, no such parameter, or corner is missing."""
         self._require_draws(2)
         usual = [name for name in self.parameters if is_law_parameter(name) or name == "stretch"]
-        chosen = [natural_name(self._prior_name(name)) for name in names or filter(self.median, usual)]
+        counted = [name for name in usual if weighted_quantile(self.draws(name), 0.5, self.log_weight) != 0.0]
+        chosen = [natural_name(self._prior_name(name)) for name in names or counted]
         draw: Any = resolve_name("cavirheo.reporting.pictures.corner_figure")
         figure: Figure = draw({name: self.draws(name) for name in chosen}, self.weights)
         return figure

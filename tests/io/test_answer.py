@@ -83,7 +83,7 @@ def test_answers_are_a_table_in_which_a_bound_is_no_median():
     assert frame["viscosity_Pa_s"].mean() == pytest.approx(known.median("mu"))
     assert frame["viscosity_Pa_s_q95"][1] == pytest.approx(bounded.interval("mu")[1])
     assert frame["viscosity_Pa_s_bound"][1] == bounded.bound("mu") == "upper"
-    assert pandas.isna(frame["viscosity_Pa_s"][1])
+    assert pandas.isna([frame["viscosity_Pa_s"][1], bounded.median("mu")]).all()
     assert frame["shear_modulus_Pa"].count() == 2
     assert frame["verdict"].tolist() == ["ok", "ok", "failed"]
     result = document_of([(curves[0], known)])

@@ -364,15 +364,13 @@ def _of_material(material: Population) -> tuple[PopulationRecord, Systematic]:
 
 
 def differences(materials: Mapping[str, Population]) -> list[MaterialRatio]:
-    """Ratios of each two of the first _MAX_COMPARED materials with one model; liquids compare, also if one thins."""
+    """Ratios of each two of the first _MAX_COMPARED materials with one model."""
     whole = [(name, material) for name, material in materials.items() if len(material.centre)]
     records = []
     for (earlier, first), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
-        liquids = {first.material, second.material} == {"newtonian", "power-law"}
-        if first.bubble == second.bubble and (liquids or first.material == second.material):
-            for name, (ratio, higher) in second.against(first).items():
-                both = {"first": later, "second": earlier, "parameter": name}
-                records.append(MaterialRatio(**both, ratio=ratio, probability_higher=higher))
+        for name, (ratio, higher) in second.against(first).items():
+            both = {"first": later, "second": earlier, "parameter": name}
+            records.append(MaterialRatio(**both, ratio=ratio, probability_higher=higher))
     return records
 
 

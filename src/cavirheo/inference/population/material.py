@@ -161,8 +161,10 @@ class Population:
         return low, upper_limit(values, 0.5 + 0.5 * level) if self.bound(name) == "upper" else high
 
     def median(self, name: str) -> float:
-        """Median of the material's parameter, SI. Raises InputError: as `draws`."""
-        return float(np.median(self.draws(name)))
+        """Median of the material's parameter, SI; NaN where `quantity` has none, as for a bound. Raises InputError: as
+        `draws`."""
+        middle = self.quantity(name).median
+        return np.nan if middle is None else middle
 
     def bound(self, name: str) -> Bound | None:
         """What is known of a parameter that the shots do not determine: "upper", "lower", "undetermined" or "wide", as
@@ -183,7 +185,7 @@ class Population:
         bound, known = self.bound(name), self.names[self._column(name)]
         if bound is None and known in DECIDING and self._disagree_in(known):
             return Quantity(q05=low, q95=high, bound="wide")
-        return Quantity(median=self.median(name), q05=low, q95=high, bound=bound)
+        return Quantity(median=np.median(self.draws(name)), q05=low, q95=high, bound=bound)
 
     def statistical_interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """(low, high) of the material's parameter, SI, without the errors that all shots share. Raises InputError: as
@@ -200,6 +202,7 @@ class Population:
     def scatter(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the standard deviation of the shots about the material, decades. Raises
         InputError: as `draws`."""
+        check_level(level)
         return quantiles(self.spread[:, self._column(name)], level)
 
     @property
@@ -265,10 +268,11 @@ class Population:
 
     def against(self, other: Population) -> dict[str, tuple[Quantity, float]]:
         """(ratio of this material's value to the other's, probability that this one is larger) of each parameter that
-        both determine; empty without draws.
-
-        Both must have the same law and bubble. The errors that all shots share are left out, for both materials have
-        them."""
+        both determine; empty without draws, or if law or bubble differ; liquids compare, also if one thins. The errors
+        that all shots share are left out, for both materials have them."""
+        liquids = {self.material, other.material} == {"newtonian", "power-law"}
+        if self.bubble != other.bubble or not (liquids or self.material == other.material):
+            return {}
         ratios = {}
         for name in (name for name in self.determined if name in other.determined):
             difference = self.statistical[:, self._column(name)] - other.statistical[:, other._column(name)]
@@ -334,18 +338,15 @@ def _heap(shots: Sequence[str], ends: Floats) -> Heap:
     return Heap(tuple(shots), low, high)
 
 
-def hidden_modulus(errors: CommonErrors, pressure: float, stretch: float) -> float:
-    """G, Pa, of a gel that looks like a liquid with a probability of 5 % because of these errors. The first collapse of
-    a gel comes sqrt(1 + Be G/p) times earlier than that of a liquid; a relative error e of this ratio, which is that of
-    R_max, of the rate, or half of that of density or pressure, moves G by 2 e p/Be."""
+def widened_limit(limit: float, errors: CommonErrors, pressure: float, stretch: float) -> float:
+    """A 95 % limit of G, Pa, that statistics give, together with the G of a gel that looks like a liquid with a
+    probability of 5 % because of these errors. The first collapse of a gel comes sqrt(1 + Be G/p) times earlier than
+    that of a liquid; a relative error e of this ratio, which is that of R_max, of the rate, or half of that of density
+    or pressure, moves G by 2 e p/Be."""
     halved = 0.5 * np.hypot(errors.density, errors.pressure)
     ratio = float(np.sqrt(errors.scale**2 + errors.rate**2 + halved**2))
-    return NORMAL_90 * 2.0 * ratio * pressure / float(elastic_number(stretch))
-
-
-def widened_limit(limit: float, errors: CommonErrors, pressure: float, stretch: float) -> float:
-    """A 95 % limit of G, Pa, that statistics give, with these errors."""
-    return float(np.hypot(limit, hidden_modulus(errors, pressure, stretch)))
+    hidden = NORMAL_90 * 2.0 * ratio * pressure / float(elastic_number(stretch))
+    return float(np.hypot(limit, hidden))
 
 
 def slopes(name: str, over_scale: float) -> dict[str, float]:
