@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from copy import copy
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
 from math import inf, isfinite, log, sqrt
 from numbers import Real
@@ -42,20 +42,18 @@ def _all(values: Any, kind: type) -> bool:
     return isinstance(values, Collection) and not isinstance(values, str) and all(isinstance(x, kind) for x in values)
 
 
-def _is_maximum(pair: Any) -> bool:
-    return _all(pair, Real) and len(pair) == 2 and isfinite(pair[0]) and 0 < pair[1] < inf
-
-
-def _is_medium(values: Any) -> bool:
-    return isinstance(values, Mapping) and values.keys() <= CONSTANTS.keys() and _all(values.values(), Real)
-
-
 _TEXT = domain("a text", lambda x: isinstance(x, str))
 _TEXTS = optional("a list of texts", lambda x: _all(x, str))
 _SIZE = optional(*NOT_NEGATIVE["domain"])
-_MAXIMUM = optional("(time in s, R_max in m), R_max above 0", _is_maximum)
+_MAXIMUM = optional(
+    "(time in s, R_max in m), R_max above 0",
+    lambda x: _all(x, Real) and len(x) == 2 and isfinite(x[0]) and 0 < x[1] < inf,
+)
 _STRETCH = optional("R_max/R_0, from 1 to 100", lambda x: 1 <= x <= 100)
-_MEDIUM = optional(f"numbers by name: {listed(CONSTANTS)}", _is_medium)
+_MEDIUM = optional(
+    f"numbers by name: {listed(CONSTANTS)}", lambda x: isinstance(x, Mapping) and x.keys() <= CONSTANTS.keys()
+)
+_CONSTANTS = {constant.name: constant.metadata for constant in fields(Medium) if constant.metadata}
 
 
 class _MetaEntry(Generic[T]):
@@ -91,10 +89,17 @@ def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of `meta` with all texts made printable, and always with a name, notes and hints. Raises InputError:
     an entry outside its domain."""
     labels = {"name": "curve", "notes": (), **meta}
-    for entry in vars(RadiusCurve).values():
-        if isinstance(entry, _MetaEntry) and entry.allowed and entry.key in labels:
+    entries = {name: entry for name, entry in vars(RadiusCurve).items() if isinstance(entry, _MetaEntry)}
+    for name, entry in entries.items():
+        if name != entry.key and name in labels:
+            raise InputError(f"the key of {name} in meta is {entry.key!r}, got {name!r}", f"curve.{name}")
+        if entry.allowed and entry.key in labels:
             labels[entry.key] = _plain(labels[entry.key])
             check_domain(entry.allowed, entry.key, labels[entry.key], "curve")
+    for name in labels.keys() & CONSTANTS.keys():
+        raise InputError(f'{name} belongs into meta={{"medium": {{"{name}": {labels[name]!r}}}}}', "curve.medium")
+    for name, value in (labels.get("medium") or {}).items():
+        check_domain(_CONSTANTS[name], name, value, "curve")
     labels = {key: printable(value) if isinstance(value, str) else value for key, value in labels.items()}
     texts = {key: tuple(map(printable, labels.get(key) or ())) for key in ("notes", "hints")}
     return labels | {"name": str(labels["name"])} | texts

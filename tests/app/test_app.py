@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from answers import same
 from bombs import abort
-from conftest import ANSWER, ROOT, error_of, refused, until
+from conftest import ANSWER, ROOT, code_of, error_of, refused, until
 from files import write_curve
 from recordings import RATE, SCALE, film
 
@@ -201,17 +201,17 @@ def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
 
 def test_answers_are_of_their_settings_and_files(session):
     session.add([SOFT], QUICK, copy=True)
-    with refused("app.no_answer"):
-        session.export()
-    with refused("app.no_shots"):
-        session.infer([])
+    for asked, code in ((session.export, "app.no_answer"), (lambda: session.infer([]), "app.no_shots")):
+        assert code_of(asked) == code
     first = session.infer(["soft_gel[2]"])
-    words = "cavirheo infer soft_gel.csv --model bdt-viscoelastic --bubble field (1 of 5 shots)"
-    assert first.document.command == words
+    assert first.document.command == "cavirheo infer soft_gel.csv --model bdt-viscoelastic (1 of 5 shots)"
     session.apply_settings(PageSettings(window=2))
     for asked in (session.export, lambda: session.find_answer("soft_gel[2]"), lambda: session.find_answer(None)):
         with refused("app.no_answer", "no answer yet"):
             asked()
+    session.apply_settings(replace(QUICK, exposure_us=0.4))
+    with refused("option.idle", "--exposure-us"):
+        session.infer(["soft_gel[2]"])
     session.apply_settings(QUICK)
     again = session.infer(["soft_gel[2]"])
     assert again.pairs[0][1].theta is first.pairs[0][1].theta  # it was kept
@@ -255,7 +255,7 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
     ({"exclude": "x", "exposure_us": "0"}, ["exposure_us", "exclude"], None),
     ({"bubble": "auto"}, ["bubble"], None),
     ({"material": "auto", "model": "bdt-viscous"}, [], None),
-    ({"material": "jelly", "model": "nobody"}, ["model", "material"], None),
+    ({"material": "newtonian", "model": "bdt-viscoelastic"}, ["leave out material 'newtonian'"], None),
 ]
 
 

@@ -27,17 +27,18 @@ def measure(**options):
     return cavirheo.measure(EXAMPLE.with_name("bubble.mp4"), frame_rate=5e5, um_per_px=4.0, **options)
 
 
-META = {"stretch": "7", "medium": {"rho": 1e3}, "exposure_s": "x", "frame_rate_hz": "1e5", "notes": "hello"}
+META = {"stretch": "7", "medium": {"rho": 1e3}, "exposure_s": "x", "exposure": 1, "notes": "hello", "density": 1}
+SETTINGS = [("window", 0), ("window", True), ("trust_input", "false"), ("discrepancy", 3), ("material", "")]
+SHOT = {"max_radius": (250, "0.00025 m"), "bubble": ("field", "'field'"), "accuracy": (1e-5, "1e-05")}
 PARTS = {"maximum": (0, -1), "stated_time_of_max": np.nan, "late": 0, "warnings": ("boo",), "radius_std": -RADIUS}
 WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer("shot.csv"), "read_curves"),
     (lambda: cavirheo.infer_many(CURVE), "infer_many"),
     (lambda: cavirheo.infer(CURVE, model="gel"), "bdt-viscoelastic"),
     (lambda: cavirheo.infer(CURVE, medium=1000.0), "Medium"),
-    *((lambda window=window: cavirheo.infer(CURVE, window=window), repr(window)) for window in (0, True)),
-    (lambda: cavirheo.infer(CURVE, trust_input="false"), "'false'"),
-    (lambda: cavirheo.infer(CURVE, discrepancy=3), "3"),
-    (lambda: cavirheo.infer(CURVE, material=""), "''"),
+    *((lambda name=name, of=of: cavirheo.infer(CURVE, **{name: of}), repr(of)) for name, of in SETTINGS),
+    (lambda: cavirheo.infer(CURVE, model="bdt-viscous", discrepancy=False), "--exact-law (discrepancy=False)"),
+    (lambda: cavirheo.infer(CURVE.labelled(exposure_s=1e-7), model="bdt-viscous"), "--exposure-us"),
     (lambda: cavirheo.read_curves("shot.csv", frame_rate_hz="x"), "'x'"),
     (lambda: cavirheo.infer(CURVE, windows=2), "infer has no option windows; it has curve, medium, stretch, "),
     (lambda: cavirheo.infer_many([CURVE], windows=2), "infer_many has no option windows; it has curves, "),
@@ -49,13 +50,11 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.fit(CURVE, end=50), "did you mean 5e-05 s (50 us)?"),
     (lambda: cavirheo.fit(CURVE, free="clock"), "t0, scale, rmax"),
     (lambda: simulate("nhkv"), "NeoHookeanKelvinVoigt"),
-    (lambda: simulate(max_radius=250), "0.00025 m"),
-    (lambda: simulate(bubble="field"), "'field'"),
+    *((lambda name=name: simulate(**{name: SHOT[name][0]}), SHOT[name][1]) for name in SHOT),
     (lambda: simulate(relaxed="no"), "relaxed"),
     (lambda: cavirheo.population([ANSWER], only_trusted="no"), "only_trusted"),
     (lambda: cavirheo.Bubble(accommodation=0.07), "--contents kinetic"),
     (lambda: cavirheo.Bubble(wall_distance=500), "did you mean 0.0005 m (500 um)?"),
-    (lambda: simulate(accuracy=1e-5), "1e-05"),
     (lambda: cavirheo.simulate_many(GEL, **BUBBLE), "[NeoHookeanKelvinVoigt"),
     (lambda: simulate(NeoHookeanKelvinVoigt(np.array([1e3, 2e3]), 0.1)), "shear_modulus must be one number"),
     (lambda: cavirheo.measure("shot.tif", fps=1e6), "frame_rate"),
@@ -64,6 +63,7 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     *((lambda key=key: RadiusCurve(TIME, RADIUS, meta={key: META[key]}), key) for key in META),
+    (lambda: RadiusCurve(TIME, RADIUS, meta={"medium": {"density": -1}}), "density must be finite and positive"),
     *((lambda key=key: RadiusCurve(TIME, RADIUS, **{key: PARTS[key]}), key) for key in PARTS),
     (lambda: RadiusCurve(TIME, RADIUS, 0.0 * RADIUS + 1.0), "radius_std must be 0 to 0.05 m, got 1: did you mean"),
     *((lambda of=of: CURVE.resampled(*of), f"got {of[-1]}") for of in ((-1e-6,), (1e-6, 0))),

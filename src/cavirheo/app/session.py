@@ -93,13 +93,9 @@ class PageSettings(InferOptions):
             object.__setattr__(self, name, value if value is None else checked(PageSettings, name, value))
         if self.exclude:
             parse_number_list(self.exclude, "exclude", "video.exclude")
-        networks = shipped("point")
-        if self.model not in (DEFAULT, *networks):
-            message = f"unknown model {self.model!r}; known here: {', '.join((DEFAULT, *networks))}"
-            raise InputError(message, "app.unknown_model")
-        if self.model in networks:
-            object.__setattr__(self, "material", None)
-            object.__setattr__(self, "bubble", "field")
+        known = DEFAULT, *shipped("point")
+        if self.model not in known:
+            raise InputError(f"unknown model {self.model!r}; known here: {', '.join(known)}", "app.unknown_model")
         _ = self.analysis, self.read_options
 
     @property
@@ -277,6 +273,7 @@ class Session:
             run.working = True
         answered = dict[int, Posterior]()
         try:
+            settings.analysis.check(chosen)
             with closing(self._answers(settings.analysis, chosen)) as flow:
                 for index, answer in flow:
                     answered[index] = with_source_of(answer, chosen[index])

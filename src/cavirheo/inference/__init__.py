@@ -74,8 +74,6 @@ def infer_many(
 
     Raises:
         InputError: as `infer`.
-
-    Source: docs/method/posterior.md.
     """
     return Analysis("infer", **settings).run(curves, workers, done)
 
@@ -123,7 +121,5 @@ def fit_many(
     """`fit` for many curves on all cores. workers, done: as of `infer_many`. settings: keywords of `fit`.
 
     Returns an answer for each curve, in their order. Raises InputError: as `fit`.
-
-    Source: docs/method/posterior.md.
     """
     return Analysis("fit", material=material, **settings).run(curves, workers, done)

@@ -16,7 +16,7 @@ from typing import Any, Literal, TypedDict, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve, as_curves
-from cavirheo.errors import InputError, SolverError, expect_whole, require
+from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.answer import sampled_answer
 from cavirheo.inference.assumptions import AUTO, FREE, FREE_BY_DEFAULT, Family, Options, check_stretch
 from cavirheo.inference.bdt import Network, network_of, read_values
@@ -104,17 +104,11 @@ class Analysis:
         require(self.method in _METHODS, f"method must be {', '.join(_METHODS)}, got {self.method!r}", "option.method")
         expect_whole(self.seed, "seed", 0, "option.seed")
         for switch in ("trust_input", "discrepancy"):
-            value = getattr(self, switch)
-            require(
-                isinstance(value, bool | np.bool_), f"{switch} must be True or False, got {value!r}", "option.switch"
-            )
+            expect(getattr(self, switch), bool | np.bool_, f"True or False as {switch}")
         name = str(self.model)
         point = self.method != "fit" and name != DEFAULT
-        settings: dict[str, Any] = {
-            "model": network_name(name) if point else name,
-            "medium": WATER,
-            "given": self.given or (),
-        }
+        settings: dict[str, Any] = {"medium": WATER, "given": self.given or ()}
+        settings["model"] = network_name(name) if point else name
         if self.medium is not None:
             settings["medium"] = medium_of(self.medium)
             settings["given"] = tuple(CONSTANTS if self.given is None else self.given)
@@ -138,11 +132,18 @@ class Analysis:
         if point:
             message = f"the model {name} knows the field's bubble alone: leave out bubble or the model"
             require(self._bubble == FIELD, message, "option.bubble")
+            if not self.discrepancy:
+                raise self.idle_error("--exact-law (discrepancy=False)")
             check_stretch(None if self.stretch == "free" else self.stretch)
 
     @property
     def _bubble(self) -> Bubble:
         return self.bubble  # type: ignore[return-value]
+
+    def idle_error(self, names: str) -> InputError:
+        """The error that settings are given on which the values of this network do not depend."""
+        message = f"the values of the model {self.model} do not depend on {names}: leave that out, or the model"
+        return InputError(message, "option.idle")
 
     @property
     def activity(self) -> str:
@@ -187,8 +188,10 @@ class Analysis:
         return content_hash([version("cavirheo"), weights, self, content])
 
     def check(self, curves: Sequence[RadiusCurve]) -> None:
-        """Raises InputError: none of these curves can be answered with these settings, because the wall is within R_max
-        of every curve. If it is within R_max of some curves, only these fail."""
+        """Raises InputError: the wall is within R_max of every curve (if of some, only these fail), or a curve has an
+        exposure, on which no network depends; that of a recording was needed to measure it."""
+        if self.method == "bdt" and any(curve.exposure and not curve.meta.get("video") for curve in curves):
+            raise self.idle_error("--exposure-us (the exposure of a curve)")
         if self._bubble.wall_distance is not None:
             largest = [np.max(curve.radius, initial=0.0, where=curve.radius > 0) for curve in curves]
             self._bubble.inertia(float(min(largest, default=0.0)))

@@ -87,7 +87,6 @@ class Forward:
     def __init__(self, size: Layers, outputs: int, arrays: Arrays) -> None:
         self.size, self.outputs = size, outputs
         self.arrays: dict[str, Floats] = {name: array.astype(float) for name, array in arrays.items()}
-        self.activation: Callable[[Floats], Floats] = _ACTIVATIONS[self.size.activation]
 
     def __call__(self, radius: Floats) -> Floats:
         """Values (curves, outputs) from R/R_max (curves, frames)."""
@@ -115,7 +114,7 @@ class Forward:
         mixed = (weight / weight.sum(axis=3, keepdims=True)) @ value
         mixed = mixed.swapaxes(1, 2).reshape(curves, frames, -1)
         x = self._norm(f"{name}.norm_attention", x + self._dense(f"{name}.attended", mixed))
-        hidden = self.activation(self._dense(f"{name}.expand", x))
+        hidden = _ACTIVATIONS[self.size.activation](self._dense(f"{name}.expand", x))
         return self._norm(f"{name}.norm_feed_forward", x + self._dense(f"{name}.contract", hidden))
 
     def _dense(self, name: str, x: Floats) -> Floats:

@@ -4,7 +4,7 @@ The annotations of options are objects, not text, as in settings.py.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; or a folder"
 _SCALE_ERROR = "error of the radius scale that all shots of a group share, as a standard deviation, %"
 # options that change draws alone, of which a network has none
-_OF_DRAWS = ("exact_law", "scale_error", "rate_error", "density_error", "pressure_error")
+_OF_DRAWS = ("scale_error", "rate_error", "density_error", "pressure_error")
 _PICTURES = "draw pictures; --no-pictures is faster"
 _FITTED = "nhkv, newtonian, power-law, ...; auto: liquid or gel"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
@@ -51,11 +51,9 @@ class _AnsweringVerb(Verb, settings.Settings):
     @property
     def analysis(self) -> "Analysis":
         analysis = super().analysis
-        given = [field.name for field in fields(self) if getattr(self, field.name) != field.default]
-        idle = [f"--{name.replace('_', '-')}" for name in given if name in _OF_DRAWS]
-        if idle and analysis.method == "bdt":
-            message = f"the values of the model {analysis.model} do not depend on {', '.join(idle)}"
-            raise InputError(f"{message}: leave that out, or the model", "option.idle")
+        given = [name for name in _OF_DRAWS if getattr(self, name) != getattr(type(self), name)]
+        if given and analysis.method == "bdt":
+            raise analysis.idle_error(", ".join(f"--{name.replace('_', '-')}" for name in given))
         return analysis
 
     @property
