@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +39,8 @@ from cavirheo.writing.document import Quantity, finite
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Verdict = Literal["ok", "bound", "does_not_fit", "check_input", "failed", "unverified"]
+Verdict = Literal["ok", "bound", "unverified", "does_not_fit", "check_input", "failed"]
+SEVERITY: tuple[Verdict, ...] = get_args(Verdict)  # from the best to the most serious
 TRUSTED: frozenset[Verdict] = frozenset(("ok", "bound"))
 """Verdicts of answers that count for a material."""
 

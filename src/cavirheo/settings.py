@@ -109,7 +109,7 @@ _EXPOSURE = "exposure time of a frame, us, centred on its time: the simulation i
 ExposureUs = Annotated[Any, number(_EXPOSURE, INPUT, above=0)]
 _CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damping and inertia of walls; field: equilibrium, unbounded"
-_MEDIUM = "named constants: water, bu2026, estrada2018, ..."
+MEDIUM = "named constants: water, bu2026, estrada2018, ..."
 _DAMPING = "2 pi (R_max^2/A) c/U_c of a tube around it"
 _FREE = ("free",)
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
@@ -125,7 +125,7 @@ class Liquid:
     """Options for the constants of the medium around the bubble."""
 
     trust_input: Annotated[bool, option("the constants are meant, however unusual", MATERIAL, "--trust-input")] = False
-    medium: Annotated[str | None, option(f"{_MEDIUM}  [default: water]")] = None
+    medium: Annotated[str | None, option(f"{MEDIUM}  [default: water]")] = None
     density: Annotated[float | None, number("density of the liquid or gel, kg/m3", MATERIAL, above=0)] = None
     sound_speed: Annotated[float | None, number("m/s", MATERIAL, above=0)] = None
     surface_tension: Annotated[float | None, number("N/m", MATERIAL)] = None
@@ -187,7 +187,7 @@ class Settings(Liquid, BubbleOptions):
     InputError: `shots` is no list of numbers."""
 
     trust_input: Annotated[bool, option(_TRUST, INPUT, "--trust-input")] = False
-    medium: Annotated[str | None, option(f"{_MEDIUM}  [default: water; measured files may state others]")] = None
+    medium: Annotated[str | None, option(f"{MEDIUM}  [default: water; measured files may state others]")] = None
     fps: Fps = None
     um_per_px: UmPerPx = None
     rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii", **SIZES_UM)] = None

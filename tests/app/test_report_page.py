@@ -13,7 +13,7 @@ def report(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     moduli = enumerate([5e3, 9e3, 1e3, 7e3, 3e3])
     pairs = [(bubble(f"shot[{k}]", f"g{k % 2}", f"g{k % 2}.csv"), answer(bubble(), G)) for k, G in moduli]
-    doubtful = answer(bubble(), 4e3, verdict="check_input", message="the frame rate is odd")
+    doubtful = answer(bubble(), 4e3, verdict="check_input", message="the frame rate is odd: give --fps-of-it")
     pairs += [(bubble(f"shot[5] {EVIL}"), doubtful), (bubble("shot[6]"), unanswered("cell 3 is empty"))]
     written(folder, pairs)
     return (folder / "report.html").as_uri()
@@ -56,6 +56,7 @@ def test_a_link_leads_to_the_picture_of_its_curve_and_all_can_be_read(page):
     picture = page.locator("#curve-3 svg")
     assert picture.locator("path.measured").count() == picture.locator("path.simulated").count() == 1
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert page.evaluate("getComputedStyle(document.querySelector('.option')).whiteSpace") == "nowrap"
     assert page.locator("#curve-6 path.measured").is_visible()  # one without an answer has its measured points
     page.emulate_media(media="print")
     assert page.locator("article:visible").count() == 7

@@ -13,6 +13,7 @@ from conftest import ANSWER, BDT, EXAMPLE, ROOT, done, refusal, rows_of
 from files import write_curve
 
 from cavirheo import CommonErrors, load, read_curves
+from cavirheo.messages import Message
 
 LONG = "gelatine_of_the_third_batch_at_37_degrees"  # 41 letters
 EVIL = "gel\x1b[31m\x1b]0;title\x07\u202e\x9b2J\udcff"
@@ -139,4 +140,8 @@ def test_two_shots_need_more_of_their_material_and_shots_alone_have_the_lines_of
     assert "\nuse   G and µ with interval\nnext " in done(run("show", "alone"))
     written("doubt", [*answers(["c"], "bound"), *answers(["d"], "check_input")], draw=False)
     assert "\nnext  the same command with " in done(run("show", "doubt"))
+    values = {"density": 998.0, "rate": 4.93e5, "usual": 5e5, "meant": 1026.5}
+    dense = with_verdict(pairs[0][1], "check_input", Message("check_input.density", values))
+    written("dense", [(bubble(), dense)], draw=False)
+    assert "\nnext  cavirheo infer data/shots.mat --density " in done(run("show", "dense"))
     assert "\nnext  more shots of this material in the same command " in done(run("show", "two"))

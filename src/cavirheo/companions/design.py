@@ -21,10 +21,10 @@ from cavirheo.curve import as_numbers
 from cavirheo.errors import InputError, as_path, expect, expect_whole, listed, require
 from cavirheo.inference.assumptions import AUTO, Family, Options
 from cavirheo.inference.design import MOST_SHOTS, Draws, Expectation, Setting, shots_wanted
-from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, parameter_of, require_name
+from cavirheo.parameters import FRAME_RATE, MOST_WIDTH, RADIUS, STRETCH_RANGE, parameter_of, require_name, symbol
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubble_of
 from cavirheo.physics.media import CONSTANTS, WATER, Medium, medium
-from cavirheo.reporting.record import Result, StoredMedium
+from cavirheo.reporting.record import CurveRecord, GroupRecord, Result, StoredMedium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, read_json
 
@@ -33,6 +33,7 @@ SIZES = 5  # number of R_max that are tried
 DRAWS = 12  # from what is known, at each setting
 EVEN = np.array([-1.0, 1.0]) * np.sqrt(3.0)  # ends of an even distribution, in standard deviations
 UNREADABLE = "no recording of these settings can be read: give more frames, another frame rate or another R_max"
+LEAST_WIDTH = 0.5  # decades between the ends of what a bound allows
 STRETCH_MARGIN = 0.02  # decades beyond the stretches of the shots
 
 
@@ -226,10 +227,14 @@ def design(
         needed = shots_wanted(expected, covariance, scatter, np.log10(1.0 + wanted))
         rows.append(_row(setting, expected, family.parameters, needed))
     require(any(row.readable for row in rows), UNREADABLE, "design.unreadable")
+    notes = [*before.notes]
+    differing = [name for name in CONSTANTS if {getattr(one, name) for one in before.media} - {getattr(liquid, name)}]
+    if differing:
+        notes.append(f"the medium of this design differs from that of the shots in {listed(differing)}")
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
         command="cavirheo.design",
-        notes=[*before.doubts, *_differences(liquid, before.media)],
+        notes=notes,
         material=rig.material,
         bubble=shots.bubble,
         medium=liquid,
@@ -240,12 +245,6 @@ def design(
         settings=rows,
         next=min(range(len(rows)), key=lambda k: _effort(rows[k])),
     )
-
-
-def _differences(liquid: Medium, media: Sequence[Medium]) -> list[str]:
-    """A note if the medium of a design is not that of the shots."""
-    names = [name for name in CONSTANTS if any(getattr(one, name) != getattr(liquid, name) for one in media)]
-    return [f"the medium of this design differs from that of the shots in {listed(names)}"] if names else []
 
 
 def _row(setting: Setting, expected: Sequence[Expectation | None], names: Sequence[str], shots: int) -> DesignedSetting:
@@ -289,12 +288,12 @@ def _log_ranges(family: Family, ranges: Mapping[str, Sequence[float]]) -> dict[s
 class Known(NamedTuple):
     """What is known of a material. ends: log10 of the ends of an even distribution of each parameter of the law, then
     of the stretch. spreads: (l,) standard deviation of the shots about the material, decades. shots: on which this is
-    based. doubts: why this is doubtful. media: of the shots."""
+    based. notes: what was taken for bounds, and why this is doubtful. media: of the shots."""
 
     ends: dict[str, Floats]
     spreads: Floats
     shots: int
-    doubts: Sequence[str] = ()
+    notes: Sequence[str] = ()
     media: Sequence[Medium] = ()
 
 
@@ -302,10 +301,10 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
     """What is known by given and usual ranges; or by the answer of a group of a result, and the given range of the
     stretch. Raises InputError: no group has an answer by this law or the default model, with intervals or bounds of all
     parameters of the law; or several have."""
-    usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
     if known is None:
         message = "group names one of a result: give the result.json, or leave out group (--group)"
         require(group is None, message, "design.group")
+        usual = dict(zip(family.parameters, family.bounds(started=True), strict=True))
         return Known(usual | {"stretch": np.log10(STRETCHES)} | given, np.zeros(len(usual)), 0)
     if of_law := [name for name in given if name != "stretch"]:
         message = f"a result and a range of {listed(of_law)}: give one of them; both say what is known"
@@ -313,39 +312,57 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
     if not isinstance(known, Result):
         path = as_path(known)
         known = read_json(path / "result.json" if path.is_dir() else path, lambda _: Result)
-    usable = list[tuple[str, Known]]()
-    for record, rows in known.rows_by_group():
-        answer = record.population
-        ends = {name: _ends_of(answer.value(name), usual[name]) for name in usual}
-        of_this_law = not {family.name, AUTO}.isdisjoint(answer.laws)
-        if of_this_law and np.all(np.isfinite([*ends.values()])):
-            stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
-            ends["stretch"] = np.array([stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN])
-            spreads = np.array([answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in usual])
-            doubts = [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
-            media = [row.medium for row in rows if row.medium]
-            usable.append((record.name, Known(ends | given, spreads, answer.n - len(answer.outliers), doubts, media)))
-    chosen = [one for name, one in usable if group in (None, name)]
+    groups = [(record, _of_group(record, rows, family)) for record, rows in known.rows_by_group()]
+    usable = {record.name: one for record, one in groups if one}
+    chosen = [one for name, one in usable.items() if group in (None, name)]
     if len(chosen) == 1:
-        return chosen[0]
-    if usable and (chosen or group not in {record.name for record in known.groups}):
-        names = listed((quote(name) for name, _ in usable), 12)
+        return chosen[0]._replace(ends=chosen[0].ends | given)
+    asked = [record for record, _ in groups if group in (None, record.name)]
+    if usable and (chosen or not asked):
+        names = listed(map(quote, usable), 12)
         message = f"a design is for one material of the result: add --group with one of {names}; in Python group="
         raise InputError(message, "design.groups")
-    names = "; ".join(f"{record.name}: {record.population.model or 'none'}" for record in known.groups)
-    message = f"no answer of {family.name} with intervals for {group or 'any group'} ({names})"
-    raise InputError(f"{message}: give ranges instead", "design.no_answer")
+    wanted = f"{family.name} with intervals of {listed(map(symbol, family.parameters))}"
+    found = "; ".join(f"{record.name}: {record.population.model or 'none'}" for record, _ in groups)
+    others = {record.population.laws[0] for record in asked if record.has_answer} - {family.name, AUTO}
+    instead = " or ".join([*(f"--material {law}" for law in sorted(others)), "ranges without the result"])
+    message = f"no answer of {wanted} for {group or 'any group'} ({found}): give {instead}"
+    raise InputError(message, "design.no_answer")
 
 
-def _ends_of(value: Quantity, usual: Floats) -> Floats:
-    """log10 of the ends of an even distribution as wide as the interval of a value; on the open side of a bound it ends
-    as usual. NaN where there is neither."""
+def _of_group(record: GroupRecord, rows: Sequence[CurveRecord], family: Family) -> Known | None:
+    """What the answer of a group says. None: it is by another law, or lacks an interval."""
+    answer, ends, notes = record.population, dict[str, Floats](), list[str]()
+    for name, *ranges in zip(family.parameters, family.bounds(), family.bounds(started=True), strict=True):
+        value = answer.value(name)
+        ends[name] = _ends_of(value, *ranges)
+        if value.bound in ("upper", "lower", "undetermined"):
+            taken = 10.0 ** ends[name]
+            shown = digits.shown(name, taken[1])
+            notes.append(f"{shown.named(value)}: taken as {digits.ends(taken, shown.factor, 2)} {shown.unit}".rstrip())
+    if {family.name, AUTO}.isdisjoint(answer.laws) or not np.all(np.isfinite([*ends.values()])):
+        return None
+    stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
+    around = [stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN]
+    ends["stretch"] = np.clip(around, *np.log10(STRETCH_RANGE))
+    spreads = np.array([answer.spreads_decades.get(name, Quantity()).median or 0.0 for name in family.parameters])
+    notes += [f"{record.name} is in doubt: {doubt.text}" for doubt in record.doubts]
+    media = [row.medium for row in rows if row.medium]
+    return Known(ends, spreads, answer.n - len(answer.outliers), notes, media)
+
+
+def _ends_of(value: Quantity, searched: Floats, started: Floats) -> Floats:
+    """log10 of the ends of an even distribution as wide as the interval of a value, within the range that is searched.
+    The open side of a bound ends where searches start, a decade from its limit at least. NaN where there is neither."""
     low, high = (np.log10(end or np.nan) for end in (value.q05, value.q95))
+    bottom, top = searched
     if value.bound == "undetermined":
-        return usual
+        return started
     if value.bound == "upper":
-        return np.array([min(usual[0], high - 1.0), high])
-    if value.bound == "lower":
-        return np.array([low, max(usual[1], low + 1.0)])
-    middle = 0.5 * (low + high) if value.bound == "wide" else np.log10(value.median or np.nan)
-    return np.asarray(middle + EVEN * (high - low) / (2.0 * NORMAL_90))
+        low, high = np.minimum(started[0], high - 1.0), np.maximum(high, bottom + LEAST_WIDTH)
+    elif value.bound == "lower":
+        low, high = np.minimum(low, top - LEAST_WIDTH), np.maximum(started[1], low + 1.0)
+    else:
+        middle = 0.5 * (low + high) if value.bound == "wide" else np.log10(value.median or np.nan)
+        low, high = middle + EVEN * (high - low) / (2.0 * NORMAL_90)
+    return np.clip([low, high], bottom, top)

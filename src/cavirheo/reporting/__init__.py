@@ -66,18 +66,16 @@ def write_documents(
 
 
 def write_page(
-    path: Path, result: Result, pictures: Mapping[int, str], group_pictures: Mapping[str, str], sheets: Sequence[str]
+    path: Path, result: Result, of_curves: Mapping[int, str], of_groups: Mapping[str, str], sheets: Sequence[str]
 ) -> None:
-    """Write the page of a result. pictures: SVG of curves by their numbers, or the reason why there is none; these
-    curves have a section of their own. group_pictures: of groups of several answered shots by name, beside their
-    answers. sheets: of each curve, an image of all frames of its recording, or ""."""
-    alone = {}
+    """Write the page of a result. of_curves: SVG of curves by their numbers, or the reason why there is none; these
+    curves have a section of their own. of_groups: of groups of several answered shots by name, beside their answers.
+    sheets: of each curve, an image of all frames of its recording, or ""."""
+    alone = {first: group for group, (first, *others) in result.indices_by_group() if not others}
     if len(result.curves) == 1:  # its picture stands beside its answer
-        group_pictures, pictures = {group.name: pictures.get(0, "") for group in result.groups}, {0: ""}
-    else:
-        alone = {first: group for group, (first, *others) in result.indices_by_group() if not others}
+        of_curves, of_groups, alone = {0: ""}, {result.groups[0].name: of_curves.get(0, "")}, {}
     names = digits.distinct_names([curve.name for curve in result.curves])
-    content = {"result": result, "names": names, "pictures": pictures, "group_pictures": group_pictures, "alone": alone}
+    content = {"result": result, "names": names, "of_curves": of_curves, "of_groups": of_groups, "alone": alone}
     page = template("report.html").render(**content, sheets=sheets or [""] * len(names))
     path.write_text(page, encoding="utf-8")
 

@@ -225,10 +225,11 @@ def next_step(result: Result, group: GroupRecord, shots: Shots, out: Path) -> Li
 
     document = shlex.quote(str(out / "result.json"))
     codes = {message.code for message in group.doubts}
-    if group.verdict == "check_input" and not codes:
-        if any(message.code == "check_input.scale" for shot in shots for message in shot.warnings):
-            return advice("the same command with the right unit, --rmax-um or --fps")
-        return advice("the same command with what is asked for, or --trust-input if all is right")
+    if group.verdict == "check_input":
+        if any(message.code == "check_input.density" for shot in shots for message in shot.warnings):
+            return command(f"infer {_files(shots)} --density KG_M3", "with your options, and the true density in kg/m3")
+        if not codes:
+            return advice("the same command with what is asked for, or --trust-input if all is right")
     if group.verdict == "failed" and len(shots) == 1:
         return advice("the same command, when this is mended")
     if "group.doubt.input" in codes or group.verdict == "failed":

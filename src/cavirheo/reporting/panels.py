@@ -354,10 +354,9 @@ def _plane(shots: Sequence[_Place], references: Sequence[_Place], axes: Axes) ->
     layers, labels = list[Layer](), list[Layer]()
     for place in shots:
         layers += place.layers(low, high)
-        beside = " beside" if place.corners is None else ""
         outside = "" if place.look == "region" else " outside"
         x, y = place.limits(low, high).mean(axis=1, keepdims=True)
-        labels.append(Layer("label", f"shot-name{beside}{outside}", x, y, text=place.name))
+        labels.append(Layer("label", f"shot-name{outside}", x, y, text=place.name))
     names = dict(_KEY)
     looks = ["region-out" if layer.look.endswith("region-out") else layer.look.split()[0] for layer in layers]
     layers = [replace(layer, name=names.pop(look, "")) for layer, look in zip(layers, looks, strict=True)]

@@ -99,20 +99,21 @@ class Frame:
 
     @property
     def names(self) -> Iterator[tuple[str, int, int, str]]:
-        """(look, x, y, text) of the names at points that have a place where they cover no other."""
-        middle, centre = self.left + self.width / 2, self.top + self.height / 2
-        taken = list[tuple[float, float, float]]()  # middle and half a width of each name
-        for layer in self.panel.layers:
-            if layer.shape != "label":
-                continue
-            across, down = float(self.across(layer.x[0])), float(self.down(layer.y[0]))
-            half = 0.5 * _LETTER * len(layer.text)
-            for aside, below in _AROUND[1:] if "beside" in layer.look else _AROUND:
-                x, y = across + aside * (half + 2 * PX), down + below * _LINE
-                within = abs(x - middle) < self.width / 2 - half and abs(y - centre) < (self.height - _LINE) / 2
-                if within and all(abs(x - a) >= half + wide or abs(y - b) >= _LINE for a, b, wide in taken):
-                    taken.append((x, y, half))
-                    yield f"{layer.look} middle", round(x), round(y + 4 * PX), layer.text
+        """(look, x, y, text) of the names at points that have a place where they cover no line, dot or other name."""
+        first, last = (self.left, self.top), (self.left + self.width, self.top + self.height)
+        marks = [layer for layer in self.panel.drawn if layer.shape in ("line", "dots")]
+        places = [np.array([self.across(mark.x), self.down(mark.y)]) for mark in marks]
+        taken = [(place.min(axis=1), place.max(axis=1)) for place in places]
+        for label in (layer for layer in self.panel.drawn if layer.shape == "label"):
+            x, y = float(self.across(label.x[0])), float(self.down(label.y[0]))
+            half = 0.5 * np.array([_LETTER * len(label.text), _LINE])
+            for aside, below in _AROUND:
+                middle = np.array([x + aside * (half[0] + 2 * PX), y + below * _LINE])
+                low, high = middle - half, middle + half
+                free = all(np.any(low >= end) or np.any(high <= start) for start, end in taken)
+                if free and np.all(low > first) and np.all(high < last):
+                    taken.append((low, high))
+                    yield f"{label.look} middle", round(middle[0]), round(middle[1] + 4 * PX), label.text
                     break
 
 

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from cavirheo.errors import listed
+from cavirheo.posterior import SEVERITY
 from cavirheo.reporting import advice
 from cavirheo.reporting.record import MAIN_FIELDS, CurveRecord, GroupRecord, Result
 from cavirheo.writing import digits, terminal
@@ -58,8 +59,7 @@ def print_result(
             clauses = [text if len(of) == len(shots) else f"{listed(of)}: {text}" for text, of in texts]
             if clauses:
                 _say(label, _fitting(clauses), most=_MOST_LINES)
-        order = list(digits.VERDICT_STYLES)
-        worst = max((group for group, _ in by_itself), key=lambda group: order.index(group.verdict))
+        worst = max((group for group, _ in by_itself), key=lambda group: SEVERITY.index(group.verdict))
         alike = [shot for group, (shot,) in by_itself if group.verdict == worst.verdict]
         _print_answer_line(advice.next_step(result, worst, alike, out))
     if any(group.published for group in result.groups):

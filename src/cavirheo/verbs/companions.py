@@ -14,8 +14,6 @@ from cavirheo.writing import digits
 
 _Range = tuple[float, float]
 _Material = Literal["nhkv", "nh", "newtonian"]
-_MODULUS = "range in Pa, if there is no result.json"
-_RESULT = "result.json, or the folder that holds one"
 _WANTED = "wanted half-width of the 90 % interval, % of the value"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder"
 _TIMES = "tables of rmax_um,stretch,t1_us (.csv, .xlsx); a folder"
@@ -25,7 +23,7 @@ _TIMES = "tables of rmax_um,stretch,t1_us (.csv, .xlsx); a folder"
 class Compare(Verb):
     """Answers that exist beside published values, with ratios; `infer --references` answers and compares."""
 
-    result: Annotated[Path, argument("RESULT", _RESULT, readable=False)]
+    result: Annotated[Path, argument("RESULT", "result.json, or the folder that holds one", readable=False)]
     references: Annotated[list[Path], option(REFERENCES)]
     out: Out = Path("cavirheo-comparison")
 
@@ -118,10 +116,11 @@ class Design(Verb, settings.Liquid, settings.BubbleOptions):
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
     group: Annotated[str | None, option("group of the result.json whose material is meant")] = None
-    shear_modulus: Annotated[_Range | None, number(_MODULUS, metavar="LOW HIGH")] = None
+    shear_modulus: Annotated[_Range | None, number("range in Pa, without a RESULT", metavar="LOW HIGH")] = None
     viscosity: Annotated[_Range | None, number("Pa s", metavar="LOW HIGH")] = None
-    stretch: Annotated[_Range | None, number("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
+    stretch: Annotated[_Range | None, number("R_max/R_0  [default: of the RESULT, or 4 10]", metavar="LOW HIGH")] = None
     material: Annotated[str, option("a law of `cavirheo laws`")] = "nhkv"
+    medium: Annotated[str | None, option(f"{settings.MEDIUM}  [default: that of the RESULT, or water]")] = None
     rmax_um: Annotated[_Range, number("R_max of the rig, um", metavar="LOW HIGH", **settings.SIZES_UM)] = (50, 400)
     fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
     frames: Annotated[int, number("of a recording", kind=int, least=10)] = 128

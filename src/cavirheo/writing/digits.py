@@ -23,7 +23,7 @@ class VerdictStyle(NamedTuple):
 
 
 SHORT_NAME = 16  # most characters of a name that is written in full everywhere
-VERDICT_STYLES = {  # from the best to the most serious
+VERDICT_STYLES = {
     "ok": VerdictStyle("ok", "#00694d", "green"),
     "bound": VerdictStyle("bound", "#1f5f8b", "cyan"),
     "unverified": VerdictStyle("unverified", "#8a3068", "magenta"),
