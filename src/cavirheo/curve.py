@@ -96,7 +96,7 @@ def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
         if entry.allowed and entry.key in labels:
             labels[entry.key] = _plain(labels[entry.key])
             check_domain(entry.allowed, entry.key, labels[entry.key], "curve")
-    for name in labels.keys() & CONSTANTS.keys():
+    for name in labels.keys() & {"density", "pressure"}:
         raise InputError(f'{name} belongs into meta={{"medium": {{"{name}": {labels[name]!r}}}}}', "curve.medium")
     for name, value in (labels.get("medium") or {}).items():
         check_domain(_CONSTANTS[name], name, value, "curve")

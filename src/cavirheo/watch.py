@@ -98,6 +98,7 @@ class Watch:
         """Keep the content of a file; if it cannot be read, a curve with the reason."""
         try:
             content = self.read([path])
+            self.analysis.check(content.curves)
         except InputError as error:  # a setting that is wrong for this file
             content = CurveSet([], [f"{path}: {error}"], [])
         if self._state(path) != state:

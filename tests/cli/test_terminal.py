@@ -140,8 +140,7 @@ def test_two_shots_need_more_of_their_material_and_shots_alone_have_the_lines_of
     assert "\nuse   G and µ with interval\nnext " in done(run("show", "alone"))
     written("doubt", [*answers(["c"], "bound"), *answers(["d"], "check_input")], draw=False)
     assert "\nnext  the same command with " in done(run("show", "doubt"))
-    values = {"density": 998.0, "rate": 4.93e5, "usual": 5e5, "meant": 1026.5}
-    dense = with_verdict(pairs[0][1], "check_input", Message("check_input.density", values))
-    written("dense", [(bubble(), dense)], draw=False)
-    assert "\nnext  cavirheo infer data/shots.mat --density " in done(run("show", "dense"))
+    doubt = Message("check_input.density", {"density": 998.0, "rate": 4.93e5, "usual": 5e5, "meant": 1026.5})
+    written("dense", [(bubble(), with_verdict(pairs[0][1], "check_input", doubt))], draw=False)
+    assert "\nnext  the same command with --density " in done(run("show", "dense"))
     assert "\nnext  more shots of this material in the same command " in done(run("show", "two"))

@@ -197,6 +197,7 @@ DOUBTFUL = {  # a file, options, and codes of its warnings
     "a radius at rest above R_max": (saved(R=RADIUS, t=TIME, R_eq=3e-4), {}, "at_rest"),
     "two stretches": (saved(R=RADIUS, t=TIME, R_eq=25e-6, lambda_max=6.0), {}, "stretches"),
     "another scale": (saved(R_px=UM / 3.0, t=TIME, deltax=3.2e-6), {"um_per_px": 3.0}, "camera_differs"),
+    "one of a comment": ("# um_per_px: 3.2\nt_us,R_px\n" + PLAIN, {"um_per_px": 3.0}, "camera_differs"),
     "one above the titles": ("Scale,3.2 µm/pixel\nt_us,R_px\n" + PLAIN, {"um_per_px": 3.0}, "camera_differs"),
 }
 

@@ -27,7 +27,7 @@ def measure(**options):
     return cavirheo.measure(EXAMPLE.with_name("bubble.mp4"), frame_rate=5e5, um_per_px=4.0, **options)
 
 
-META = {"stretch": "7", "medium": {"rho": 1e3}, "exposure_s": "x", "exposure": 1, "notes": "hello", "density": 1}
+META = {"medium": {"rho": 1}, "stretch": "7", "exposure_s": "x", "exposure": 1, "frame_rate_hz": "1e5", "density": 1}
 SETTINGS = [("window", 0), ("window", True), ("trust_input", "false"), ("discrepancy", 3), ("material", "")]
 SHOT = {"max_radius": (250, "0.00025 m"), "bubble": ("field", "'field'"), "accuracy": (1e-5, "1e-05")}
 PARTS = {"maximum": (0, -1), "stated_time_of_max": np.nan, "late": 0, "warnings": ("boo",), "radius_std": -RADIUS}
@@ -64,6 +64,7 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     *((lambda key=key: RadiusCurve(TIME, RADIUS, meta={key: META[key]}), key) for key in META),
     (lambda: RadiusCurve(TIME, RADIUS, meta={"medium": {"density": -1}}), "density must be finite and positive"),
+    (lambda: RadiusCurve(TIME, RADIUS, meta={"notes": "hello"}), "notes"),
     *((lambda key=key: RadiusCurve(TIME, RADIUS, **{key: PARTS[key]}), key) for key in PARTS),
     (lambda: RadiusCurve(TIME, RADIUS, 0.0 * RADIUS + 1.0), "radius_std must be 0 to 0.05 m, got 1: did you mean"),
     *((lambda of=of: CURVE.resampled(*of), f"got {of[-1]}") for of in ((-1e-6,), (1e-6, 0))),

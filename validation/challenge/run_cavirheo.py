@@ -49,7 +49,7 @@ def seconds_together(folder: Path) -> float:
     for one in read(folder):
         known = {"exposure_s": one.exposure, "medium": {"density": one.density}}
         curves.append(read_curves(one.path)[0].labelled(**known))
-    infer_many(curves[:1])  # what is loaded once does not count
+    infer_many(curves[:1])  # loads compiled code; the processes start anew, and count
     began = time.perf_counter()
     infer_many(curves)
     return time.perf_counter() - began

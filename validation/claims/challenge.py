@@ -28,7 +28,7 @@ PROGRAMS: dict[str, tuple[Callable[[answers.Recording, list[str]], answers.Answe
     "scipy": (run_scipy.answer, []),
 }
 AHEAD = ("infer", "infer_field", "scipy")  # what predicts real recordings
-PARTS = (*PROGRAMS, "open")
+PARTS = (*PROGRAMS, "together", "open")
 
 Row = dict[str, str]
 
@@ -65,7 +65,7 @@ def measure(run: Run) -> Iterator[Number]:
         for program in [one for one in PROGRAMS if one in parts]:
             answer(program, SEED, truths[SEED])
             yield from judged("" if program == "infer" else f"{program}.", truths[SEED], found[program, SEED])
-        if "infer" in parts:
+        if "together" in parts:
             together = run_cavirheo.seconds_together(Path(folder) / str(SEED) / "recordings")
             yield statistic("together.seconds", [together], "s")
         for seed in unseen:

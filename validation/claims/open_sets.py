@@ -46,13 +46,14 @@ def one(job: tuple[str, int], folder: Path) -> dict:
         "rmse": answer.checks.rmse_over_rmax,
         "intervals": {one: answer.interval(one) for one in drawn},
         "bounds": {one: answer.bound(one) for one in drawn},
-        "medians": {one: answer.median(one) for one in answer.parameters if answer.median(one) is not None},
+        "medians": {one: answer.quantity(one).median for one in answer.parameters},
     }
 
 
 def value(row: dict, name: str) -> float:
     """The median of a parameter of the answer; NaN where it is only bounded, or none."""
-    return row["medians"].get(name, np.nan) if row["bounds"].get(name) is None else np.nan
+    median = row["medians"].get(name)
+    return np.nan if median is None else median
 
 
 def holds(rows: list[dict], viscosity: float) -> list[bool]:

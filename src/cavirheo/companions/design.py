@@ -333,14 +333,17 @@ def _known(known: Result | str | Path | None, group: str | None, family: Family,
 def _of_group(record: GroupRecord, rows: Sequence[CurveRecord], family: Family) -> Known | None:
     """What the answer of a group says. None: it is by another law, or lacks an interval."""
     answer, ends, notes = record.population, dict[str, Floats](), list[str]()
+    if {family.name, AUTO}.isdisjoint(answer.laws):
+        return None
     for name, *ranges in zip(family.parameters, family.bounds(), family.bounds(started=True), strict=True):
         value = answer.value(name)
         ends[name] = _ends_of(value, *ranges)
         if value.bound in ("upper", "lower", "undetermined"):
             taken = 10.0 ** ends[name]
             shown = digits.shown(name, taken[1])
-            notes.append(f"{shown.named(value)}: taken as {digits.ends(taken, shown.factor, 2)} {shown.unit}".rstrip())
-    if {family.name, AUTO}.isdisjoint(answer.laws) or not np.all(np.isfinite([*ends.values()])):
+            drawn = f"{digits.ends(taken, shown.factor, 2)} {shown.unit}".rstrip()
+            notes.append(f"{shown.named(value)}: this design draws it from {drawn}")
+    if not np.all(np.isfinite([*ends.values()])):
         return None
     stretches = np.log10([row.stretch.median for row in rows if row.stretch.median] or STRETCHES)
     around = [stretches.min() - STRETCH_MARGIN, stretches.max() + STRETCH_MARGIN]
@@ -353,7 +356,8 @@ def _of_group(record: GroupRecord, rows: Sequence[CurveRecord], family: Family) 
 
 def _ends_of(value: Quantity, searched: Floats, started: Floats) -> Floats:
     """log10 of the ends of an even distribution as wide as the interval of a value, within the range that is searched.
-    The open side of a bound ends where searches start, a decade from its limit at least. NaN where there is neither."""
+    The open side of a bound ends where searches start, a decade from its limit at least. NaN where there is neither, or
+    where none of it is within the range."""
     low, high = (np.log10(end or np.nan) for end in (value.q05, value.q95))
     bottom, top = searched
     if value.bound == "undetermined":
@@ -365,4 +369,5 @@ def _ends_of(value: Quantity, searched: Floats, started: Floats) -> Floats:
     else:
         middle = 0.5 * (low + high) if value.bound == "wide" else np.log10(value.median or np.nan)
         low, high = middle + EVEN * (high - low) / (2.0 * NORMAL_90)
-    return np.clip([low, high], bottom, top)
+    ends = np.clip([low, high], bottom, top)
+    return ends if ends[0] < ends[1] else np.full(2, np.nan)

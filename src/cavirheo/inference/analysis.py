@@ -188,10 +188,11 @@ class Analysis:
         return content_hash([version("cavirheo"), weights, self, content])
 
     def check(self, curves: Sequence[RadiusCurve]) -> None:
-        """Raises InputError: the wall is within R_max of every curve (if of some, only these fail), or a curve has an
-        exposure, on which no network depends; that of a recording was needed to measure it."""
-        if self.method == "bdt" and any(curve.exposure and not curve.meta.get("video") for curve in curves):
-            raise self.idle_error("--exposure-us (the exposure of a curve)")
+        """Raises InputError: the wall is within R_max of every curve (if of some, only these fail), or curves have an
+        exposure, on which no network depends, and none is of a recording, which it was needed to measure."""
+        recorded = any(curve.meta.get("video") for curve in curves)
+        if self.method == "bdt" and not recorded and any(curve.exposure for curve in curves):
+            raise self.idle_error("--exposure-us (exposure_s of a curve)")
         if self._bubble.wall_distance is not None:
             largest = [np.max(curve.radius, initial=0.0, where=curve.radius > 0) for curve in curves]
             self._bubble.inertia(float(min(largest, default=0.0)))

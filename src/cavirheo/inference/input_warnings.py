@@ -36,7 +36,7 @@ from cavirheo.physics.collapse import elastic_number
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
-from cavirheo.posterior import Checks, Posterior, Verdict
+from cavirheo.posterior import Checks, Posterior, Verdict, weighted_quantile
 
 if TYPE_CHECKING:
     from cavirheo.inference.experiment import Experiment
@@ -101,7 +101,7 @@ def felt_wall_warnings(shot: Experiment, found: Posterior) -> list[Message]:
     ends = found.interval("confinement_inertia") if "confinement_inertia" in found.parameters else None
     if not ends or ends[0] <= FELT_INERTIA:
         return []
-    inertia = found.median("confinement_inertia") or 1.0
+    inertia = float(weighted_quantile(found.draws("confinement_inertia"), 0.5, found.log_weight))
     return [Message("check_input.walls", {"distance": 0.5 * shot.max_radius / inertia})]
 
 

@@ -71,7 +71,8 @@ def read_curves(
         exposure: s, of a frame.
         exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
         unusual: accept a density and a pressure outside the ranges of liquids and gels, as in `Medium`.
-        beside_recordings: whether frame rate and scale may be of recordings beside a table, and need not fit it.
+        beside_recordings: whether frame rate and scale are of recordings that are read beside this table: then it is no
+            doubt if they do not fit it.
 
     Returns:
         The curves in the order of the file, with (n,) times in s and radii in m. A curve that cannot be used (empty

@@ -316,7 +316,7 @@ def _tables(sheet: Table) -> Iterator[Table]:
         rows, notes = sheet.rows[at + 1 : end], [*sheet.notes]
         if at and not vocabulary.sections:
             words = ", ".join(next(filter(None, row.texts)) for row in sheet.rows[:at][:_LISTED])[:80]
-            notes.append(f"{counted(at, 'line')} above the titles: {words}")
+            notes.append(f"{counted(at, 'line')} above the titles, of which only constants are used: {words}")
         titles, below = _titles_with_units(sheet.rows[at].texts, rows, vocabulary)
         words = ", ".join(cell for row in below for cell in row.texts if cell)
         notes += [f"row of words below the titles: {words}"] if words else []

@@ -226,8 +226,9 @@ def next_step(result: Result, group: GroupRecord, shots: Shots, out: Path) -> Li
     document = shlex.quote(str(out / "result.json"))
     codes = {message.code for message in group.doubts}
     if group.verdict == "check_input":
-        if any(message.code == "check_input.density" for shot in shots for message in shot.warnings):
-            return command(f"infer {_files(shots)} --density KG_M3", "with your options, and the true density in kg/m3")
+        warned = [{message.code for message in shot.warnings} for shot in shots if shot.verdict == "check_input"]
+        if warned and all("check_input.density" in each for each in warned):
+            return advice("the same command with --density and the true density in kg/m3")
         if not codes:
             return advice("the same command with what is asked for, or --trust-input if all is right")
     if group.verdict == "failed" and len(shots) == 1:

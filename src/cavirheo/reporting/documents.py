@@ -368,7 +368,8 @@ def differences(materials: Mapping[str, Population]) -> list[MaterialRatio]:
     whole = [(name, material) for name, material in materials.items() if len(material.centre)]
     records = []
     for (earlier, first), (later, second) in combinations(whole[:_MAX_COMPARED], 2):
-        for name, (ratio, higher) in second.against(first).items():
+        ratios = second.against(first) if second.comparable(first) else {}
+        for name, (ratio, higher) in ratios.items():
             both = {"first": later, "second": earlier, "parameter": name}
             records.append(MaterialRatio(**both, ratio=ratio, probability_higher=higher))
     return records

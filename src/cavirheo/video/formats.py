@@ -210,7 +210,7 @@ def _stack_frames(file: Any, stated: int) -> tuple[Pixels, list[Message]]:
         frames, warnings = _until_damage((_grey(page.asarray()) for page in file.pages), cause)
     if not len(frames) < stated > len(file.pages):
         return frames, warnings
-    files = {*re.findall(r'<(?:\w+:)?UUID FileName="(.*?)"', file.ome_metadata or "")}
+    files = {*re.findall(r"""<(?:\w+:)?UUID FileName=["'](.*?)["']""", file.ome_metadata or "")}
     if len(files) < 2:
         return frames, [_cut_short_warning(len(frames), stated)]
     return frames, [Message("check_input.file_of_set", {"stated": stated, "files": len(files)}), *warnings]
@@ -346,7 +346,7 @@ def _images(folder: Path) -> list[Path]:
         return []
     most = Counter(path.suffix.lower() for path in paths).most_common(1)
     chosen = [path for path in paths if path.suffix.lower() in dict(most) and path.is_file()]
-    return chosen if len(chosen) > 2 and not _is_stack(chosen[0]) else []
+    return chosen if len(chosen) > 2 and not _is_stack(min(chosen)) else []
 
 
 def _is_stack(image: Path) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import erf
 
 from cavirheo.arrays import LN10, NORMAL_90, Floats, relative_scatter
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.inference.population.hierarchy import SPREAD_SCALE
 from cavirheo.messages import Message
 from cavirheo.parameters import (
@@ -266,13 +266,18 @@ class Population:
             return f"shots agree within their intervals{limit}"
         return f"shots scatter by {within}" if within else ""
 
+    def comparable(self, other: Population) -> bool:
+        """Whether both are of one law and bubble; a liquid that thins compares with one that does not."""
+        liquids = {self.material, other.material} == {"newtonian", "power-law"}
+        return self.bubble == other.bubble and (liquids or self.material == other.material)
+
     def against(self, other: Population) -> dict[str, tuple[Quantity, float]]:
         """(ratio of this material's value to the other's, probability that this one is larger) of each parameter that
-        both determine; empty without draws, or if law or bubble differ; liquids compare, also if one thins. The errors
-        that all shots share are left out, for both materials have them."""
-        liquids = {self.material, other.material} == {"newtonian", "power-law"}
-        if self.bubble != other.bubble or not (liquids or self.material == other.material):
-            return {}
+        both determine; empty without draws. The errors that all shots share are left out, for both materials have them.
+        Raises InputError: laws or bubbles differ (`comparable`)."""
+        if not self.comparable(other):
+            models = f"{self.material} ({self.bubble.name}) and {other.material} ({other.bubble.name})"
+            raise InputError(f"materials of one law and bubble have a ratio, got {models}", "population.models")
         ratios = {}
         for name in (name for name in self.determined if name in other.determined):
             difference = self.statistical[:, self._column(name)] - other.statistical[:, other._column(name)]
