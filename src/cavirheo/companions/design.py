@@ -227,14 +227,10 @@ def design(
         needed = shots_wanted(expected, covariance, scatter, np.log10(1.0 + wanted))
         rows.append(_row(setting, expected, family.parameters, needed))
     require(any(row.readable for row in rows), UNREADABLE, "design.unreadable")
-    notes = [*before.notes]
-    differing = [name for name in CONSTANTS if {getattr(one, name) for one in before.media} - {getattr(liquid, name)}]
-    if differing:
-        notes.append(f"the medium of this design differs from that of the shots in {listed(differing)}")
     quantiles = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95), axis=0)
     return Design(
         command="cavirheo.design",
-        notes=notes,
+        notes=[*before.notes, *_differences(liquid, before.media)],
         material=rig.material,
         bubble=shots.bubble,
         medium=liquid,
@@ -245,6 +241,12 @@ def design(
         settings=rows,
         next=min(range(len(rows)), key=lambda k: _effort(rows[k])),
     )
+
+
+def _differences(liquid: Medium, media: Sequence[Medium]) -> list[str]:
+    """A note if the medium of a design is not that of the shots."""
+    names = [name for name in CONSTANTS if any(getattr(one, name) != getattr(liquid, name) for one in media)]
+    return [f"the medium of this design differs from that of the shots in {listed(names)}"] if names else []
 
 
 def _row(setting: Setting, expected: Sequence[Expectation | None], names: Sequence[str], shots: int) -> DesignedSetting:

@@ -325,14 +325,11 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
         if formulas and not any(column.text):
             raise InputError(f"{column.title!r} is empty{formulas}", "table.empty")
     std = _deviations(series, radius, notes)
-    scale, scale_unused = 1.0, False
+    scale = 1.0
     if camera.um_per_px is not None and in_pixels:
         scale, unit = camera.um_per_px, "um"
         notes.append(f"radii in pixels of {scale:g} um")
-    elif camera.um_per_px is not None:
-        why = "the radii have a unit of length" if unit else "the radii are too small for pixels"
-        notes.append(f"the scale is not used: {why}")
-        scale_unused = camera.doubt_scale
+    scale_doubts = [] if in_pixels else _unused_scale(camera, unit, notes)
     rows_of: dict[str, list[int]] = {}
     for row, label in enumerate(_labels(series.shot, notes) if series.shot else ()):
         rows_of.setdefault(label, []).append(row)
@@ -356,12 +353,20 @@ def _read_series(camera: Camera, meta: Mapping[str, Any], several_clocks: bool, 
             curve = _curve(*values, about, camera.frame_rate)
             doubts = [*_aspherical(series.radius, radius, chosen)]
             doubts += rate_warnings(curve, camera.frame_rate) if camera.doubt_rate else ()
-            doubts += [Message("check_input.scale_unused", {"given": camera.um_per_px})] if scale_unused else []
-            curve = curve.labelled(warnings=(*curve.warnings, *doubts))
+            curve = curve.labelled(warnings=(*curve.warnings, *doubts, *scale_doubts))
             curves.append(_with_stated(curve, series, chosen, float(np.nanmax(radius[chosen], initial=0.0))))
         return curves
 
     return read_each(rows_of.items(), read)
+
+
+def _unused_scale(camera: Camera, unit: str | None, notes: list[str]) -> list[Message]:
+    """Note that a known scale is not used for radii that are no pixels; and return the doubt that this is."""
+    if camera.um_per_px is None:
+        return []
+    why = "the radii have a unit of length" if unit else "the radii are too small for pixels"
+    notes.append(f"the scale is not used: {why}")
+    return [Message("check_input.scale_unused", {"given": camera.um_per_px})] if camera.doubt_scale else []
 
 
 def _unit_of_radius(series: _Series, notes: list[str]) -> str | None:
